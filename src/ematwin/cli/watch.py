@@ -64,7 +64,7 @@ def watch(
     """
     from ematwin.cli.channels import map_of
     from ematwin.fleet.fleet import Fleet
-    from ematwin.fleet.paths import Hashes
+    from ematwin.fleet.paths import Hashes, Paths
     from ematwin.fleet.watch import watch as run
     from ematwin.models.registry import load_actuator
 
@@ -75,6 +75,7 @@ def watch(
     columns = None
     if column or map_file:
         columns = map_of(column, map_file, load_actuator(actuator))
+    Paths(recordings, serial_number)  # refuses what is not there before a fleet is made
     known, hashes = Fleet(fleet), Hashes()
     while True:
         with options.progress_bar("Judging", not json) as progress:

@@ -1,7 +1,8 @@
 """Alarms: watch, plan, act, from the posteriors of trend and life, with the reason.
 
 - watch: a magnitude is larger than matters (`SMALLEST` of its range) with a probability of
-  1 - rate/M, for M magnitudes. Of alarms raised at that moment a share rate/M is false whenever one
+  1 - rate/M, for M magnitudes, by the recordings so far: that none came for long is no reason for
+  an alarm. Of alarms raised at that moment a share rate/M is false whenever one
   looks: a posterior does not depend on when one stops. An alarm that has cleared is not raised
   again within a year, so that there are at most ``rate`` false ones per actuator and year.
 - plan, act: besides, its limit is passed within a planning or a lead time with a probability of
@@ -88,12 +89,12 @@ class Alarm:
         return 0 if self.silenced else STEPS.index(self.step)
 
 
-def exceeding(one: Trend, moment: float, healthy: float, width: float, sides: bool) -> float:
-    """Probability that a magnitude is further from healthy than matters.
+def exceeding(one: Trend, healthy: float, width: float, sides: bool) -> float:
+    """Probability that a magnitude was further from healthy than matters when last recorded.
 
     ``sides``: it may be off to both sides, such as a gain.
     """
-    level, error, _ = one.at(moment)
+    level, error, _ = one.at(one.time)
     beyond = float(norm.sf(healthy + SMALLEST * width, level, error))
     if sides:
         beyond += float(norm.cdf(healthy - SMALLEST * width, level, error))
@@ -117,7 +118,7 @@ def judge(
     """
     width, healthy = unknown.width, unknown.healthy
     sides = unknown.lower < healthy
-    probability = exceeding(one, moment, healthy, width, sides)
+    probability = exceeding(one, healthy, width, sides)
     held = before or Before("none", moment, -math.inf)
     certain = 1.0 - policy.false_alarms / count
     present = probability >= certain or (held.step != "none" and probability >= 0.5)
@@ -159,7 +160,7 @@ class Before:
 
 def _why(one: Trend, life: Life | None, moment: float, unknown: Any, step: Step) -> str:
     """One sentence on the magnitude, its slope and its limit."""
-    level, error, slope = one.at(moment)
+    level, error, slope = one.at(one.time)
     share, spread = (level - unknown.healthy) / unknown.width, error / unknown.width
     jumped = [at for at in one.series.time[list(one.jumps)] if one.time - at < _AGAIN]
     sudden = jumped and not any(at > jumped[-1] for at in one.series.overhauls)

@@ -84,7 +84,7 @@ def spoken(years: float) -> str:
     if days < 1.0:
         return "0 days" if days <= 0.0 else "less than a day"
     if days < 60.0:
-        return f"{days:.0f} days"
+        return f"{days:.0f} day{'s' * (days >= 1.5)}"
     return f"{12.0 * years:.0f} months" if years < 2.0 else f"{years:.1f} years"
 
 
