@@ -149,14 +149,6 @@ class Before:
     since: float
     cleared: float
 
-    @classmethod
-    def after(cls, alarm: Alarm, before: "Before | None", moment: float) -> "Before":
-        """What an alarm leaves for the next look."""
-        cleared = -math.inf if before is None else before.cleared
-        if alarm.step == "none" and before is not None and before.step != "none":
-            cleared = moment
-        return cls(alarm.step, alarm.since, cleared)
-
 
 def _why(one: Trend, life: Life | None, moment: float, unknown: Any, step: Step) -> str:
     """One sentence on the magnitude, its slope and its limit."""

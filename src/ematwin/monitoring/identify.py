@@ -9,7 +9,6 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import replace
-from functools import partial
 from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
@@ -119,14 +118,13 @@ def identify(
     """
 
     def known_of(given: Any, first: Any) -> Calibration:
-        return Calibration.of(actuator_of(first, columns) if given is None else given)
+        known = Calibration.of(actuator_of(first, columns) if given is None else given)
+        return Calibration(known.actuator, Baseline.of_simulation()) if exact else known
 
     if is_table_of_runs(record):
         record = read_runs(record, actuator, columns, known_of=known_of)
     runs = record if isinstance(record, Runs) else None
     known = known_of(actuator, record) if runs is None else runs.groups[0].known
-    if exact:
-        known = Calibration(known.actuator, Baseline.of_simulation())
     names = [only] if isinstance(only, str) else None if only is None else list(only)
     settings: dict[str, Any] = {
         "budget": budget, "population": population, "iterations": iterations, "seed": seed,
@@ -150,9 +148,6 @@ def identify(
             raise InputError("A checkpoint is of one search; leave it out for several recordings.")
 
         def judged(known: Calibration, ready: list[Prepared], tell: Progress | None) -> Detection:
-            if exact:
-                known = Calibration(known.actuator, Baseline.of_simulation())
-
             def work(one: Prepared, share: int) -> Identification:
                 return identified(
                     one, known.actuator, known.baseline, algorithm, threads=share, **settings
@@ -162,9 +157,7 @@ def identify(
             return judge(known, [one.recording for one in ready], found)
 
         with told(progress, "judging", _shown) as tell:
-            if runs is not None:
-                return over_groups(runs, partial(_ready, load=load), judged, tell)
-            return judged(known, _ready(record, known, load, columns), tell)
+            return over_groups(_groups(record, known, load, columns), judged, tell)
     if isinstance(record, Recording) and columns is not None:
         raise InputError("A Recording has its channels already; leave columns out.")
     if not isinstance(record, Recording):
@@ -230,7 +223,13 @@ def detect(
                 "saved to."
             )
         held = getattr(given, "calibration", given)
-        return held if isinstance(held, Calibration) else Calibration.load(held)
+        known = held if isinstance(held, Calibration) else Calibration.load(held)
+        if not (isinstance(known, PopulationCalibration) or frees_parameters(known.model)):
+            raise InputError(
+                f"The calibration of {known.actuator.name} has no healthy population to judge by. "
+                "Calibrate with three healthy runs or more, or ask ematwin identify."
+            )
+        return known
 
     def judged(known: Calibration, ready: list[Prepared], tell: Progress | None) -> Detection:
         given = [one.recording for one in ready]
@@ -242,26 +241,16 @@ def detect(
 
         return judge(known, given, _side_by_side(work, ready, tell, threads))
 
-    def ready(given: Any, known: Calibration) -> list[Prepared]:
-        if not (isinstance(known, PopulationCalibration) or frees_parameters(known.model)):
-            raise InputError(
-                f"The calibration of {known.actuator.name} has no healthy population to judge by. "
-                "Calibrate with three healthy runs or more, or ask ematwin identify."
-            )
-        return _ready(given, known, load)
-
     if is_table_of_runs(recordings):
         recordings = read_runs(recordings, calibration, known_of=known_of)
+    known = None if isinstance(recordings, Runs) else known_of(calibration)
     with told(progress, "judging") as show:
 
         def tell(done: int, cost: float, count: int) -> None:
             if show is not None:
                 show(done / count)
 
-        if isinstance(recordings, Runs):
-            return over_groups(recordings, ready, judged, tell)
-        known = known_of(calibration)
-        return judged(known, ready(recordings, known), tell)
+        return over_groups(_groups(recordings, known, load), judged, tell)
 
 
 def judge(
@@ -324,6 +313,16 @@ def _ready(
     """Recordings as they are compared; what cannot be used is refused before any work begins."""
     found = recordings_of(given, known.actuator, columns, averaged=False)
     return [prepared(one, known.actuator, load) for one in found]
+
+
+def _groups(
+    given: Any, known: Calibration | None, load: float | None, columns: Columns = None
+) -> list[tuple[str, Calibration, list[Prepared]]]:
+    """Name, calibration and recordings of each actuator; "" of one that is ``known``."""
+    if known is None or isinstance(given, Runs):
+        return [(one.name, one.known, _ready(one.recordings, one.known, load))
+                for one in given.groups]  # fmt: skip
+    return [("", known, _ready(given, known, load, columns))]
 
 
 def _side_by_side(

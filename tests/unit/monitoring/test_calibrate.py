@@ -12,7 +12,7 @@ from ematwin.models.registry import load_actuator
 from ematwin.monitoring.calibrate import calibrate
 from ematwin.monitoring.calibration import Calibration
 from ematwin.monitoring.identify import detect
-from ematwin.monitoring.index import single_reach
+from ematwin.monitoring.index import health_index, single_reach
 from made_up_rig import TRUTH, command, healthy_runs, motion, rig, run, template
 from refusals import refusal_of
 
@@ -206,12 +206,12 @@ def test_all_runs_teach_and_each_is_judged_by_the_others():
     report = calibrate(healthy_runs(4))
     assert report.learnt == ["1", "2", "3", "4"]
     calibration = report.calibration
-    tested = calibration.tested()
-    assert tested.values.shape == (16, len(calibration.layout.names))
-    assert report.false_alarms == np.mean(tested.index() > calibration.thresholds.motion)
+    tested, limit = calibration.tested, calibration.thresholds.motion
+    assert tested.shape == (16, len(calibration.layout.names))
+    assert report.false_alarms == np.mean(health_index(tested, calibration.layout.kinds) > limit)
     # judged by the others, a run lies further out than judged with itself among them
     own = calibration.population.scores(calibration.healthy.features, calibration.healthy.covariate)
-    assert (tested.values**2).mean() > 1.2 * (own**2).mean()
+    assert (tested**2).mean() > 1.2 * (own**2).mean()
 
 
 def test_left_out_bands_are_those_of_a_run_that_comes_later(three):

@@ -60,7 +60,7 @@ def test_identify_and_detect_say_the_same_of_each_recording(report, recordings, 
         alone = ematwin.identify(recording, report)
         assert row.verdict == other.verdict == alone.verdict
         assert row.magnitudes == other.magnitudes
-    assert found.runs is found.motions
+    assert found.runs == found.motions
 
 
 def test_drift_is_no_fault_and_every_fault_is_named(found):
