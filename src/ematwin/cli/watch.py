@@ -65,7 +65,6 @@ def watch(
     from ematwin.cli.channels import map_of
     from ematwin.fleet.fleet import Fleet
     from ematwin.fleet.paths import Hashes, Paths
-    from ematwin.fleet.watch import watch as run
     from ematwin.models.registry import load_actuator
 
     check_step(fail_on)
@@ -79,12 +78,10 @@ def watch(
     known, hashes = Fleet(fleet), Hashes()
     while True:
         with options.progress_bar("Judging", not json) as progress:
-            found = run(
-                known.store, recordings, actuator, columns=columns, progress=progress,
-                pattern=serial_number or known.pattern, scheduler=scheduler, hashes=hashes,
+            found = known.watch(
+                recordings, actuator=actuator, columns=columns, progress=progress,
+                pattern=serial_number, scheduler=scheduler, hashes=hashes,
             )  # fmt: skip
-        known.refresh()
-        known.update()
         if table is not None and len(known):
             known.export(table, "advisory")
         if report is not None:

@@ -95,10 +95,7 @@ class SimulatedFleet:
     def fill(self, store: FleetStore) -> None:
         """Write estimates, overhauls, limits and the twin into the store of a fleet."""
         known = Calibration.of(load_actuator(ACTUATOR))
-        draft = store.folder / "twins" / ".draft.toml"
-        known.save(draft)
-        twin = store.keep_twin(draft)
-        draft.unlink()
+        twin = store.keep_twin(known)
         settings = store.folder / "fleet.toml"
         given = load_toml(settings, "settings") if settings.exists() else {}
         write_text(settings, tomli_w.dumps({**given, "limits": LIMITS}))
