@@ -217,6 +217,8 @@ def test_alarms_neither_chatter_nor_come_back_within_a_year(fleet):
     cleared = Before("none", one.time, clear.time - 0.5)
     told = judge(clear, None, clear.time, Policy(), unknown=unknown, count=6, before=cleared)
     assert told.step == "none"
+    told = judge(clear, None, clear.time, Policy(), unknown=unknown, count=6)
+    assert told.why.endswith(" a year. Check: dry friction on the motor shaft.")
 
 
 @pytest.fixture(scope="module")

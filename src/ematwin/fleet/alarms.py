@@ -67,8 +67,7 @@ class Alarm:
     step : "none", "watch", "plan" or "act"
     probability : that the magnitude is larger than matters
     soon : probability that its limit is passed within the time that made this step
-    why : a sentence
-    check : what to look at
+    why : a sentence, and what to check
     since : years, when this step was reached
     acknowledged, silenced : whether somebody has seen it, or wants to hear no more of it for now
     """
@@ -78,7 +77,6 @@ class Alarm:
     probability: float
     soon: float
     why: str
-    check: str = ""
     since: float = math.nan
     acknowledged: bool = False
     silenced: bool = False
@@ -137,8 +135,7 @@ def judge(
                 break
     since = held.since if step == held.step else moment
     why = _why(one, life, moment, unknown, step)
-    check = unknown.meaning if step != "none" else ""
-    return Alarm(unknown.name, step, probability, soon, why, check, since)
+    return Alarm(unknown.name, step, probability, soon, why, since)
 
 
 @dataclass(frozen=True)
@@ -151,7 +148,7 @@ class Before:
 
 
 def _why(one: Trend, life: Life | None, moment: float, unknown: Any, step: Step) -> str:
-    """One sentence on the magnitude, its slope and its limit."""
+    """One sentence on the magnitude, its slope and its limit; what to check where alarmed."""
     level, error, slope = one.at(one.time)
     share, spread = (level - unknown.healthy) / unknown.width, error / unknown.width
     jumped = [at for at in one.series.time[list(one.jumps)] if one.time - at < _AGAIN]
@@ -165,7 +162,7 @@ def _why(one: Trend, life: Life | None, moment: float, unknown: Any, step: Step)
     if life is not None and step in ("plan", "act"):
         passed = life.interval[1] == 0.0
         said += "; it is beyond its limit" if passed else f"; it passes its limit in {life}"
-    return f"{said}."
+    return said + (f". Check: {unknown.meaning.partition(',')[0]}." if step != "none" else ".")
 
 
 def worst(alarms: Mapping[str, Alarm]) -> Alarm | None:
