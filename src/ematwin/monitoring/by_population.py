@@ -257,7 +257,7 @@ class _Judge:
             return ()
         from scipy.special import stdtrit
 
-        runs = max(2, len(self._calibration.facts.get("runs", [])))
+        runs = max(2, len(self._calibration.healthy.names))
         rate = self._calibration.thresholds.false_alarm_rate / len(magnitudes)
         bound = stdtrit(runs - 1, 1.0 - 0.5 * rate) * float(np.sqrt(1.0 + 1.0 / runs))
         return tuple(one.name for one in magnitudes if abs(one.score) > bound)

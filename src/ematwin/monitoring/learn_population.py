@@ -6,6 +6,7 @@ run's noise in it would make its bands look quieter than the bands of a later ru
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -54,7 +55,7 @@ def with_spread(calibration: PopulationCalibration, measured: Measured) -> Basel
         calibration.baseline,
         scatter=dict(zip(calibration.layout.magnitudes, spread, strict=False)),
         misfit=float(np.median([one.misfit for one in measured.estimates])),
-        recordings=len(calibration.facts["runs"]),
+        recordings=len(calibration.healthy.names),
     )
 
 
@@ -68,18 +69,18 @@ def report_on(
     index = health_index(calibration.tested, calibration.layout.kinds)
     over = index > calibration.thresholds.motion
     reported = calibration.reported
-    runs = len(calibration.healthy.names)
+    runs = calibration.healthy.names
     return CalibrationReport(
         calibration,
         parameters,
         tied,
-        calibration.facts["runs"],
+        runs,
         {
             one.name: (float(reported.within[n]), float(reported.between[n]))
             for n, one in enumerate(calibration.quantities)
         },
         float(over.mean()),
-        (*notes, *_cautions(calibration.thresholds, calibration.layout, runs)),
+        (*notes, *_cautions(calibration.thresholds, calibration.layout, len(runs))),
     )
 
 
@@ -101,15 +102,19 @@ def signature(calibration: PopulationCalibration, fault: str, recordings: Given)
     )  # fmt: skip
 
 
+def evenly(items: Sequence[Any] | np.ndarray, most: int) -> list[Any]:
+    """So many of the items at most, evenly chosen."""
+    places = np.linspace(0, len(items) - 1, min(len(items), most))
+    return [items[n] for n in np.unique(np.round(places).astype(int))]
+
+
 def mean_recordings(bench: Bench) -> list[Comparison]:
     """The mean recording of each run and condition, evenly chosen where there are many.
 
     More than `_MOST_MEANS` make the fit slow, not better.
     """
-    groups = np.unique(bench.groups)
-    places = np.linspace(0, len(groups) - 1, min(len(groups), _MOST_MEANS))
     means = []
-    for group in groups[np.unique(np.round(places).astype(int))]:
+    for group in evenly(np.unique(bench.groups), _MOST_MEANS):
         members = [bench.comparisons[n] for n in np.flatnonzero(bench.groups == group)]
         means.append(members[0].averaged(members[1:]))
     return means

@@ -69,7 +69,7 @@ class PopulationCalibration(Calibration):
     healthy : measurements on each healthy recording
     false_alarm_rate : of a recording, or run, of another day
     signatures : known faults
-    facts : runs, files, version
+    facts : labels and sources of the recordings, parameters that they left undetermined
     """
 
     command: np.ndarray
