@@ -216,7 +216,7 @@ def loads(found: list[Detection]) -> None:
     print("\nload held by the rig, and as estimated from healthy motions (mean, spread), N")
     for text in held:
         own = [
-            v.load
+            v.standing.covariate.value
             for v in verdicts
             if v.labels["load_kgf"] == text and v.labels["condition"] == HEALTHY
         ]

@@ -15,7 +15,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from ematwin.errors import EmatwinError, InputError
+from ematwin.errors import EmatwinError, InputError, MissingExtraError
 from ematwin.files import check_target, write_text
 from ematwin.fleet.actuator import FleetActuator
 from ematwin.fleet.alarms import Policy
@@ -164,8 +164,29 @@ class Fleet:
         return sorted(rows, key=lambda row: (-row["advisory_level"], row["life_left_low_days"]))
 
     def query(self, sql: str) -> Any:
-        """Ask DuckDB of the table ``fleet``, a row for each recording; see `FleetStore.query`."""
-        return self.store.query(sql)
+        """Ask DuckDB of the table ``fleet``, a row for each recording.
+
+        Gives a relation, of which ``.df()`` is a DataFrame.
+
+            fleet.query("select serial_number, count(*) from fleet group by all")
+
+        Raises
+        ------
+        MissingExtraError
+            If duckdb is not installed.
+        InputError
+            If the question cannot be answered.
+        """
+        try:
+            import duckdb
+        except ImportError:
+            raise MissingExtraError("duckdb", "fleet", "A query of a fleet") from None
+        connection = duckdb.connect()
+        connection.register("fleet", self.store.rows())
+        try:
+            return connection.sql(sql)
+        except duckdb.Error as error:
+            raise InputError(f"DuckDB cannot answer: {str(error).splitlines()[0]}") from None
 
     def export(self, path: str | Path, what: str = "recordings") -> None:
         """Write a table (.csv or .parquet): "recordings", or the "advisory" of each actuator."""

@@ -29,7 +29,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from ematwin.errors import FileError, InputError, MissingExtraError
+from ematwin.errors import FileError, InputError
 from ematwin.files import written_whole
 from ematwin.fleet.folder import FolderRows
 from ematwin.monitoring.calibration import Calibration
@@ -167,29 +167,6 @@ class FleetStore:
                 draft.write_bytes(given.read_bytes())
         self._held.keep_twin(fingerprint)
         return fingerprint
-
-    def query(self, sql: str) -> Any:
-        """Ask DuckDB: the table is ``fleet``; gives a relation; its ``.df()`` is a DataFrame.
-
-            store.query("select serial_number, count(*) from fleet group by all")
-
-        Raises
-        ------
-        MissingExtraError
-            If duckdb is not installed.
-        InputError
-            If the question cannot be answered.
-        """
-        try:
-            import duckdb
-        except ImportError:
-            raise MissingExtraError("duckdb", "fleet", "A query of a fleet") from None
-        connection = duckdb.connect()
-        connection.register("fleet", self.rows())
-        try:
-            return connection.sql(sql)
-        except duckdb.Error as error:
-            raise InputError(f"DuckDB cannot answer: {str(error).splitlines()[0]}") from None
 
     # --- events --------------------------------------------------------------------------------
 

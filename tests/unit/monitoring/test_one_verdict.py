@@ -133,7 +133,7 @@ def test_a_row_shows_values_with_intervals(found, name):
     assert (magnitude.value, magnitude.unit) == (physical.value, physical.unit)
     assert not magnitude.healthy[0] <= magnitude.value <= magnitude.healthy[1]
     assert abs(magnitude.score) > 3.0
-    assert row.standing is row.load is None
+    assert row.standing is None
     assert row.identification.verdict is row.verdict
     assert row.said == row.fault == name
 
