@@ -223,13 +223,7 @@ def detect(
                 "saved to."
             )
         held = getattr(given, "calibration", given)
-        known = held if isinstance(held, Calibration) else Calibration.load(held)
-        if not (isinstance(known, PopulationCalibration) or frees_parameters(known.model)):
-            raise InputError(
-                f"The calibration of {known.actuator.name} has no healthy population to judge by. "
-                "Calibrate with three healthy runs or more, or ask ematwin identify."
-            )
-        return known
+        return held if isinstance(held, Calibration) else Calibration.load(held)
 
     def judged(known: Calibration, ready: list[Prepared], tell: Progress | None) -> Detection:
         given = [one.recording for one in ready]
@@ -244,6 +238,13 @@ def detect(
     if is_table_of_runs(recordings):
         recordings = read_runs(recordings, calibration, known_of=known_of)
     known = None if isinstance(recordings, Runs) else known_of(calibration)
+    every = [group.known for group in recordings.groups] if known is None else [known]
+    for one in every:
+        if not (isinstance(one, PopulationCalibration) or frees_parameters(one.model)):
+            raise InputError(
+                f"The calibration of {one.actuator.name} has no healthy population to judge by. "
+                "Calibrate with three healthy runs or more, or ask ematwin identify."
+            )
     with told(progress, "judging") as show:
 
         def tell(done: int, cost: float, count: int) -> None:

@@ -13,6 +13,7 @@ from ematwin.monitoring.calibrate import calibrate
 from ematwin.monitoring.calibration import Calibration
 from ematwin.monitoring.identify import detect
 from ematwin.monitoring.index import health_index, single_reach
+from ematwin.monitoring.runs import Group, Runs
 from made_up_rig import TRUTH, command, healthy_runs, motion, rig, run, template
 from refusals import refusal_of
 
@@ -298,8 +299,10 @@ def test_fewer_than_three_runs_make_a_twin_but_no_population(tmp_path):
     report.save(tmp_path / "twin.toml")
     assert load_actuator(tmp_path / "twin.toml").fingerprint == report.actuator.fingerprint
     assert baseline_of(str(tmp_path / "twin.toml"), report.actuator).calibrated
-    with pytest.raises(InputError, match="no healthy population to judge by"):
-        detect(healthy_runs(1, motions=1), report)
+    some = healthy_runs(1, motions=1)
+    for given in (some, Runs((Group("one", report.calibration, some),))):
+        with pytest.raises(InputError, match="no healthy population to judge by"):
+            detect(given, report)
 
 
 def test_runs_too_few_to_see_a_fault_are_said_to_be():
