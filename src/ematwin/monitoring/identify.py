@@ -118,13 +118,14 @@ def identify(
     """
 
     def known_of(given: Any, first: Any) -> Calibration:
-        known = Calibration.of(actuator_of(first, columns) if given is None else given)
-        return Calibration(known.actuator, Baseline.of_simulation()) if exact else known
+        return Calibration.of(actuator_of(first, columns) if given is None else given)
 
     if is_table_of_runs(record):
         record = read_runs(record, actuator, columns, known_of=known_of)
     runs = record if isinstance(record, Runs) else None
     known = known_of(actuator, record) if runs is None else runs.groups[0].known
+    if exact:
+        known = Calibration(known.actuator, Baseline.of_simulation())
     names = [only] if isinstance(only, str) else None if only is None else list(only)
     settings: dict[str, Any] = {
         "budget": budget, "population": population, "iterations": iterations, "seed": seed,
@@ -148,6 +149,9 @@ def identify(
             raise InputError("A checkpoint is of one search; leave it out for several recordings.")
 
         def judged(known: Calibration, ready: list[Prepared], tell: Progress | None) -> Detection:
+            if exact:
+                known = Calibration(known.actuator, Baseline.of_simulation())
+
             def work(one: Prepared, share: int) -> Identification:
                 return identified(
                     one, known.actuator, known.baseline, algorithm, threads=share, **settings
