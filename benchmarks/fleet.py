@@ -280,16 +280,36 @@ def screw(path):
     return counted([np.array(rows).T])
 
 
-def made_up(seed):
-    """Tests and values of a path of 30 points: a power of time, Wiener or gamma increments."""
+def running_in(time, random):
+    """Fast at first, then steady."""
+    share, quick = random.uniform(0.2, 0.6), random.uniform(0.1, 0.4)
+    return share * -np.expm1(-time / quick) + (1.0 - share) * time
+
+
+def broken_line(time, random):
+    """Another rate from some moment on."""
+    at, factor = random.uniform(0.2, 0.8), random.lognormal(0.0, 0.7)
+    return np.where(time < at, time, at + factor * (time - at))
+
+
+LAWS = {  # share of the wear over time, both from 0 to 1
+    "power": lambda time, random: time ** random.uniform(0.7, 2.2),
+    "exponential": lambda time, random: np.expm1(2.5 * time) / np.expm1(2.5),
+    "running in": running_in,
+    "broken line": broken_line,
+}
+
+
+def made_up(seed, law="power"):
+    """Tests and values of a path of 30 points by a law, with Wiener or gamma increments."""
     random = np.random.default_rng(seed)
     test = np.linspace(3.0, 100.0, 30)
     dt = np.diff(test, prepend=0.0) / 100.0
-    value = 1.0 + random.uniform(0.1, 0.8) * (test / 100.0) ** random.uniform(0.7, 2.2)
-    spread, law = random.uniform(0.0, 0.1), random.integers(3)
-    if law == 1:
+    value = 1.0 + random.uniform(0.1, 0.8) * LAWS[law](test / 100.0, random)
+    spread, increments = random.uniform(0.0, 0.1), random.integers(3)
+    if increments == 1:
         value = value + np.cumsum(random.normal(0.0, spread * np.sqrt(dt)))
-    elif law == 2:
+    elif increments == 2:
         mean, variance = np.diff(value, prepend=1.0), spread**2 * dt + 1e-9
         value = 1.0 + np.cumsum(random.gamma(mean**2 / variance, variance / mean))
     return test, value + random.normal(0.0, random.uniform(0.003, 0.04), test.size)
@@ -364,7 +384,9 @@ def main():
     elif given.what == "screw":
         print(json.dumps(screw(given.path)))
     elif given.what == "paths":
-        print(json.dumps(counted([made_up(seed) for seed in given.seeds])))
+        for law in LAWS:
+            counts = counted([made_up(seed, law) for seed in given.seeds])
+            print(json.dumps({"law": law, "counts": counts}), flush=True)
     else:
         print(json.dumps({"size": size, "errors": errors}[given.what]()))
 

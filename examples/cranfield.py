@@ -24,7 +24,8 @@ from ematwin.models.reading import read_motions
 from ematwin.monitoring.calibration_report import CalibrationReport
 from ematwin.monitoring.detection import Detection
 from ematwin.monitoring.diagnosis import Diagnosis
-from ematwin.monitoring.index import Scores
+from ematwin.monitoring.index import health_index, prediction_bound
+from ematwin.monitoring.population_calibration import PopulationCalibration
 from ematwin.report.detection import detection_page
 
 HEALTHY = "normal"
@@ -74,16 +75,16 @@ def main() -> None:
         print("learnt from healthy and faulty runs 1 to 5, judged on others\n")
         judged = read_motions(given.judge)
         folds = [(RUNS, tuple(dict.fromkeys(motion.run for motion in judged)))]
-    found, scores, ways = [], [], {"model only": [], "statistics": []}
+    found, ways = [], {"model only": [], "statistics": []}
     order: Motions = []
     for teaching, runs in folds:
         report = calibrated(motions, teaching, teaching)
         own = [motion for motion in judged if motion.run in runs]
         found.append(ematwin.detect(own, report.calibration))
-        scores.append(report.calibration.scores(own))
-        tested = report.calibration.tested()
-        ways["model only"] += alarms_of(scores[-1], tested, {"model"})
-        ways["statistics"] += alarms_of(scores[-1], tested, {"mean", "band"})
+        known = report.calibration
+        scores = known.scores(known.measure(own))
+        ways["model only"] += alarms_of(scores, known, {"model"})
+        ways["statistics"] += alarms_of(scores, known, {"mean", "band"})
         order += own
     ways |= pca(motions, order)
     table(found, ways)
@@ -143,9 +144,15 @@ def calibrated(
     return ematwin.calibrate(healthy, known=known, name="cranfield")
 
 
-def alarms_of(scores: Scores, held: Scores, kinds: Collection[str]) -> list[bool]:
+def alarms_of(
+    scores: np.ndarray, known: PopulationCalibration, kinds: Collection[str]
+) -> list[bool]:
     """Alarms of motions where only the features of some kinds count, with a limit of their own."""
-    return list(scores.index(kinds) > held.limit(kinds=kinds))
+    columns = [n for n, kind in enumerate(known.layout.kinds) if kind in kinds]
+    of = [known.layout.kinds[n] for n in columns]
+    healthy = health_index(known.tested[:, columns], of)
+    limit = prediction_bound(healthy, known.healthy.groups, known.false_alarm_rate)
+    return list(health_index(scores[:, columns], of) > limit)
 
 
 @dataclass
@@ -209,7 +216,7 @@ def loads(found: list[Detection]) -> None:
     print("\nload held by the rig, and as estimated from healthy motions (mean, spread), N")
     for text in held:
         own = [
-            v.load
+            v.standing.covariate.value
             for v in verdicts
             if v.labels["load_kgf"] == text and v.labels["condition"] == HEALTHY
         ]

@@ -197,6 +197,13 @@ def test_alarms_rise_with_the_life_that_is_left(fleet):
     assert step(0.0, now) == "none"  # too small to matter
 
 
+def test_an_actuator_that_nobody_records_raises_no_alarm(fleet):
+    one, unknown = state(fleet, 0.0, slope=0.1), fleet["EMA-01"].unknown("friction")
+    later = judge(one, None, one.time + 1.0, Policy(), unknown=unknown, count=6)
+    assert later.step == "none"
+    assert "+0.0 % of its range" in later.why
+
+
 def test_alarms_neither_chatter_nor_come_back_within_a_year(fleet):
     unknown, one = fleet["EMA-01"].unknown("friction"), state(fleet, 0.0215)
 
@@ -210,6 +217,8 @@ def test_alarms_neither_chatter_nor_come_back_within_a_year(fleet):
     cleared = Before("none", one.time, clear.time - 0.5)
     told = judge(clear, None, clear.time, Policy(), unknown=unknown, count=6, before=cleared)
     assert told.step == "none"
+    told = judge(clear, None, clear.time, Policy(), unknown=unknown, count=6)
+    assert told.why.endswith(" a year. Check: dry friction on the motor shaft.")
 
 
 @pytest.fixture(scope="module")

@@ -36,7 +36,7 @@ LIMIT, SPEED, Q = 0.5, 0.2, 4e-3
 
 def known(level=0.0, slope=SPEED, q=Q):
     """A trend whose level and slope are certain, and whose slope stays."""
-    wear = Wear(np.zeros(5), np.full(5, 0.1), np.array([0.0, 0.1]), q, 1e-18, 0.01, 1.0, 1.0)
+    wear = Wear(np.zeros(5), np.full(5, 0.1), np.array([0.0, 0.1]), q, 1e-18, 1.0, 0.01, 1.0, 1.0)
     one = trend(Series(np.zeros(1), np.zeros(1), np.full(1, 1e-3), np.zeros((1, 2))), wear)
     return replace(one, mean=np.array([level, slope, 0.0]), covariance=1e-18 * np.eye(3))
 

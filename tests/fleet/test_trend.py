@@ -12,7 +12,7 @@ from naive.trend import dense
 
 WEAR = Wear(
     np.array([0.0, 0.1, 0.3, 0.0, 0.0]), np.array([0.02, 0.1, 0.2, 0.01, 0.02]),
-    np.array([0.05, 0.2]), 1e-4, 1e-3, 0.005, 0.7, 1.0,
+    np.array([0.05, 0.2]), 1e-4, 1e-3, 1.2, 0.005, 0.7, 1.0,
 )  # fmt: skip
 STEADY = replace(WEAR, mean=WEAR.mean * [1, 1, 0, 1, 1], spread=WEAR.spread * [1, 1, 1e-6, 1, 1])
 

@@ -150,6 +150,7 @@ def test_a_missing_folder_is_refused(tmp_path, ematwin):
     answer = ematwin("watch", "nowhere", "--fleet", "fleet")
     assert answer.code == 2
     assert answer.err == "Error: There is no file or folder nowhere. Give one with recordings.\n"
+    assert not (tmp_path / "fleet").exists()
 
 
 def test_the_command_says_what_each_needs_and_ends_with_a_code(recordings, tmp_path, ematwin):

@@ -1,6 +1,7 @@
 """The linear Gaussian model of a trend as one dense system, solved at once: no recursion."""
 
 import numpy as np
+from scipy.linalg import expm
 from scipy.stats import multivariate_normal
 
 
@@ -18,8 +19,8 @@ def dense(time, value, variance, covariates, wear, jumps=(), resets=()):
         if i:
             dt = time[i] - time[i - 1]
             move = np.eye(5)
-            move[0, 1:3] = dt, dt**2 / 2
-            move[1, 2] = dt
+            law = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0 / wear.lasting]])
+            move[:3, :3] = expm(law * dt)
             push = np.zeros(5)
             noise = np.diag([wear.q_level * dt, wear.q_slope * dt, 0.0, 0.0, 0.0])
             if i in jumps:

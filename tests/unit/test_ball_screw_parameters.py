@@ -23,8 +23,7 @@ from ematwin.models.ball_screw.twin import ball_screw_constants
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.registry import load_actuator, model_in, models, shipped_actuators
 from ematwin.monitoring.calibration import FORMAT, Calibration
-from ematwin.monitoring.classification import Signature
-from ematwin.monitoring.population import HealthyRuns
+from ematwin.monitoring.population import HealthyRuns, Signature
 from ematwin.monitoring.population_calibration import PopulationCalibration
 from refusals import refusal_of
 

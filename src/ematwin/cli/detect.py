@@ -110,11 +110,12 @@ def answer(
 ) -> None:
     """Write table and page if they are wanted, and print the verdicts with assumptions."""
     from ematwin.monitoring.runs import Runs
+    from ematwin.recordings.tables import write_rows
 
     read = recordings.recordings if isinstance(recordings, Runs) else recordings
     assumed, doubtful = remarks(read)
     if table is not None:
-        _write_table(table, found.rows(each))
+        write_rows(table, found.rows(each))
     if report is not None:
         found.report(report)
 
@@ -165,10 +166,3 @@ def _telling(one: "Diagnosis") -> list[str]:
     """Magnitudes of the named faults, or else the magnitude furthest from healthy."""
     named = [m.name for m in one.magnitudes if m.name in one.faults]
     return named or [max(one.magnitudes, key=lambda m: abs(m.score)).name]
-
-
-def _write_table(path: Path, rows: "list[dict[str, object]]") -> None:
-    from ematwin.recordings.tables import write_table
-
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    write_table(path, {name: [row.get(name) for row in rows] for name in names})

@@ -200,5 +200,8 @@ def print_fleet(fleet: "Fleet") -> None:
         shown.append(Row([str(one) for one in named], marked=row["advisory_level"] == 3))
     headings = ["actuator", "what to do", "life left", "why"]
     options.print_table("", Table(headings, shown, texts=(1, 2, 3)), width=200)
+    if not fleet.limits_given:
+        settings = fleet.store.folder / "fleet.toml"
+        typer.echo(f"No life left without limits: state some under [limits] in {settings}.")
     if len(rows) > _MOST:
         typer.echo(f"and {len(rows) - _MOST} more actuators; --report shows all")

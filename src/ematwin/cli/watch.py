@@ -64,8 +64,7 @@ def watch(
     """
     from ematwin.cli.channels import map_of
     from ematwin.fleet.fleet import Fleet
-    from ematwin.fleet.paths import Hashes
-    from ematwin.fleet.watch import watch as run
+    from ematwin.fleet.paths import Hashes, Paths
     from ematwin.models.registry import load_actuator
 
     check_step(fail_on)
@@ -75,15 +74,14 @@ def watch(
     columns = None
     if column or map_file:
         columns = map_of(column, map_file, load_actuator(actuator))
+    Paths(recordings, serial_number)  # refuses what is not there before a fleet is made
     known, hashes = Fleet(fleet), Hashes()
     while True:
         with options.progress_bar("Judging", not json) as progress:
-            found = run(
-                known.store, recordings, actuator, columns=columns, progress=progress,
-                pattern=serial_number or known.pattern, scheduler=scheduler, hashes=hashes,
+            found = known.watch(
+                recordings, actuator=actuator, columns=columns, progress=progress,
+                pattern=serial_number, scheduler=scheduler, hashes=hashes,
             )  # fmt: skip
-        known.refresh()
-        known.update()
         if table is not None and len(known):
             known.export(table, "advisory")
         if report is not None:

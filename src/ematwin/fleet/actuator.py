@@ -73,7 +73,7 @@ class FleetActuator:
     @cached_property
     def twin(self) -> Calibration:
         """The twin that judged its latest recording."""
-        return self.fleet.twin(self.rows[-1]["twin"])
+        return self.fleet.store.twin(self.rows[-1]["twin"])
 
     @cached_property
     def _unknowns(self) -> dict[str, Unknown]:

@@ -1,7 +1,8 @@
 """Alarms: watch, plan, act, from the posteriors of trend and life, with the reason.
 
 - watch: a magnitude is larger than matters (`SMALLEST` of its range) with a probability of
-  1 - rate/M, for M magnitudes. Of alarms raised at that moment a share rate/M is false whenever one
+  1 - rate/M, for M magnitudes, by the recordings so far: that none came for long is no reason for
+  an alarm. Of alarms raised at that moment a share rate/M is false whenever one
   looks: a posterior does not depend on when one stops. An alarm that has cleared is not raised
   again within a year, so that there are at most ``rate`` false ones per actuator and year.
 - plan, act: besides, its limit is passed within a planning or a lead time with a probability of
@@ -66,8 +67,7 @@ class Alarm:
     step : "none", "watch", "plan" or "act"
     probability : that the magnitude is larger than matters
     soon : probability that its limit is passed within the time that made this step
-    why : a sentence
-    check : what to look at
+    why : a sentence, and what to check
     since : years, when this step was reached
     acknowledged, silenced : whether somebody has seen it, or wants to hear no more of it for now
     """
@@ -77,7 +77,6 @@ class Alarm:
     probability: float
     soon: float
     why: str
-    check: str = ""
     since: float = math.nan
     acknowledged: bool = False
     silenced: bool = False
@@ -88,12 +87,12 @@ class Alarm:
         return 0 if self.silenced else STEPS.index(self.step)
 
 
-def exceeding(one: Trend, moment: float, healthy: float, width: float, sides: bool) -> float:
-    """Probability that a magnitude is further from healthy than matters.
+def exceeding(one: Trend, healthy: float, width: float, sides: bool) -> float:
+    """Probability that a magnitude was further from healthy than matters when last recorded.
 
     ``sides``: it may be off to both sides, such as a gain.
     """
-    level, error, _ = one.at(moment)
+    level, error, _ = one.at(one.time)
     beyond = float(norm.sf(healthy + SMALLEST * width, level, error))
     if sides:
         beyond += float(norm.cdf(healthy - SMALLEST * width, level, error))
@@ -117,7 +116,7 @@ def judge(
     """
     width, healthy = unknown.width, unknown.healthy
     sides = unknown.lower < healthy
-    probability = exceeding(one, moment, healthy, width, sides)
+    probability = exceeding(one, healthy, width, sides)
     held = before or Before("none", moment, -math.inf)
     certain = 1.0 - policy.false_alarms / count
     present = probability >= certain or (held.step != "none" and probability >= 0.5)
@@ -136,8 +135,7 @@ def judge(
                 break
     since = held.since if step == held.step else moment
     why = _why(one, life, moment, unknown, step)
-    check = unknown.meaning if step != "none" else ""
-    return Alarm(unknown.name, step, probability, soon, why, check, since)
+    return Alarm(unknown.name, step, probability, soon, why, since)
 
 
 @dataclass(frozen=True)
@@ -148,18 +146,10 @@ class Before:
     since: float
     cleared: float
 
-    @classmethod
-    def after(cls, alarm: Alarm, before: "Before | None", moment: float) -> "Before":
-        """What an alarm leaves for the next look."""
-        cleared = -math.inf if before is None else before.cleared
-        if alarm.step == "none" and before is not None and before.step != "none":
-            cleared = moment
-        return cls(alarm.step, alarm.since, cleared)
-
 
 def _why(one: Trend, life: Life | None, moment: float, unknown: Any, step: Step) -> str:
-    """One sentence on the magnitude, its slope and its limit."""
-    level, error, slope = one.at(moment)
+    """One sentence on the magnitude, its slope and its limit; what to check where alarmed."""
+    level, error, slope = one.at(one.time)
     share, spread = (level - unknown.healthy) / unknown.width, error / unknown.width
     jumped = [at for at in one.series.time[list(one.jumps)] if one.time - at < _AGAIN]
     sudden = jumped and not any(at > jumped[-1] for at in one.series.overhauls)
@@ -172,7 +162,7 @@ def _why(one: Trend, life: Life | None, moment: float, unknown: Any, step: Step)
     if life is not None and step in ("plan", "act"):
         passed = life.interval[1] == 0.0
         said += "; it is beyond its limit" if passed else f"; it passes its limit in {life}"
-    return f"{said}."
+    return said + (f". Check: {unknown.meaning.partition(',')[0]}." if step != "none" else ".")
 
 
 def worst(alarms: Mapping[str, Alarm]) -> Alarm | None:

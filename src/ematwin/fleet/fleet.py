@@ -15,7 +15,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from ematwin.errors import EmatwinError, InputError
+from ematwin.errors import EmatwinError, InputError, MissingExtraError
 from ematwin.files import check_target, write_text
 from ematwin.fleet.actuator import FleetActuator
 from ematwin.fleet.alarms import Policy
@@ -27,7 +27,6 @@ from ematwin.fleet.store import (
     moment_of,
 )
 from ematwin.fleet.trend import Wear
-from ematwin.monitoring.calibration import Calibration
 from ematwin.quantities import parse_quantity
 from ematwin.validation import load_toml
 
@@ -69,7 +68,8 @@ class Fleet:
         """Judge the recordings that are new; see `ematwin.fleet.watch.watch`."""
         from ematwin.fleet.watch import watch
 
-        found = watch(self.store, recordings, pattern=self.pattern, **settings)
+        pattern = settings.pop("pattern", None) or self.pattern
+        found = watch(self.store, recordings, pattern=pattern, **settings)
         self.refresh()
         self.update()
         return found
@@ -93,7 +93,6 @@ class Fleet:
             elif row["time"] <= last:
                 self._rows.setdefault(row["serial_number"], []).append(row)
         self._events = [one for one in self.store.events() if one["known"] <= last]
-        self._twins: dict[str, Calibration] = {}
         self._wear: dict[tuple[str, str], Wear] = {}
         self._process: dict[tuple[str, str], str] = {}
         self._units: dict[str, FleetActuator] = {}
@@ -122,12 +121,6 @@ class Fleet:
                 [one for one in self._events if one["serial_number"] == serial_number],
             )  # fmt: skip
         return self._units[serial_number]
-
-    def twin(self, fingerprint: str) -> Calibration:
-        """The twin that judged a row."""
-        if fingerprint not in self._twins:
-            self._twins[fingerprint] = Calibration.of(self.store.twin(fingerprint))
-        return self._twins[fingerprint]
 
     # --- what the whole fleet says ---------------------------------------------------------------
 
@@ -171,12 +164,33 @@ class Fleet:
         return sorted(rows, key=lambda row: (-row["advisory_level"], row["life_left_low_days"]))
 
     def query(self, sql: str) -> Any:
-        """Ask DuckDB of the table ``fleet``, a row for each recording; see `FleetStore.query`."""
-        return self.store.query(sql)
+        """Ask DuckDB of the table ``fleet``, a row for each recording.
+
+        Gives a relation, of which ``.df()`` is a DataFrame.
+
+            fleet.query("select serial_number, count(*) from fleet group by all")
+
+        Raises
+        ------
+        MissingExtraError
+            If duckdb is not installed.
+        InputError
+            If the question cannot be answered.
+        """
+        try:
+            import duckdb
+        except ImportError:
+            raise MissingExtraError("duckdb", "fleet", "A query of a fleet") from None
+        connection = duckdb.connect()
+        connection.register("fleet", self.store.rows())
+        try:
+            return connection.sql(sql)
+        except duckdb.Error as error:
+            raise InputError(f"DuckDB cannot answer: {str(error).splitlines()[0]}") from None
 
     def export(self, path: str | Path, what: str = "recordings") -> None:
         """Write a table (.csv or .parquet): "recordings", or the "advisory" of each actuator."""
-        from ematwin.recordings.tables import write_table
+        from ematwin.recordings.tables import write_rows
 
         check_target(Path(path), (".csv", ".parquet"))
         if what == "advisory":
@@ -187,8 +201,7 @@ class Fleet:
             raise InputError(f"what must be recordings or advisory, received {what!r}.")
         if not rows:
             raise InputError(f"The fleet {self.store.folder} holds no judged recording yet.")
-        names = list(dict.fromkeys(name for row in rows for name in row))
-        write_table(Path(path), {name: [row.get(name) for row in rows] for name in names})
+        write_rows(path, rows)
 
     def report(self, path: str | Path) -> None:
         """Write the page of the fleet (.html), which holds all that it shows."""

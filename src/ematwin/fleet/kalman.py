@@ -1,4 +1,4 @@
-"""Kalman filter and fixed-interval smoother of a level that accelerates, and effects of covariates.
+"""Kalman filter and fixed-interval smoother of a level whose slope changes, with covariates.
 
     a = (level, slope, acceleration, effect, effect),   y = a_1 + x_1 a_4 + x_2 a_5 + e
 
@@ -15,8 +15,8 @@ from ematwin.numerics.compile import loop
 
 
 @loop
-def filtered(time, value, variance, covariates, start, spread, after, q_level, q_slope, jump, reset,
-             mean, cov, gain, innovation, power):  # fmt: skip
+def filtered(time, value, variance, covariates, start, spread, after, q_level, q_slope, lasting,
+             jump, reset, mean, cov, gain, innovation, power):  # fmt: skip
     """Kalman filter; fills predicted states (n, 5), covariances (n, 5, 5), gains, innovations.
 
     ``jump`` (n,) is variance added to the level before an estimate; where it is positive slope and
@@ -33,14 +33,19 @@ def filtered(time, value, variance, covariates, start, spread, after, q_level, q
     for i in range(n):
         if i > 0:
             dt = time[i] - time[i - 1]
-            a[0] += dt * (a[1] + 0.5 * dt * a[2])
-            a[1] += dt * a[2]
+            rise = -lasting * math.expm1(-dt / lasting)  # of the slope, for an acceleration of 1
+            climb, left = lasting * (dt - rise), math.exp(-dt / lasting)
+            a[0] += dt * a[1] + climb * a[2]
+            a[1] += rise * a[2]
+            a[2] *= left
             for j in range(5):  # P <- T P T', rows and then columns
-                p[0, j] += dt * (p[1, j] + 0.5 * dt * p[2, j])
-                p[1, j] += dt * p[2, j]
+                p[0, j] += dt * p[1, j] + climb * p[2, j]
+                p[1, j] += rise * p[2, j]
+                p[2, j] *= left
             for j in range(5):
-                p[j, 0] += dt * (p[j, 1] + 0.5 * dt * p[j, 2])
-                p[j, 1] += dt * p[j, 2]
+                p[j, 0] += dt * p[j, 1] + climb * p[j, 2]
+                p[j, 1] += rise * p[j, 2]
+                p[j, 2] *= left
             p[0, 0] += q_level * dt
             p[1, 1] += q_slope * dt
         if reset[i] or jump[i] > 0.0:
@@ -81,7 +86,7 @@ def filtered(time, value, variance, covariates, start, spread, after, q_level, q
 
 
 @loop
-def smoothed(time, covariates, jump, reset, mean, cov, gain, innovation, power,
+def smoothed(time, covariates, lasting, jump, reset, mean, cov, gain, innovation, power,
             score, weight, residual, precision, smooth, error):  # fmt: skip
     """Fixed-interval smoother (de Jong 1989; Durbin and Koopman, sec. 4.4).
 
@@ -101,13 +106,15 @@ def smoothed(time, covariates, jump, reset, mean, cov, gain, innovation, power,
                 m[first:3, :] = 0.0
                 m[:, first:3] = 0.0
             dt = time[i + 1] - time[i]
-            r[2] += dt * (r[1] + 0.5 * dt * r[0])
+            rise = -lasting * math.expm1(-dt / lasting)
+            climb, left = lasting * (dt - rise), math.exp(-dt / lasting)
+            r[2] = climb * r[0] + rise * r[1] + left * r[2]
             r[1] += dt * r[0]
             for j in range(5):
-                m[2, j] += dt * (m[1, j] + 0.5 * dt * m[0, j])
+                m[2, j] = climb * m[0, j] + rise * m[1, j] + left * m[2, j]
                 m[1, j] += dt * m[0, j]
             for j in range(5):
-                m[j, 2] += dt * (m[j, 1] + 0.5 * dt * m[j, 0])
+                m[j, 2] = climb * m[j, 0] + rise * m[j, 1] + left * m[j, 2]
                 m[j, 1] += dt * m[j, 0]
         z[3], z[4] = covariates[i, 0], covariates[i, 1]
         if math.isinf(power[i]):

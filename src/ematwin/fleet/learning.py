@@ -52,7 +52,8 @@ def _first(fleet: Sequence[Series], healthy: float, size: float) -> Wear:
     Scatter from differences of neighbours; slopes of the whole range in ten years, or as straight
     lines show them. Over the time of the record a slope changes steadily by as much as it is, as in
     powers of time between 0 and 2, and by half of it at random; a level wanders by a fifth of its
-    wear.
+    wear. After that time t the acceleration of a power p falls by (2 - p)/t: it fades in t, as in
+    the middle of these powers.
     """
     steps = [np.diff(one.value) for one in fleet if one.time.size > 1]
     every = np.concatenate([*steps, np.zeros(0)])
@@ -62,11 +63,12 @@ def _first(fleet: Sequence[Series], healthy: float, size: float) -> Wear:
     span = float(np.median([np.ptp(one.time) for one in lines])) if lines else 1.0
     seen = [float(np.polyfit(one.time - one.time[0], one.value, 1)[0]) for one in lines]
     slope = math.sqrt((0.1 * size) ** 2 + float(np.mean(np.square(seen or [0.0]))))
+    bend = slope / (span * -math.expm1(-1.0))
     return Wear(
         np.array([healthy, 0.0, 0.0, 0.0, 0.0]),
-        np.array([0.02 * size, slope, slope / span, *[0.02 * size] * 2]),
-        np.array([0.0, slope]), (0.2 * slope) ** 2 * span, (0.5 * slope) ** 2 / span, scatter,
-        0.5, size,
+        np.array([0.02 * size, slope, bend, *[0.02 * size] * 2]),
+        np.array([0.0, slope]), (0.2 * slope) ** 2 * span, (0.5 * slope) ** 2 / span, span,
+        scatter, 0.5, size,
     )  # fmt: skip
 
 

@@ -84,7 +84,7 @@ def spoken(years: float) -> str:
     if days < 1.0:
         return "0 days" if days <= 0.0 else "less than a day"
     if days < 60.0:
-        return f"{days:.0f} days"
+        return f"{days:.0f} day{'s' * (days >= 1.5)}"
     return f"{12.0 * years:.0f} months" if years < 2.0 else f"{years:.1f} years"
 
 
@@ -128,10 +128,11 @@ def paths(
         for name in ("q_level", "q_slope")
     )
     ahead = np.concatenate([[0.0], np.geomspace(1.0 / 365.25, horizon, _STEPS)])
+    climb = np.array([wear.bend(ahead)[1] for wear, _, _ in states])[which]
     dt = np.diff(ahead)
     wander = np.sqrt(q_slope * dt) * generator.standard_normal((draws, dt.size))
     drift = start[:, 1:2] + np.cumsum(wander, axis=1)
-    drift += start[:, 2:] * 0.5 * (ahead[:-1] + ahead[1:])
+    drift += start[:, 2:] * np.diff(climb, axis=1) / dt
     variance = q_level * dt
     if process == "gamma":
         direction = 1.0 if one.mean[1] >= 0.0 else -1.0

@@ -1,10 +1,12 @@
 """Pages of a fleet: all actuators by urgency, and the history of one. Each is one file."""
 
+from dataclasses import replace
 from html import escape
 from typing import Any
 from urllib.parse import quote
 
 import numpy as np
+from markupsafe import Markup
 
 from ematwin.fleet.actuator import ENTRIES, FleetActuator, shortened
 from ematwin.fleet.alarms import Alarm, worst
@@ -77,7 +79,8 @@ def actuator_page(unit: FleetActuator) -> str:
             Section("Until it no longer does its job", facts={requirement.measure: text})
         )
     if events.rows:
-        sections.append(Section("Events", table=events))
+        rows = [Row([_whole(day), *rest]) for day, *rest in (one.cells for one in events.rows)]
+        sections.append(Section("Events", table=replace(events, rows=rows)))
     header = ["recorded", "verdict", "because", "file"]
     sections.append(Section("Recordings", table=Table(header, known, texts=(1, 2, 3))))
     step = "none" if first is None else row["advisory"]
@@ -86,15 +89,13 @@ def actuator_page(unit: FleetActuator) -> str:
 
 
 _LEGEND = (
-    "Points: estimates; crosses: outliers. Line and band: level with 95 % interval; from the last "
-    "recording on the forecast with its 80 % interval. Dashed: limit. Vertical: overhaul (solid), "
+    "Points: estimates; crosses: outliers. Line and band: level with 95 % interval; after the day "
+    "of this page the forecast with its 80 % interval. Dashed: limit. Vertical: overhaul (solid), "
     "jump (dotted)."
 )
 
 
 def _row(unit: FleetActuator, row: dict[str, Any], link: str) -> Row:
-    from markupsafe import Markup
-
     name = escape(unit.serial_number)
     address = escape(link.format(serial=quote(unit.serial_number, safe="")))
     seen = " (acknowledged)" if row["acknowledged"] else ""
@@ -104,13 +105,18 @@ def _row(unit: FleetActuator, row: dict[str, Any], link: str) -> Row:
         f"{_ADVICE[row['advisory']]}{seen}</span>"
     )
     spark = _spark(unit, row["health_magnitude"], _COLORS[row["advisory"]])
-    left = str(unit.life_left() or "")
+    left = str(unit.life_left() or "").replace(" %", "\N{NO-BREAK SPACE}%")
     return Row(
         [Markup(f'<a href="{address}">{name}</a>'), Markup(advice), left, Markup(spark),
          _upper(row["advisory_reason"]),
-         Markup(f'<span style="white-space:nowrap">{row["last_recording"][:10]}</span>')],
+         _whole(row["last_recording"][:10])],
         marked=level == 3,
     )  # fmt: skip
+
+
+def _whole(day: str) -> Markup:
+    """A day that stays on one line."""
+    return Markup('<span style="white-space:nowrap">{}</span>').format(day)
 
 
 def _upper(text: str) -> str:
@@ -234,7 +240,7 @@ def _forecast(unit: FleetActuator, one: Trend, name: str) -> tuple[np.ndarray, n
     ahead, level, _ = paths(
         one, now, unit.fleet.process(unit.kind, name), horizon=_AHEAD, draws=200
     )  # fmt: skip
-    every = slice(None, None, 8)
+    every = slice(None, None, 6)  # of 60, to the last
     share = 0.5 - LEVEL / 2.0
     return now + ahead[every], np.quantile(level[:, every], [share, 0.5, 1.0 - share], axis=0)
 

@@ -6,14 +6,12 @@ on, magnets lose flux on hot days. Temperature follows the seasons and shifts es
 fail for weeks, some have no verdict, a few are wrong. What passes its limit is repaired some weeks
 later; of three repairs one is not recorded.
 
-Estimates are drawn around the truth with the standard errors of `ematwin.identify`; `recordings`
-simulates the recordings themselves instead.
+Estimates are drawn around the truth with the standard errors of `ematwin.identify`.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
-from pathlib import Path
 
 import numpy as np
 import tomli_w
@@ -21,11 +19,8 @@ import tomli_w
 from ematwin.errors import InputError
 from ematwin.files import write_text
 from ematwin.fleet.store import FleetStore, row_of
-from ematwin.models.reading import write
 from ematwin.models.registry import load_actuator
-from ematwin.models.simulating import simulate
 from ematwin.monitoring.calibration import Calibration
-from ematwin.recordings.noise import Noise
 from ematwin.validation import load_toml
 
 ACTUATOR = "servo400"
@@ -95,10 +90,7 @@ class SimulatedFleet:
     def fill(self, store: FleetStore) -> None:
         """Write estimates, overhauls, limits and the twin into the store of a fleet."""
         known = Calibration.of(load_actuator(ACTUATOR))
-        draft = store.folder / "twins" / ".draft.toml"
-        known.save(draft)
-        twin = store.keep_twin(draft)
-        draft.unlink()
+        twin = store.keep_twin(known)
         settings = store.folder / "fleet.toml"
         given = load_toml(settings, "settings") if settings.exists() else {}
         write_text(settings, tomli_w.dumps({**given, "limits": LIMITS}))
@@ -154,34 +146,6 @@ class SimulatedFleet:
             begin = generator.integers(0, self.days)
             days = days[(days < begin) | (days > begin + generator.uniform(20.0, 90.0))]
         return days
-
-    def recordings(self, folder: str | Path, every: float = 30.0) -> list[Path]:
-        """Simulate recordings, with the truth of their day, into a folder by serial number.
-
-        Parameters
-        ----------
-        every : days between recordings of an actuator
-
-        Returns
-        -------
-        list of Path, ``folder/EMA-01/2026-03-01.parquet``
-        """
-        files = []
-        for number, serial in enumerate(self.serial_numbers()):
-            truth = self.truth(serial)
-            inside = Path(folder) / serial
-            inside.mkdir(parents=True, exist_ok=True)
-            for n, day in enumerate(np.arange(0.0, self.days, every).astype(int)):
-                when = self.start + timedelta(days=int(day))
-                faults = {name: float(truth.level[name][day]) for name in LIMITS}
-                seed = 10_000 * self.seed + 100 * number + n
-                made = simulate(
-                    None, None, faults, ACTUATOR, noise=Noise(white=0.02, bits=12), seed=seed
-                )
-                labels = {"temperature": f"{truth.temperature[day]:.1f}"}
-                files.append(inside / f"{when:%Y-%m-%d}.parquet")
-                write(made.changed(start=when, labels=labels), files[-1])
-        return files
 
 
 @dataclass(frozen=True)

@@ -20,16 +20,19 @@ import json
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from ematwin.errors import FileError, InputError, MissingExtraError
+from ematwin.errors import FileError, InputError
 from ematwin.files import written_whole
 from ematwin.fleet.folder import FolderRows
+from ematwin.monitoring.calibration import Calibration
 from ematwin.numerics.content import digest
 from ematwin.validation import load_toml
 
@@ -143,42 +146,27 @@ class FleetStore:
         """Whether somebody has kept these rows meanwhile."""
         return self._held.has(serial_number, ids)
 
-    def twin(self, fingerprint: str) -> Path:
-        """The file of a twin that has judged."""
-        return self._held.twin(fingerprint)
+    def twin(self, fingerprint: str) -> Calibration:
+        """A twin that judges or has judged."""
+        return _in_file(self._held.twin(fingerprint))
 
-    def keep_twin(self, path: Path) -> str:
-        """Keep a file as a twin that judges; gives its fingerprint."""
-        fingerprint = content_of(path)
+    def keep_twin(self, given: Calibration | Path) -> str:
+        """Keep a calibration, or its file, as a twin that judges; gives its fingerprint."""
+        if isinstance(given, Calibration):
+            draft = self.folder / "twins" / f".{uuid4().hex}.toml"
+            given.save(draft)
+            try:
+                return self.keep_twin(draft)
+            finally:
+                draft.unlink()
+        fingerprint = content_of(given)
         kept = self._held.twin(fingerprint)
         if not kept.exists():
+            Calibration.of(given)  # what cannot be read is said now
             with written_whole(kept, durable=True) as draft:
-                draft.write_bytes(path.read_bytes())
+                draft.write_bytes(given.read_bytes())
         self._held.keep_twin(fingerprint)
         return fingerprint
-
-    def query(self, sql: str) -> Any:
-        """Ask DuckDB: the table is ``fleet``; gives a relation; its ``.df()`` is a DataFrame.
-
-            store.query("select serial_number, count(*) from fleet group by all")
-
-        Raises
-        ------
-        MissingExtraError
-            If duckdb is not installed.
-        InputError
-            If the question cannot be answered.
-        """
-        try:
-            import duckdb
-        except ImportError:
-            raise MissingExtraError("duckdb", "fleet", "A query of a fleet") from None
-        connection = duckdb.connect()
-        connection.register("fleet", self.rows())
-        try:
-            return connection.sql(sql)
-        except duckdb.Error as error:
-            raise InputError(f"DuckDB cannot answer: {str(error).splitlines()[0]}") from None
 
     # --- events --------------------------------------------------------------------------------
 
@@ -205,6 +193,12 @@ class FleetStore:
         settings = self.folder / "fleet.toml"
         age = str(settings.stat().st_mtime_ns) if settings.exists() else ""
         return (age, *self._held.version())
+
+
+@cache
+def _in_file(path: Path) -> Calibration:
+    """The calibration in the file of a twin, which each recording needs and nothing changes."""
+    return Calibration.of(path)
 
 
 def _as_they_are(rows: pa.Table) -> pa.Array:

@@ -64,11 +64,9 @@ class TableRows:
         columns = [Column(one.name, _type(one.type)) for one in schema if one.name != "id"]
         held = MetaData()
         self._rows = Table("ematwin_fleet", held, Column("id", Text, primary_key=True), *columns)
-        self._events = Table(
-            "ematwin_fleet_events", held, Column("id", Text, primary_key=True), Column("body", Text)
-        )
-        self._twins = Table(
-            "ematwin_fleet_twins", held, Column("id", Text, primary_key=True), Column("body", Text)
+        self._events, self._twins = (
+            Table(name, held, Column("id", Text, primary_key=True), Column("body", Text))
+            for name in ("ematwin_fleet_events", "ematwin_fleet_twins")
         )
 
         def make(connection: Any) -> None:

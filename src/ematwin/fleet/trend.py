@@ -4,11 +4,14 @@ Local linear trend in continuous time (Harvey 1989, Forecasting, Structural Time
 the Kalman Filter, sec. 2.3; Durbin and Koopman 2012, Time Series Analysis by State Space Methods):
 
     d level = slope dt + dW,  var dW = q_level dt
-    d slope = acceleration dt + dV,  var dV = q_slope dt,  d acceleration = 0
+    d slope = acceleration dt + dV,  var dV = q_slope dt
+    d acceleration = -acceleration / lasting dt
     y = level + effects . covariates + e,              var e = occasion^2 + scale^2 s^2
 
 ``s`` is the standard error of an estimate, ``occasion`` the scatter between occasions that no
-recording shows. ``scale`` below one says that a part of ``s`` is the same in each recording. Start,
+recording shows. ``scale`` below one says that a part of ``s`` is the same in each recording. An
+acceleration fades, as of wear that goes with a power of time below 2 (damped trend; Gardner and
+McKenzie 1985, Manage. Sci. 31, 1237-1246): one that stayed would bend forecasts too far. Start,
 slope and acceleration of each actuator come from normal distributions of the fleet, learnt by
 `ematwin.fleet.learning` (empirical Bayes): a new actuator begins with the fleet's (partial
 pooling). After a jump slope and acceleration start anew, the slope from the fleet's after jumps.
@@ -75,11 +78,12 @@ class Wear:
     mean, spread : (5,) arrays, of level, slope, acceleration and two effects at the start
     after : (2,) array, mean and spread of the slope after a jump
     q_level, q_slope : variances per year
+    lasting : years, in which an acceleration falls to 1/e
     occasion, scale : of the errors of estimates, see above
     size : standard deviation of jumps and of outliers, the range of the unknown
     jump_rate : jumps per actuator and year beforehand
     outlier_share : of estimates beforehand
-    others : draws of other plausible values of the four variances
+    others : draws of other plausible values
     """
 
     mean: np.ndarray
@@ -87,12 +91,18 @@ class Wear:
     after: np.ndarray
     q_level: float
     q_slope: float
+    lasting: float
     occasion: float
     scale: float
     size: float
     jump_rate: float = 0.1
     outlier_share: float = 0.01
     others: tuple["Wear", ...] = ()
+
+    def bend(self, ahead: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Change of slope and of level, after some years, by an acceleration of 1 per year^2."""
+        rise = -self.lasting * np.expm1(-ahead / self.lasting)
+        return rise, self.lasting * (ahead - rise)
 
     def variance(self, error: np.ndarray) -> np.ndarray:
         """Of the part of an estimate's error that differs between recordings."""
@@ -163,7 +173,9 @@ class Trend:
     def _later(
         self, ahead: float, wear: Wear, mean: np.ndarray, cov: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        move = np.array([[1.0, ahead, 0.5 * ahead**2], [0.0, 1.0, ahead], [0.0, 0.0, 1.0]])
+        rise, climb = map(float, wear.bend(np.array(ahead)))
+        left = math.exp(-ahead / wear.lasting)
+        move = np.array([[1.0, ahead, climb], [0.0, 1.0, rise], [0.0, 0.0, left]])
         mean = move @ mean
         cov = move @ cov @ move.T
         cov[0, 0] += wear.q_level * ahead + wear.constant_variance(self.series.error)
@@ -196,14 +208,14 @@ class Pass:
         )
         self.told = filtered(
             time, value, used, covariates, wear.mean, wear.spread,
-            wear.after, wear.q_level, wear.q_slope, self.jump, self.reset,
+            wear.after, wear.q_level, wear.q_slope, wear.lasting, self.jump, self.reset,
             self.mean, self.cov, gain, innovation, power,
         )  # fmt: skip
         self.score, self.weight = np.empty((n, 5)), np.empty((n, 5, 5))
         self.residual, self.precision = np.empty(n), np.empty(n)
         self.smooth, self.error = np.empty((n, 5)), np.empty((n, 5))
         smoothed(
-            time, covariates, self.jump, self.reset, self.mean, self.cov, gain,
+            time, covariates, wear.lasting, self.jump, self.reset, self.mean, self.cov, gain,
             innovation, power, self.score, self.weight, self.residual, self.precision,
             self.smooth, self.error,
         )  # fmt: skip

@@ -27,12 +27,11 @@ import numpy as np
 
 from ematwin.errors import EmatwinError, FileError, InputError, RecordError
 from ematwin.fleet.paths import Hashes, Paths
-from ematwin.fleet.store import SET_ASIDE, FleetStore, content_of, id_of, moment_of, row_of
+from ematwin.fleet.store import SET_ASIDE, FleetStore, id_of, moment_of, row_of
 from ematwin.models.reading import read
 from ematwin.models.registry import model_of
 from ematwin.monitoring.calibration import Calibration
 from ematwin.monitoring.identify import identify
-from ematwin.numerics.content import digest
 from ematwin.numerics.side_by_side import cores
 from ematwin.recordings.recording import Recording
 from ematwin.showing.bars import told
@@ -77,8 +76,6 @@ class Twins:
     """
 
     def __init__(self, store: FleetStore, given: Any = None) -> None:
-        self._store = store
-        self._known: dict[str, Calibration] = {}
         self._by: dict[str, list[tuple[datetime, str]]] = {}
         for path in sorted((store.folder / "calibrations").glob("[!.]*.toml")):
             serial, _, since = path.stem.partition("@")
@@ -86,24 +83,10 @@ class Twins:
                 begin = moment_of(since) if since else _EARLIEST
             except InputError as error:
                 raise InputError(f"{path} has no day after its @. {error}") from None
-            self._by.setdefault(serial, []).append((begin, self._keep(path)))
+            self._by.setdefault(serial, []).append((begin, store.keep_twin(path)))
         for periods in self._by.values():
             periods.sort()
-        self._given = ""
-        if given is not None:
-            known = Calibration.of(given)
-            draft = store.folder / "twins" / f".{digest(str(random.random()))}.toml"
-            known.save(draft)
-            self._given = self._keep(draft)
-            draft.unlink()
-
-    def _keep(self, path: Path) -> str:
-        if not self._store.twin(content_of(path)).exists():
-            Calibration.of(path)  # what cannot be read is said now
-        return self._store.keep_twin(path)
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {**vars(self), "_known": {}}  # a worker of a cluster loads what it needs
+        self._given = "" if given is None else store.keep_twin(Calibration.of(given))
 
     def select(self, serial: str, time: datetime | None) -> str:
         """Fingerprint of the twin that judges an actuator at a time; "" if there is none."""
@@ -113,12 +96,6 @@ class Twins:
         if held:
             return held[-1]
         return "" if serial in self._by else self._given
-
-    def load(self, fingerprint: str) -> Calibration:
-        """A twin."""
-        if fingerprint not in self._known:
-            self._known[fingerprint] = Calibration.of(self._store.twin(fingerprint))
-        return self._known[fingerprint]
 
 
 def watch(
@@ -268,7 +245,7 @@ def _judged(
     try:
         first = twins.select(serial, paths.time(path) or datetime.now(UTC))
         several = read(
-            path, columns, actuator=twins.load(first).actuator if first else None, split=True
+            path, columns, actuator=store.twin(first).actuator if first else None, split=True
         )
     except Exception as error:  # whatever a damaged file makes a reader raise
         several = []
@@ -287,7 +264,7 @@ def _judged(
         return []  # another watcher was faster
     for motion, (one, (who, when, mark)) in enumerate(zip(several, found, strict=True)):
         try:
-            rows.append(_row(path, content, motion, one, who, when, mark, twins, latest))
+            rows.append(_row(path, content, motion, one, who, when, mark, store, latest))
         except Exception as error:  # the rest goes on
             rows.append(_aside(path, content, motion, who, when, _sentence(error), mark))
     store.add(rows)
@@ -296,7 +273,7 @@ def _judged(
 
 def _row(
     path: Path, content: str, motion: int, one: Recording, serial: str, when: datetime | None,
-    mark: str, twins: Twins, latest: dict[str, datetime],
+    mark: str, store: FleetStore, latest: dict[str, datetime],
 ) -> dict[str, Any]:  # fmt: skip
     if not serial:
         raise RecordError(
@@ -318,7 +295,7 @@ def _row(
             f"There is no twin of {serial} at {when:%Y-%m-%d}. Put its calibration into the "
             f"fleet as calibrations/{serial}.toml, or give one for all with --actuator."
         )
-    twin = twins.load(mark)
+    twin = store.twin(mark)
     found = identify(one, twin, threads=1)
     estimate = found.estimate
     faults = {f.name for f in twin.model.faults(twin.actuator) if f.direction_of is None}

@@ -11,20 +11,20 @@ drift between occasions as well, or where a single magnitude is far from healthy
 one occasion cannot show how far occasions differ.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from ematwin.estimation.constants import COVERAGE, EXPLAINED
+from ematwin.estimation.constants import COVERAGE, EXPLAINED, SIGMAS
 from ematwin.estimation.verdict import Grade, Verdict
 from ematwin.models.base import Monitoring, Reported
-from ematwin.monitoring.classification import Name, named_by_physics, named_by_signature
 from ematwin.monitoring.detection import Detection, name_of
 from ematwin.monitoring.diagnosis import UNNAMED, Covariate, Diagnosis, Magnitude, Standing
 from ematwin.monitoring.index import health_index, single_reach
 from ematwin.monitoring.measure import Measured, reported_values, statistics_of
+from ematwin.monitoring.population import nearest_fault
 from ematwin.monitoring.population_calibration import PopulationCalibration
 from ematwin.recordings.recording import Recording
 from ematwin.showing.numbers import plain
@@ -68,6 +68,30 @@ def by_population(
     return Detection(single, tuple(together), {"": calibration})
 
 
+def worn(scores: Mapping[str, float], reported: Sequence[Reported]) -> str:
+    """The fault whose quantity has left its healthy spread furthest, as wear moves it; or "".
+
+    Parameters
+    ----------
+    scores : of the reported quantities, in healthy standard deviations, by name
+    reported : says which fault each quantity names, and in which sense
+    """
+    clear = []
+    for one in reported:
+        score = abs(scores[one.name]) if one.either else scores[one.name]
+        # how small a change may be, the healthy runs themselves say
+        if one.named and score > SIGMAS:
+            clear.append((score, one.named))
+    return max(clear)[1] if clear else ""
+
+
+class _Name(NamedTuple):
+    """The name of a fault, and where it comes from: "physics" or "signature"."""
+
+    fault: str
+    by: str
+
+
 class _Said(NamedTuple):
     """The verdict on some recordings, and the other columns of the row."""
 
@@ -86,7 +110,7 @@ class _Judge:
         self._monitoring = Monitoring.of(model)
         self._reported = self._monitoring.reported(model, actuator)
         self._lower = {one.name: one.lower - one.slack for one in model.faults(actuator)}
-        self._scores = calibration.scores(measured).values
+        self._scores = calibration.scores(measured)
         self._values = reported_values(model, actuator, calibration.layout, measured.features)
         self._healthy = calibration.reported.mean(measured.covariate)
         self._statistics = statistics_of(measured.estimates)
@@ -162,7 +186,9 @@ class _Judge:
             f"fault that can be named; most in {most}.",
         )
 
-    def _why(self, named: Name, at: Standing, magnitudes: tuple[Magnitude, ...]) -> tuple[str, str]:
+    def _why(
+        self, named: _Name, at: Standing, magnitudes: tuple[Magnitude, ...]
+    ) -> tuple[str, str]:
         """Why a fault is named, and what contradicts it ("" if nothing does)."""
         by_name = {m.name: m for m in magnitudes}
         own = [
@@ -231,7 +257,7 @@ class _Judge:
             return ()
         from scipy.special import stdtrit
 
-        runs = max(2, len(self._calibration.facts.get("runs", [])))
+        runs = max(2, len(self._calibration.healthy.names))
         rate = self._calibration.thresholds.false_alarm_rate / len(magnitudes)
         bound = stdtrit(runs - 1, 1.0 - 0.5 * rate) * float(np.sqrt(1.0 + 1.0 / runs))
         return tuple(one.name for one in magnitudes if abs(one.score) > bound)
@@ -244,19 +270,19 @@ class _Judge:
 
     def _name(
         self, members: np.ndarray, at: Standing, magnitudes: tuple[Magnitude, ...]
-    ) -> Name | None:
+    ) -> _Name | None:
         """The fault, if one can be named.
 
-        A signature names whatever the index; physics only where there is a change.
+        A signature names whatever the index; physics (`worn`) only where there is a change.
         """
         calibration = self._calibration
         if calibration.signatures:
-            named = named_by_signature(
+            fault = nearest_fault(
                 self._scores[members], self._measured.covariate[members],
                 calibration.scale, calibration.signatures,
             )  # fmt: skip
-            if named is not None:
-                return named
+            if fault:
+                return _Name(fault, "signature")
         if at.index <= at.threshold and not at.alone:
             return None
         reported = calibration.reported
@@ -269,7 +295,8 @@ class _Judge:
         ])  # fmt: skip
         wider = np.hypot(1.0, drift / np.maximum(spread, 1e-12))
         scores = {m.name: m.score / float(wider[n]) for n, m in enumerate(magnitudes)}
-        return named_by_physics(scores, self._reported)
+        fault = worn(scores, self._reported)
+        return _Name(fault, "physics") if fault else None
 
     def _magnitudes(self, members: np.ndarray) -> tuple[Magnitude, ...]:
         reported = self._calibration.reported

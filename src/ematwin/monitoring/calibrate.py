@@ -9,8 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ematwin.errors import InputError, RecordError
 from ematwin.estimation.baseline import frees_parameters
 from ematwin.estimation.learn import learn
@@ -25,6 +23,7 @@ from ematwin.monitoring.gather import Given, actuator_of, recordings_of
 from ematwin.monitoring.index import USUAL_RATE
 from ematwin.monitoring.learn_population import (
     check_outliers,
+    evenly,
     healthy_runs,
     mean_recordings,
     report_on,
@@ -131,7 +130,7 @@ def _calibrated(
     tell(0.05)
     bench, left_out = None, list[str]()
     if by_values:
-        some = _evenly(healthy, _MOST_LEARNT)
+        some = evenly(healthy, _MOST_LEARNT)
         if model.recordings_differ:
             some, left_out = _sound(model, chosen, healthy)
         beside = [model.compare(one, chosen) for one in some]
@@ -176,11 +175,8 @@ def _calibrated(
         healthy=kept,
         false_alarm_rate=rate,
         facts={
-            "runs": runs,
-            "motions": len(healthy),
             "labels": _labels_of(healthy),
             "sources": sorted({one.source for one in healthy}),
-            "template": chosen.name,
             "undetermined": [p.place for p in parameters if not p.determined],
         },
     )
@@ -212,12 +208,6 @@ def _sound(
         for one, told in zip(recordings, why, strict=True)
         if told
     ]
-
-
-def _evenly(recordings: Sequence[Recording], most: int) -> list[Recording]:
-    """So many of the recordings at most, evenly chosen."""
-    places = np.linspace(0, len(recordings) - 1, min(len(recordings), most))
-    return [recordings[n] for n in np.unique(np.round(places).astype(int))]
 
 
 def _added(
@@ -266,8 +256,6 @@ def _added(
         signatures=(),
         facts={
             **before.facts,
-            "runs": kept.names,
-            "motions": len(kept.runs),
             "labels": f"{before.facts.get('labels', 'none')}; added: {_labels_of(given)}",
             "sources": sorted({*before.facts.get("sources", []), *(one.source for one in given)}),
         },

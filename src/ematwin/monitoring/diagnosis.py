@@ -167,12 +167,6 @@ class Diagnosis:
         return self.fault or self.grade
 
     @property
-    def load(self) -> float | None:
-        """The estimated load, SI, where that is the covariate."""
-        one = None if self.standing is None else self.standing.covariate
-        return one.value if one is not None and one.name == "load" else None
-
-    @property
     def row(self) -> dict[str, object]:
         """It as a row of a table: labels, verdict, each magnitude with its interval."""
         found: dict[str, object] = {"actuator": self.actuator} if self.actuator else {}

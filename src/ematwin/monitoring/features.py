@@ -64,19 +64,19 @@ class Layout:
         return cls(tuple(phases), tuple(magnitudes), tuple(channels), tuple(names), tuple(kinds))
 
     def values(
-        self, magnitudes: Mapping[str, float], residuals: Mapping[str, np.ndarray]
+        self, magnitudes: Mapping[str, float], residuals: Sequence[np.ndarray]
     ) -> np.ndarray:
         """Features (F,) of one recording.
 
         Parameters
         ----------
         magnitudes : values by name
-        residuals : (S,) arrays by channel
+        residuals : (S,) array of each channel
         """
         found = [float(magnitudes[name]) for name in self.magnitudes]
-        for channel in self.channels:
+        for residual in residuals:
             for phase in self.phases:
-                part = residuals[channel][phase.samples]
+                part = residual[phase.samples]
                 if phase.steady:
                     found.append(float(part.mean()))
                     found += band_levels(part)

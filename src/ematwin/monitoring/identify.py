@@ -9,7 +9,6 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import replace
-from functools import partial
 from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
@@ -162,9 +161,7 @@ def identify(
             return judge(known, [one.recording for one in ready], found)
 
         with told(progress, "judging", _shown) as tell:
-            if runs is not None:
-                return over_groups(runs, partial(_ready, load=load), judged, tell)
-            return judged(known, _ready(record, known, load, columns), tell)
+            return over_groups(_groups(record, known, load, columns), judged, tell)
     if isinstance(record, Recording) and columns is not None:
         raise InputError("A Recording has its channels already; leave columns out.")
     if not isinstance(record, Recording):
@@ -242,26 +239,23 @@ def detect(
 
         return judge(known, given, _side_by_side(work, ready, tell, threads))
 
-    def ready(given: Any, known: Calibration) -> list[Prepared]:
-        if not (isinstance(known, PopulationCalibration) or frees_parameters(known.model)):
-            raise InputError(
-                f"The calibration of {known.actuator.name} has no healthy population to judge by. "
-                "Calibrate with three healthy runs or more, or ask ematwin identify."
-            )
-        return _ready(given, known, load)
-
     if is_table_of_runs(recordings):
         recordings = read_runs(recordings, calibration, known_of=known_of)
+    known = None if isinstance(recordings, Runs) else known_of(calibration)
+    every = [group.known for group in recordings.groups] if known is None else [known]
+    for one in every:
+        if not (isinstance(one, PopulationCalibration) or frees_parameters(one.model)):
+            raise InputError(
+                f"The calibration of {one.actuator.name} has no healthy population to judge by. "
+                "Calibrate with three healthy runs or more, or ask ematwin identify."
+            )
     with told(progress, "judging") as show:
 
         def tell(done: int, cost: float, count: int) -> None:
             if show is not None:
                 show(done / count)
 
-        if isinstance(recordings, Runs):
-            return over_groups(recordings, ready, judged, tell)
-        known = known_of(calibration)
-        return judged(known, ready(recordings, known), tell)
+        return over_groups(_groups(recordings, known, load), judged, tell)
 
 
 def judge(
@@ -324,6 +318,16 @@ def _ready(
     """Recordings as they are compared; what cannot be used is refused before any work begins."""
     found = recordings_of(given, known.actuator, columns, averaged=False)
     return [prepared(one, known.actuator, load) for one in found]
+
+
+def _groups(
+    given: Any, known: Calibration | None, load: float | None, columns: Columns = None
+) -> list[tuple[str, Calibration, list[Prepared]]]:
+    """Name, calibration and recordings of each actuator; "" of one that is ``known``."""
+    if known is None or isinstance(given, Runs):
+        return [(one.name, one.known, _ready(one.recordings, one.known, load))
+                for one in given.groups]  # fmt: skip
+    return [("", known, _ready(given, known, load, columns))]
 
 
 def _side_by_side(

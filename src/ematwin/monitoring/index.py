@@ -11,12 +11,9 @@ Runs of one occasion say nothing of how far occasions differ. The allowance for 
 assumption (`DRIFT`).
 """
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
-
-from ematwin.errors import InputError
 
 # Weight of a kind of features, and the most standard deviations that one of them counts. A
 # magnitude of the twin raises an alarm alone from about four on; its limit is that of one in three.
@@ -114,48 +111,3 @@ def prediction_bound(index: np.ndarray, groups: np.ndarray, false_alarm_rate: fl
 def _with_prior(squares: float, freedom: int, typical: float) -> float:
     """Variance from a sum of squares and a typical value."""
     return (squares + TYPICAL_RUNS * typical**2) / (freedom + TYPICAL_RUNS)
-
-
-@dataclass(frozen=True)
-class Scores:
-    """Features of N recordings in healthy standard deviations from the healthy mean.
-
-    Attributes
-    ----------
-    values : (N, F) array
-    names : of the features
-    kinds : "model", "mean" or "band", one for each feature
-    groups : (N,) array, number of the run (and condition) of each recording
-    """
-
-    values: np.ndarray
-    names: tuple[str, ...]
-    kinds: tuple[str, ...]
-    groups: np.ndarray
-
-    def index(self, kinds: Collection[str] | None = None) -> np.ndarray:
-        """Health index (N,); of the features of some kinds where these are given.
-
-        Raises
-        ------
-        InputError
-            If there is no feature of these kinds.
-        """
-        if kinds is None:
-            return health_index(self.values, self.kinds)
-        columns = [n for n, kind in enumerate(self.kinds) if kind in kinds]
-        if not columns:
-            raise InputError(
-                f"There are no features of the kinds {', '.join(kinds) or 'none'}; there are "
-                f"{', '.join(dict.fromkeys(self.kinds))}."
-            )
-        return health_index(self.values[:, columns], [self.kinds[n] for n in columns])
-
-    def limit(
-        self, false_alarm_rate: float = USUAL_RATE, kinds: Collection[str] | None = None
-    ) -> float:
-        """The index that a recording of another healthy run exceeds at this rate.
-
-        These scores must be of healthy recordings that the calibration did not learn from.
-        """
-        return prediction_bound(self.index(kinds), self.groups, false_alarm_rate)

@@ -6,6 +6,7 @@ run's noise in it would make its bands look quieter than the bands of a later ru
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -15,12 +16,11 @@ from ematwin.estimation.local import LocalDescent
 from ematwin.models.base import Monitoring, Reported
 from ematwin.models.comparison import Comparison
 from ematwin.monitoring.calibration_report import CalibrationReport
-from ematwin.monitoring.classification import REACH, Signature
 from ematwin.monitoring.features import Layout
 from ematwin.monitoring.gather import Given, recordings_of
 from ematwin.monitoring.index import health_index, single_reach
 from ematwin.monitoring.measure import Bench, Fit, Measured, statistics_of
-from ematwin.monitoring.population import HealthyRuns, Population, basis, fit_mean
+from ematwin.monitoring.population import HealthyRuns, Population, Signature, basis, fit_mean
 from ematwin.monitoring.population_calibration import PopulationCalibration, Thresholds
 
 _MOST_MEANS = 24  # mean recordings that the nominal parameters are fitted to
@@ -55,7 +55,7 @@ def with_spread(calibration: PopulationCalibration, measured: Measured) -> Basel
         calibration.baseline,
         scatter=dict(zip(calibration.layout.magnitudes, spread, strict=False)),
         misfit=float(np.median([one.misfit for one in measured.estimates])),
-        recordings=len(calibration.facts["runs"]),
+        recordings=len(calibration.healthy.names),
     )
 
 
@@ -66,20 +66,21 @@ def report_on(
     notes: list[str],
 ) -> CalibrationReport:
     """Report a calibration whose healthy runs were kept."""
-    over = calibration.tested().index() > calibration.thresholds.motion
+    index = health_index(calibration.tested, calibration.layout.kinds)
+    over = index > calibration.thresholds.motion
     reported = calibration.reported
-    runs = len(calibration.healthy.names)
+    runs = calibration.healthy.names
     return CalibrationReport(
         calibration,
         parameters,
         tied,
-        calibration.facts["runs"],
+        runs,
         {
             one.name: (float(reported.within[n]), float(reported.between[n]))
             for n, one in enumerate(calibration.quantities)
         },
         float(over.mean()),
-        (*notes, *_cautions(calibration.thresholds, calibration.layout, runs)),
+        (*notes, *_cautions(calibration.thresholds, calibration.layout, len(runs))),
     )
 
 
@@ -93,15 +94,18 @@ def signature(calibration: PopulationCalibration, fault: str, recordings: Given)
     """What recordings with a known fault look like; ``fault`` as in `calibrate`."""
     given = recordings_of(recordings, calibration.actuator)
     measured = calibration.measure(given)
-    scores = calibration.scores(measured).values
-    limited = np.clip(scores, -REACH, REACH)
     runs = ", ".join(dict.fromkeys(one.run for one in given))
     said, colon, remark = fault.partition(":")
-    return Signature(
-        said.strip(),
-        fit_mean(measured.covariate, calibration.scale, limited),
+    return Signature.of(
+        said.strip(), calibration.scores(measured), measured.covariate, calibration.scale,
         f"{len(given)} motions{colon}{remark}, runs {runs}",
-    )
+    )  # fmt: skip
+
+
+def evenly(items: Sequence[Any] | np.ndarray, most: int) -> list[Any]:
+    """So many of the items at most, evenly chosen."""
+    places = np.linspace(0, len(items) - 1, min(len(items), most))
+    return [items[n] for n in np.unique(np.round(places).astype(int))]
 
 
 def mean_recordings(bench: Bench) -> list[Comparison]:
@@ -109,10 +113,8 @@ def mean_recordings(bench: Bench) -> list[Comparison]:
 
     More than `_MOST_MEANS` make the fit slow, not better.
     """
-    groups = np.unique(bench.groups)
-    places = np.linspace(0, len(groups) - 1, min(len(groups), _MOST_MEANS))
     means = []
-    for group in groups[np.unique(np.round(places).astype(int))]:
+    for group in evenly(np.unique(bench.groups), _MOST_MEANS):
         members = [bench.comparisons[n] for n in np.flatnonzero(bench.groups == group)]
         means.append(members[0].averaged(members[1:]))
     return means
@@ -126,7 +128,7 @@ def with_discrepancy(bench: Bench) -> tuple[Fit, np.ndarray, float | None]:
         scale = float(np.sqrt((fit.covariate**2).mean())) or 1.0
     discrepancy = np.zeros(1)
     for _ in range(_ROUNDS):
-        left = np.concatenate(list(fit.residuals.values()), axis=1)
+        left = fit.residuals.reshape(len(fit.found), -1)
         discrepancy = discrepancy + fit_mean(fit.covariate, scale, left)
         fit = bench.fit(discrepancy, scale, fit)
     return fit, discrepancy, scale
@@ -139,10 +141,8 @@ def check_outliers(calibration: PopulationCalibration) -> None:
     if len(runs) < 4:
         return  # of three, nobody can tell which one is the odd one
     means = []
-    for run in runs:
-        own = healthy.of_run(run)
-        scores = calibration.scored_by_others(own)
-        groups = healthy.groups[own]
+    for own in map(healthy.of_run, runs):
+        scores, groups = calibration.tested[own], healthy.groups[own]
         means.append(np.stack([scores[groups == g].mean(0) for g in np.unique(groups)]))
     # of all features, and of the residual alone: magnitudes may differ from day to day so much
     # that a rough run does not stand out
@@ -192,7 +192,7 @@ def without_own_share(
     """
     features = measured.features.copy()
     bands = [n for n, kind in enumerate(layout.kinds) if kind == "band"]
-    left = np.concatenate([fit.residuals[name] for name in layout.channels], axis=1)
+    left = fit.residuals.reshape(len(features), -1)
     of_run = np.array(runs)
     for run in dict.fromkeys(runs):
         own = of_run == run
@@ -201,7 +201,7 @@ def without_own_share(
             fit.covariate[others], scale, left[others]
         )
         for n, row in zip(np.flatnonzero(own), left[own] - missed, strict=True):
-            residuals = dict(zip(layout.channels, np.split(row, len(layout.channels)), strict=True))
+            residuals = row.reshape(len(layout.channels), -1)
             magnitudes = dict(zip(layout.magnitudes, features[n], strict=False))
             features[n, bands] = layout.values(magnitudes, residuals)[bands]
     return features

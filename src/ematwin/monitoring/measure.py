@@ -58,13 +58,13 @@ class Fit:
     Attributes
     ----------
     problems, found : one for each recording
-    residuals : by channel, (N, S) arrays, SI
+    residuals : (N, C, S) array, of each channel, SI
     covariate : (N,) array, SI; zeros for a kind that has none
     """
 
     problems: tuple[Problem, ...]
     found: tuple[Found, ...]
-    residuals: dict[str, np.ndarray]
+    residuals: np.ndarray
     covariate: np.ndarray
 
 
@@ -135,9 +135,10 @@ class Bench:
         before : fit without it, from which this one starts; needed with a discrepancy
         search : method; the kind's by default
         """
+        name, channels = self._monitoring.covariate, self.layout.channels
         missed = None
         if discrepancy is not None and before is not None:
-            missed = basis(before.covariate, scale) @ discrepancy
+            missed = self._missed(before.covariate, discrepancy, scale)
         free = searched(self.model, self.actuator)
         problems, found = [], []
         for n, (recording, comparison) in enumerate(
@@ -145,7 +146,7 @@ class Bench:
         ):
             compared = comparison
             if missed is not None:
-                compared = comparison.with_missed(self._by_channel(missed[n]))
+                compared = comparison.with_missed(dict(zip(channels, missed[n], strict=True)))
             problem = Problem([compared], free, starts=self.model.starts(self.actuator, recording))
             chosen = named(self.model.default_search) if search is None else search
             if before is not None:
@@ -155,36 +156,24 @@ class Bench:
                 raise KeyboardInterrupt
             problems.append(problem)
             found.append(end)
-        return self._left(tuple(problems), tuple(found), discrepancy, scale)
+        covariate, left = np.zeros(len(found)), []
+        for n, (problem, one) in enumerate(zip(problems, found, strict=True)):
+            if name is not None:
+                covariate[n] = problem.values(one.point)[name]
+            answer = self.comparisons[n].responses(problem.candidates(one.point[None]), 1)
+            measured = self.comparisons[n].measured()
+            left.append([measured[channel] - answer[channel][0] for channel in channels])
+        residuals = np.array(left)
+        if discrepancy is not None:
+            residuals -= self._missed(covariate, discrepancy, scale)
+        return Fit(tuple(problems), tuple(found), residuals, covariate)
 
-    def _left(
-        self,
-        problems: tuple[Problem, ...],
-        found: tuple[Found, ...],
-        discrepancy: np.ndarray | None,
-        scale: float | None,
-    ) -> Fit:
-        """Residuals of each problem at the point found."""
-        name = self._monitoring.covariate
-        covariate = np.array([
-            0.0 if name is None else problem.values(one.point)[name]
-            for problem, one in zip(problems, found, strict=True)
-        ])  # fmt: skip
-        missed = None if discrepancy is None else basis(covariate, scale) @ discrepancy
-        residuals: dict[str, list[np.ndarray]] = {name: [] for name in self.layout.channels}
-        for n, comparison in enumerate(self.comparisons):
-            candidates = problems[n].candidates(found[n].point[None])
-            measured, answer = comparison.measured(), comparison.responses(candidates, 1)
-            taken = {} if missed is None else self._by_channel(missed[n])
-            for channel, rows in residuals.items():
-                left = measured[channel] - answer[channel][0]
-                rows.append(left - taken[channel] if taken else left)
-        return Fit(problems, found, {k: np.stack(v) for k, v in residuals.items()}, covariate)
-
-    def _by_channel(self, row: np.ndarray) -> dict[str, np.ndarray]:
-        """(C S,) array as (S,) arrays by channel."""
-        parts = np.split(row, len(self.layout.channels))
-        return dict(zip(self.layout.channels, parts, strict=True))
+    def _missed(
+        self, covariate: np.ndarray, discrepancy: np.ndarray, scale: float | None
+    ) -> np.ndarray:
+        """Error (N, C, S) of the twin at covariates (N,)."""
+        rows = basis(covariate, scale) @ discrepancy
+        return rows.reshape(len(rows), len(self.layout.channels), -1)
 
     def measured(self, fit: Fit) -> Measured:
         """Estimates with their covariance, and features."""
@@ -203,8 +192,7 @@ class Bench:
             )  # fmt: skip
             estimates.append(replace(estimate, warnings=tuple(self.warnings[n])))
             values = problem.values(found.point)
-            residuals = {name: rows[n] for name, rows in fit.residuals.items()}
-            features.append(self.layout.values(values, residuals))
+            features.append(self.layout.values(values, fit.residuals[n]))
         return Measured(
             tuple(estimates), np.stack(features), fit.covariate, self.groups,
             tuple(self.barred),

@@ -17,12 +17,11 @@ from ematwin.estimation.baseline import Baseline
 from ematwin.models.base import Monitoring, Reported
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.monitoring.calibration import FORMAT, Calibration
-from ematwin.monitoring.classification import Signature
 from ematwin.monitoring.features import Layout
 from ematwin.monitoring.gather import Given, recordings_of
-from ematwin.monitoring.index import Scores, clear_limit, health_index, prediction_bound
+from ematwin.monitoring.index import clear_limit, health_index, prediction_bound
 from ematwin.monitoring.measure import Bench, Measured, layout_of, reported_values
-from ematwin.monitoring.population import HealthyRuns, Population, plain
+from ematwin.monitoring.population import HealthyRuns, Population, Signature, plain
 
 
 @dataclass(frozen=True)
@@ -70,7 +69,7 @@ class PopulationCalibration(Calibration):
     healthy : measurements on each healthy recording
     false_alarm_rate : of a recording, or run, of another day
     signatures : known faults
-    facts : runs, files, version
+    facts : labels and sources of the recordings, parameters that they left undetermined
     """
 
     command: np.ndarray
@@ -134,12 +133,13 @@ class PopulationCalibration(Calibration):
     @cached_property
     def thresholds(self) -> Thresholds:
         """Of the index."""
-        found, rate, kinds = self.tested(), self.false_alarm_rate, self.layout.kinds
-        runs = np.unique(found.groups)
-        means = np.stack([found.values[found.groups == g].mean(0) for g in runs])
+        scores, groups = self.tested, self.healthy.groups
+        rate, kinds, runs = self.false_alarm_rate, self.layout.kinds, np.unique(groups)
+        means = np.stack([scores[groups == g].mean(0) for g in runs])
         return Thresholds(
-            found.limit(rate), prediction_bound(health_index(means, kinds), runs, rate),
-            len(found.values) / len(runs), rate,
+            prediction_bound(health_index(scores, kinds), groups, rate),
+            prediction_bound(health_index(means, kinds), runs, rate),
+            len(scores) / len(runs), rate,
         )  # fmt: skip
 
     def populations(self, members: np.ndarray) -> tuple[Population, Population]:
@@ -174,18 +174,15 @@ class PopulationCalibration(Calibration):
             errors, cut,
         )  # fmt: skip
 
-    def tested(self) -> Scores:
-        """Scores of the healthy recordings, each run judged by the others."""
+    @cached_property
+    def tested(self) -> np.ndarray:
+        """Scores (N, F) of the healthy recordings, each run judged by the others."""
         healthy = self.healthy
-        folds = [healthy.of_run(name) for name in healthy.names]
-        scores = np.vstack([self.scored_by_others(own) for own in folds])
-        groups = np.concatenate([healthy.groups[own] for own in folds])
-        return Scores(scores, self.layout.names, self.layout.kinds, groups)
-
-    def scored_by_others(self, own: np.ndarray) -> np.ndarray:
-        """Scores (K, F) of some healthy recordings, (N,) of bool, by a population without them."""
-        population, _ = self.populations(~own)
-        return population.scores(self.healthy.features[own], self.healthy.covariate[own])
+        scores = np.empty_like(healthy.features)
+        for own in map(healthy.of_run, healthy.names):
+            others, _ = self.populations(~own)
+            scores[own] = others.scores(healthy.features[own], healthy.covariate[own])
+        return scores
 
     def clear_limit(self, motions: int) -> float:
         """The index from which a change without a name raises an alarm, for this many recordings.
@@ -209,11 +206,9 @@ class PopulationCalibration(Calibration):
         first = bench.fit()
         return bench.measured(bench.fit(self.discrepancy, self.scale, first))
 
-    def scores(self, recordings: "Given | Measured") -> Scores:
-        """How far recordings, or measurements of them, lie from health, feature by feature."""
-        measured = recordings if isinstance(recordings, Measured) else self.measure(recordings)
-        values = self.population.scores(measured.features, measured.covariate)
-        return Scores(values, self.layout.names, self.layout.kinds, measured.groups)
+    def scores(self, measured: Measured) -> np.ndarray:
+        """How far measurements lie from health, (N, F), in healthy standard deviations."""
+        return self.population.scores(measured.features, measured.covariate)
 
     def _table(self, sources: Mapping[str, str] | None) -> dict[str, Any]:
         learnt: dict[str, Any] = {

@@ -6,7 +6,7 @@ folder or a glob in each row. Further columns are optional: ``actuator`` (what j
 """
 
 import csv
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -126,17 +126,16 @@ def read_runs(
 
 
 def over_groups(
-    runs: Runs,
-    ready: Callable[[list[Recording], Calibration], Any],
+    groups: Sequence[tuple[str, Calibration, Sequence[Any]]],
     judged: Callable[[Calibration, Any, Progress | None], Detection],
     tell: Progress | None,
 ) -> Detection:
-    """Judge the recordings of each actuator; what cannot be used is refused before any work.
+    """Judge the recordings of each actuator.
 
     Parameters
     ----------
-    ready : prepares recordings
-    judged : judges what `ready` gave
+    groups : name, calibration, and recordings that are prepared
+    judged : judges these
     tell : takes the number of recordings that are done, the last cost, and their number
 
     Raises
@@ -144,19 +143,18 @@ def over_groups(
     KeyboardInterrupt
         If there was an interruption before any was done.
     """
-    prepared = [ready(group.recordings, group.known) for group in runs.groups]
-    total, done = sum(len(one) for one in prepared), 0
+    total, done = sum(len(ready) for _, _, ready in groups), 0
     found: dict[str, Detection] = {}
     with noting_interrupts() as interrupts:
-        for group, one in zip(runs.groups, prepared, strict=True):
+        for name, known, ready in groups:
 
             def told(now: int, cost: float, count: int, begun: int = done) -> None:
                 if tell is not None:
                     tell(begun + now, cost, total)
 
             try:
-                found[group.name] = judged(group.known, one, told)
-                done += len(one)
+                found[name] = judged(known, ready, told)
+                done += len(ready)
                 interrupts.check()
             except KeyboardInterrupt:
                 if not found:

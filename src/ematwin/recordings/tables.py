@@ -125,6 +125,12 @@ def _fit_behind_names(units: Mapping[str, str], channels: Sequence[Channel]) -> 
     )
 
 
+def write_rows(path: str | Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write rows, with a column for each name that some row has, as Parquet or CSV."""
+    names = dict.fromkeys(name for row in rows for name in row)
+    write_table(path, {name: [row.get(name) for row in rows] for name in names})
+
+
 def write_table(path: str | Path, columns: Mapping[str, Any], metadata: str | None = None) -> None:
     """Write columns, and metadata if any, as Parquet or CSV, as the name of the file says."""
     import pyarrow as pa

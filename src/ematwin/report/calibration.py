@@ -158,7 +158,7 @@ def spread_sentences(report: CalibrationReport) -> list[str]:
     labels = "" if facts["labels"] == "none" else f" with {facts['labels']}"
     return [
         *told,
-        f"healthy reference: {facts['motions']} recordings{labels}",
+        f"healthy reference: {len(calibration.healthy.runs)} recordings{labels}",
         f"learnt from runs {', '.join(report.learnt)}; each judged by the others: "
         f"{100.0 * report.false_alarms:.0f} % of their recordings above the threshold "
         f"({limits.motion:.2f} for a motion, {limits.run:.2f} for a run of {limits.run_size:.3g})",

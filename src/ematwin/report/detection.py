@@ -100,7 +100,7 @@ def _facts(calibration: Calibration) -> dict[str, str]:
         }
     facts, limits = calibration.facts, calibration.thresholds
     return actuator | {
-        "learnt from": f"runs {', '.join(facts.get('runs', []))} of "
+        "learnt from": f"runs {', '.join(calibration.healthy.names)} of "
         f"{', '.join(facts.get('sources', []))}",
         "threshold from": "each run, judged by the others: a healthy run of another "
         f"day exceeds it with a probability of {100.0 * limits.false_alarm_rate:g} %",

@@ -12,7 +12,8 @@ from ematwin.models.registry import load_actuator
 from ematwin.monitoring.calibrate import calibrate
 from ematwin.monitoring.calibration import Calibration
 from ematwin.monitoring.identify import detect
-from ematwin.monitoring.index import single_reach
+from ematwin.monitoring.index import health_index, single_reach
+from ematwin.monitoring.runs import Group, Runs
 from made_up_rig import TRUTH, command, healthy_runs, motion, rig, run, template
 from refusals import refusal_of
 
@@ -113,10 +114,8 @@ def test_the_spread_is_that_of_the_healthy_days(report):
 
 
 def test_a_calibration_says_what_it_learnt_from(report):
-    facts = report.calibration.facts
-    assert report.learnt == facts["runs"] == [str(n) for n in range(1, 10)]
-    assert facts["motions"] == 36
-    assert facts["template"] == "rm1605"
+    assert report.learnt == [str(n) for n in range(1, 10)]
+    assert len(report.calibration.healthy.runs) == 36
     low, high = report.calibration.covariate_range
     assert -250.0 < low < 0.0
     assert 200.0 < high < 450.0
@@ -125,7 +124,7 @@ def test_a_calibration_says_what_it_learnt_from(report):
     assert "calibrated on healthy runs 1, 2, 3, 4, 5, 6, 7, 8, 9" in sources["screw.friction_force"]
     for p in report.parameters:
         assert ("not determined" in sources[p.place]) == (not p.determined)
-        assert (p.place in facts["undetermined"]) == (not p.determined)
+        assert (p.place in report.calibration.facts["undetermined"]) == (not p.determined)
 
 
 def test_thresholds_are_above_health_and_within_reach_of_a_fault(report):
@@ -206,12 +205,12 @@ def test_all_runs_teach_and_each_is_judged_by_the_others():
     report = calibrate(healthy_runs(4))
     assert report.learnt == ["1", "2", "3", "4"]
     calibration = report.calibration
-    tested = calibration.tested()
-    assert tested.values.shape == (16, len(calibration.layout.names))
-    assert report.false_alarms == np.mean(tested.index() > calibration.thresholds.motion)
+    tested, limit = calibration.tested, calibration.thresholds.motion
+    assert tested.shape == (16, len(calibration.layout.names))
+    assert report.false_alarms == np.mean(health_index(tested, calibration.layout.kinds) > limit)
     # judged by the others, a run lies further out than judged with itself among them
     own = calibration.population.scores(calibration.healthy.features, calibration.healthy.covariate)
-    assert (tested.values**2).mean() > 1.2 * (own**2).mean()
+    assert (tested**2).mean() > 1.2 * (own**2).mean()
 
 
 def test_left_out_bands_are_those_of_a_run_that_comes_later(three):
@@ -238,7 +237,7 @@ def test_later_runs_join_the_healthy_ones(tmp_path):
     before, after = first.calibration, second.calibration
     assert after.actuator.name == "rig"
     assert after.actuator.fingerprint == before.actuator.fingerprint
-    assert after.facts["motions"] == len(after.healthy.runs) == 24
+    assert len(after.healthy.runs) == 24
     np.testing.assert_allclose(after.discrepancy, before.discrepancy, rtol=1e-6)
     # it is saved and added to like any other
     second.save(tmp_path / "more.toml")
@@ -300,8 +299,10 @@ def test_fewer_than_three_runs_make_a_twin_but_no_population(tmp_path):
     report.save(tmp_path / "twin.toml")
     assert load_actuator(tmp_path / "twin.toml").fingerprint == report.actuator.fingerprint
     assert baseline_of(str(tmp_path / "twin.toml"), report.actuator).calibrated
-    with pytest.raises(InputError, match="no healthy population to judge by"):
-        detect(healthy_runs(1, motions=1), report)
+    some = healthy_runs(1, motions=1)
+    for given in (some, Runs((Group("one", report.calibration, some),))):
+        with pytest.raises(InputError, match="no healthy population to judge by"):
+            detect(given, report)
 
 
 def test_runs_too_few_to_see_a_fault_are_said_to_be():

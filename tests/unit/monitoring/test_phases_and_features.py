@@ -86,8 +86,8 @@ def layout() -> Layout:
 
 def values(current: np.ndarray, error: np.ndarray, layout: Layout) -> dict[str, float]:
     magnitudes = {"friction": 1.1, "backlash": 2e-4, "gain": 0.9, "load": 100.0}
-    residuals = {"current": current, "position_error": error}
-    return dict(zip(layout.names, layout.values(magnitudes, residuals), strict=True))
+    found = layout.values(magnitudes, [current, error])
+    return dict(zip(layout.names, found, strict=True))
 
 
 def test_features_have_one_name_each_and_a_kind():
@@ -104,9 +104,7 @@ def test_any_channels_and_any_faults_have_features():
     found = Layout.of(phases(sine, INTERVAL, 0.1), ["wear"], ["voltage", "speed", "torque"])
     assert found.kinds == ("model",) + ("mean",) * (3 * 8 * 4)
     assert found.names[:2] == ("wear", "voltage part 1, part 1, transient")
-    seen = found.values(
-        {"wear": 0.2}, {"voltage": np.ones(400), "speed": 2.0 * sine, "torque": np.zeros(400)}
-    )
+    seen = found.values({"wear": 0.2}, [np.ones(400), 2.0 * sine, np.zeros(400)])
     assert seen.shape == (len(found.names),)
     assert seen[0] == 0.2
     np.testing.assert_allclose(seen[1:33], 1.0)

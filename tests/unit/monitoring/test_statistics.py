@@ -5,26 +5,26 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ematwin.errors import InputError
 from ematwin.models.ball_screw.model import MODEL
 from ematwin.models.ball_screw.parameters import BallScrew
 from ematwin.models.base import Reported
-from ematwin.monitoring.classification import (
-    Signature,
-    named_by_physics,
-    named_by_signature,
-)
+from ematwin.monitoring.by_population import worn
 from ematwin.monitoring.index import (
     DRIFT,
     WEIGHTS,
-    Scores,
     clear_limit,
     health_index,
     limit_of,
     prediction_bound,
     single_reach,
 )
-from ematwin.monitoring.population import Population, basis, fit_mean
+from ematwin.monitoring.population import (
+    Population,
+    Signature,
+    basis,
+    fit_mean,
+    nearest_fault,
+)
 from ematwin.monitoring.population_calibration import Thresholds
 
 REPORTED = MODEL.monitoring.reported(MODEL, BallScrew.load())
@@ -155,19 +155,6 @@ def test_a_single_magnitude_reaches_as_far_however_many_there_are(count):
     assert single_reach(("model", "mean")) == pytest.approx(np.sqrt((0.15 * 64 / 3 + 0.35) / 0.5))
 
 
-def test_scores_have_an_index_and_a_limit_of_some_kinds():
-    random = np.random.default_rng(6)
-    values = random.normal(size=(12, 53))
-    scores = Scores(values, tuple(map(str, range(53))), KINDS, np.repeat(np.arange(4), 3))
-    np.testing.assert_array_equal(scores.index(), health_index(values, KINDS))
-    own = health_index(values[:, :3], KINDS[:3])
-    np.testing.assert_array_equal(scores.index({"model"}), own)
-    assert scores.limit(0.1, {"model"}) == prediction_bound(own, scores.groups, 0.1)
-    assert scores.limit(0.01) > scores.limit(0.1) > 0.0
-    with pytest.raises(InputError, match="There are no features of the kinds spectrum"):
-        scores.index({"spectrum"})
-
-
 # Threshold
 
 
@@ -237,8 +224,7 @@ NAMED = {one.name: one.named for one in REPORTED if one.named}
 @pytest.mark.parametrize(("magnitude", "fault"), NAMED.items())
 def test_physics_names_the_magnitude_that_rose_furthest(magnitude, fault):
     scores = {"friction": 3.5, "backlash": 3.5, "gain": 0.0, "roughness": 3.5, magnitude: 9.0}
-    assert named_by_physics(scores, REPORTED).fault == fault
-    assert named_by_physics(scores, REPORTED).by == "physics"
+    assert worn(scores, REPORTED) == fault
 
 
 def test_what_wear_does_not_do_stays_unnamed():
@@ -248,7 +234,7 @@ def test_what_wear_does_not_do_stays_unnamed():
         {"friction": 0.0, "backlash": 0.0, "gain": 30.0, "roughness": 0.0},
         {"friction": 2.9, "backlash": 2.9, "gain": 0.0, "roughness": 2.9},
     ):
-        assert named_by_physics(scores, REPORTED) is None
+        assert worn(scores, REPORTED) == ""
 
 
 def test_a_gain_that_falls_is_named_where_either_sense_is_a_fault():
@@ -257,10 +243,10 @@ def test_a_gain_that_falls_is_named_where_either_sense_is_a_fault():
         Reported("gain", "", "made up", named="gain", either=True),
     ]
     scores = {one.name: 0.0 for one in reported} | {"gain": -14.0, "friction": 6.0}
-    assert named_by_physics(scores, reported).fault == "gain"
+    assert worn(scores, reported) == "gain"
     # but less friction than healthy is none
     scores |= {"gain": 0.0, "friction": -20.0}
-    assert named_by_physics(scores, reported) is None
+    assert worn(scores, reported) == ""
 
 
 def signatures() -> tuple[Signature, ...]:
@@ -276,12 +262,11 @@ def test_a_signature_names_what_lies_near_it_at_its_load():
     load = np.array([100.0, 300.0])
     for signature in signatures():
         scores = basis(load, 200.0) @ signature.coefficients + random.normal(size=(2, 10))
-        named = named_by_signature(scores, load, 200.0, signatures())
-        assert (named.fault, named.by) == (signature.fault, "signature")
+        assert nearest_fault(scores, load, 200.0, signatures()) == signature.fault
 
 
 def test_what_no_signature_explains_stays_unnamed():
     scores = np.zeros((1, 10))
-    assert named_by_signature(scores, np.zeros(1), 200.0, signatures()) is None
+    assert nearest_fault(scores, np.zeros(1), 200.0, signatures()) == ""
     scores[0, 5:] = -4.0  # the other way
-    assert named_by_signature(scores, np.zeros(1), 200.0, signatures()) is None
+    assert nearest_fault(scores, np.zeros(1), 200.0, signatures()) == ""
