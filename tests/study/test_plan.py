@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from store_contract import small_plan
 
 from ematwin import load_actuator
 from ematwin.benchmarking.box import RemappedProblem, boxed, places, shifts
@@ -19,7 +20,6 @@ from ematwin.estimation.search import find, named
 from ematwin.models.bldc.faults import HEALTHY, PAPER_CASES
 from ematwin.models.comparison import Comparison
 from ematwin.models.scenario import Profile, Scenario
-from ematwin.testing.store_contract import small_plan
 
 
 def test_the_paper_study_has_600_runs() -> None:

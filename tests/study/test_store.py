@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from store_contract import StoreContract, small_plan, some_run
 
 from ematwin.benchmarking.cases import cases_of
 from ematwin.benchmarking.execute import execute
 from ematwin.benchmarking.plan import Plan
 from ematwin.benchmarking.store import Store, open_store
 from ematwin.errors import EmatwinError
-from ematwin.testing.store_contract import StoreContract, small_plan, some_run
 
 DATA = Path(__file__).parents[1] / "data"
 

@@ -1,12 +1,4 @@
-"""Contract suite of study stores over any database, run by pytest.
-
-::
-
-    class TestMyStore(StoreContract):
-        @pytest.fixture
-        def where(self, tmp_path):
-            return tmp_path / "study.db"
-"""
+"""Contract of the store of a study, over each of its databases."""
 
 import math
 import time
