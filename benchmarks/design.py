@@ -18,7 +18,7 @@ import numpy as np
 
 import ematwin
 from ematwin.experiments.command_errors import expected_errors, fault_vectors, identified_errors
-from ematwin.experiments.expected import excess
+from ematwin.experiments.experiment import excess
 from ematwin.experiments.search import BUDGET
 from ematwin.recordings.noise import Noise
 

@@ -13,24 +13,23 @@ other, and the smaller distance counts. It is in standard deviations: below `con
 two cannot be told apart.
 """
 
-import math
 import time
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ematwin.errors import DivergedError, InputError, ParameterError, RecordError
+from ematwin.errors import InputError
 from ematwin.estimation.baseline import effective, with_nuisances
 from ematwin.estimation.constants import SIGMAS
 from ematwin.estimation.levenberg_marquardt import LevenbergMarquardt
 from ematwin.estimation.prior import Prior
 from ematwin.estimation.problem import Problem
-from ematwin.experiments.expected import Experiment
-from ematwin.experiments.search import CommandSearch, Cost, Progress
-from ematwin.experiments.space import DesignSpace
+from ematwin.experiments.experiment import UNANSWERED, Experiment
+from ematwin.experiments.search import CommandSearch, Progress
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Scenario
@@ -158,25 +157,29 @@ def discriminate(
     before = experiment.record(given, fast=True)
     within = experiment.limits(experiment.model.demanded(before), limits)
     search = CommandSearch(
-        DesignSpace(experiment.model, given, within), within,
-        lambda command, _: pair.cost(command, within, _ITERATIONS),
-    )  # fmt: skip
+        experiment, given, within, lambda _, healthy, __: -pair.distance(healthy, _ITERATIONS)
+    )
     search.run(budget, seed, lambda n, cost, total: progress and progress(n, -cost, total), BUDGET)
     # fits of a search stop early: the given command and the best few are fitted to the end
-    found = [(pair.cost(one, within, _WHOLE), one) for one in [given, *search.best(_FINALISTS)]]
-    best, command = min(found, key=lambda one: one[0].cost)
-    if not math.isfinite(best.cost):
-        raise search.refusal(experiment.actuator.name, limits)
+    found = []
+    for command in [given, *search.best(_FINALISTS)]:
+        with suppress(*UNANSWERED):
+            healthy = experiment.move(command, within)
+            demands = experiment.model.demanded(healthy)
+            found.append((pair.distance(healthy, _WHOLE), command, demands))
+    if not found:
+        raise search.refusal(limits)
+    distance, best, demands = max(found, key=lambda one: one[0])
     return Discrimination(
-        scenario=command,
-        distance=-best.cost,
+        scenario=best,
+        distance=distance,
         default=given,
         default_distance=pair.distance(before, _WHOLE),
         first=pair.values[0],
         second=pair.values[1],
         actuator=experiment.actuator,
         limits=within,
-        demands=dict(best.demands),
+        demands=demands,
         evaluations=search.evaluations,
         seconds=time.perf_counter() - started,
         stopped=search.stopped,
@@ -203,16 +206,6 @@ class Pair:
             raise InputError(
                 "The two explanations are one and the same; give values in which they differ."
             )
-
-    def cost(self, scenario: Scenario, limits: Mapping[str, float], iterations: int) -> Cost:
-        """The distance, negative, or its obstacle."""
-        motion = self.experiment.move(scenario, limits)
-        if motion.recording is None or motion.obstacle:
-            return Cost(math.inf, motion.demands, motion.obstacle)
-        try:
-            return Cost(-self.distance(motion.recording, iterations), motion.demands, "")
-        except (DivergedError, ParameterError, RecordError) as error:
-            return Cost(math.inf, motion.demands, str(error))
 
     def distance(self, recording: Recording, iterations: int = _ITERATIONS) -> float:
         """Standard deviations between the two, each fitted to the other; the smaller counts.

@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ematwin.errors import DivergedError, InputError, ParameterError, RecordError
+from ematwin.errors import InputError
 from ematwin.estimation.aliases import aliases_of
 from ematwin.estimation.baseline import frees_parameters, uncertain
 from ematwin.estimation.corrected_problem import corrected_at, reference_scatter
@@ -25,7 +25,7 @@ from ematwin.estimation.laplace import width_at
 from ematwin.estimation.noise import noise_at
 from ematwin.estimation.prior import Prior
 from ematwin.estimation.problem import Problem
-from ematwin.experiments.expected import Experiment
+from ematwin.experiments.experiment import UNANSWERED, Experiment
 from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import Unknown
 from ematwin.numerics.symmetric import eigen, inverse
@@ -101,14 +101,11 @@ def information_of(
 
     None where it is beyond the limits, moves too little or cannot be simulated.
     """
-    if experiment.move(scenario, limits).obstacle:  # the fast model: it refuses most at little cost
-        return None
-    motion = experiment.move(scenario, limits, fast=False)
-    if motion.obstacle or motion.recording is None:
-        return None
     try:
-        return _seen(experiment, known, motion.recording), motion.demands
-    except (DivergedError, ParameterError, RecordError):
+        experiment.move(scenario, limits)  # the fast model: it refuses most at little cost
+        recording = experiment.move(scenario, limits, fast=False)
+        return _seen(experiment, known, recording), experiment.model.demanded(recording)
+    except UNANSWERED:
         return None
 
 

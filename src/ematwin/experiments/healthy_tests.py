@@ -17,7 +17,7 @@ import numpy as np
 from ematwin.errors import InputError
 from ematwin.estimation.constants import DETERMINED
 from ematwin.experiments.candidates import candidates
-from ematwin.experiments.expected import Experiment
+from ematwin.experiments.experiment import Experiment
 from ematwin.experiments.healthy_information import Knowledge, information_of
 from ematwin.files import check_target
 from ematwin.models.parameter_set import ParameterSet
@@ -242,7 +242,7 @@ def healthy_tests(
     known = Knowledge.of(experiment)
     given = experiment.started(scenario, duration)
     # both models: they differ by a little, and a command keeps its own limits
-    first = [experiment.move(given, fast=fast).demands for fast in (True, False)]
+    first = [experiment.demanded(given, fast=fast) for fast in (True, False)]
     within = experiment.limits(
         {name: max(one.get(name, 0.0) for one in first) for name in first[-1]}, limits
     )
