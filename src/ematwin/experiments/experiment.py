@@ -26,9 +26,19 @@ import numpy as np
 
 from ematwin.errors import DivergedError, InputError, ParameterError, RecordError
 from ematwin.estimation.aliases import aliases_of
-from ematwin.estimation.baseline import Baseline, baseline_of, with_all_free
-from ematwin.estimation.corrected_problem import corrected_at, of_fast_model
+from ematwin.estimation.baseline import (
+    Baseline,
+    baseline_of,
+    frees_parameters,
+    uncertain,
+    with_all_free,
+)
+from ematwin.estimation.corrected_problem import corrected_at, of_fast_model, reference_scatter
+from ematwin.estimation.correction import Corrected, with_model_error
+from ematwin.estimation.healthy_fit import healthy_nuisances
 from ematwin.estimation.laplace import Laplace, sharp_errors, width_at
+from ematwin.estimation.noise import noise_at
+from ematwin.estimation.prior import Prior
 from ematwin.estimation.problem import Problem
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
@@ -69,9 +79,11 @@ class Expected:
     Attributes
     ----------
     peak : Laplace
+    model_error : (d, d) array, covariance from the model error elsewhere within the width
     """
 
     peak: Laplace
+    model_error: np.ndarray | float = 0.0
 
     @property
     def problem(self) -> Problem:
@@ -81,7 +93,7 @@ class Expected:
     @cached_property
     def covariance(self) -> np.ndarray:
         """(d, d) in the coordinates of the problem's chart."""
-        return self.peak.widened(self.problem.model_error)
+        return np.asarray(self.peak.widened(self.problem.model_error) + self.model_error)
 
     @cached_property
     def errors(self) -> dict[str, float]:
@@ -222,8 +234,57 @@ class Experiment:
         full = self.problem(recording)
         point = np.array([faults.get(one.name, one.healthy) for one in full.unknowns])
         near = of_fast_model(full) if fast else corrected_at(full, point) or full
-        aliases = aliases_of(self.model, self.actuator, near, point)
-        return Expected(width_at(near, point, aliases=aliases, least_noise=near.noise))
+        return Expected(self._width(near, point, near.noise))
+
+    @cached_property
+    def parameters(self) -> tuple[Unknown, ...]:
+        """Parameters that a calibration fits, with the spreads of their tolerances.
+
+        Raises
+        ------
+        InputError
+            If nothing of the actuator is uncertain.
+        """
+        tolerated = {one.name: one for one in uncertain(self.model, self.actuator)}
+        fitted = tolerated if frees_parameters(self.model) else self.model.nominal
+        names = [n for n in self.baseline.prior.names if n in fitted and n in tolerated]
+        if not names:
+            raise InputError(
+                f"Nothing of {self.actuator.name} is uncertain: no parameter that can be fitted "
+                "has a tolerance."
+            )
+        return tuple(tolerated[name] for name in names)
+
+    def expected_healthy(self, recording: Recording) -> Expected:
+        """Expected posterior of `parameters`, load and sensors after a healthy recording.
+
+        Its covariance is that which a calibration states (`ematwin.estimation.correction`). The
+        scatter of the reference from one candidate to the next counts as discrepancy.
+        """
+        misfit = self.baseline.misfit
+        comparison = self.model.compare(recording, self.actuator, threads=self.threads)
+        comparison = comparison.with_evidence()
+        own = healthy_nuisances(self.model, self.actuator, [comparison])
+        prior = self.baseline.prior.of(one.name for one in self.parameters)
+        problem = Problem(
+            [comparison], [*self.parameters, *own], prior=prior.and_(Prior.independent(own))
+        )
+        point = problem.start
+        corrected = corrected_at(problem, point)
+        near = corrected or problem
+        # what the twin leaves of others
+        left = noise_at(near, misfit) if math.isfinite(misfit) else 0.0
+        # behind impacts no calibration gets below this
+        scatter = problem.model_error * noise_at(near, reference_scatter(problem, point))
+        peak = self._width(near, point, max(near.noise, left, scatter))
+        end = Corrected(peak, 0 if corrected is None else 1, np.zeros((1, len(peak.z))))
+        end = with_model_error(end, threads=self.threads)
+        return Expected(end.peak, end.model_error)
+
+    def _width(self, problem: Problem, point: np.ndarray, least_noise: float) -> Laplace:
+        """Posterior at a point (d,)."""
+        aliases = aliases_of(self.model, self.actuator, problem, point)
+        return width_at(problem, point, aliases=aliases, least_noise=least_noise)
 
     def limits(self, demands: Mapping[str, float], given: Mapping[str, float]) -> dict[str, float]:
         """Given limits; without one, the demand of the given command.
