@@ -217,7 +217,7 @@ class Stores:
     """SQLite files of a study."""
 
     def __init__(self, folder: Path) -> None:
-        from store_contract import small_plan, some_run
+        from synthetic import small_plan, some_run
 
         from ematwin.benchmarking.store import Store
 

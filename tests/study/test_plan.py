@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from store_contract import small_plan
+from synthetic import small_plan
 
 from ematwin import load_actuator
 from ematwin.benchmarking.box import RemappedProblem, boxed, places, shifts

@@ -27,7 +27,7 @@ def cases_of(
     count: int | None = None,
     seed: int = 1,
 ) -> Cases:
-    """The cases that ``--cases`` names, or those of a mapping.
+    """Give the cases of ``--cases``, or of a mapping.
 
     Parameters
     ----------

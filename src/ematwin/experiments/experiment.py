@@ -1,4 +1,4 @@
-"""Experiment: an actuator, what is known of it, and the posterior that a command would give.
+"""Experiment: an actuator with prior knowledge, and the posterior that a command would give.
 
 A recording is simulated with known faults, and the width that its posterior has at the true values
 (`ematwin.estimation.laplace`) is what intervals will state: with J the Jacobian of the weighted

@@ -4,7 +4,7 @@ They are chosen from the motions of `ematwin.experiments.candidates` one after a
 each with the smallest mean variance that then is left, in units of the tolerances: weighted
 A-optimality (Atkinson, Donev and Tobias 2007, Optimum Experimental Designs, with SAS, sections 10.1
 and 11.5). With C the covariance expected after a recording and P the inverse covariance of the
-prior, its information is C^-1 - P; that of several recordings adds up.
+prior, its information is C^-1 - P. The information of several recordings adds up.
 """
 
 from collections.abc import Callable, Mapping, Sequence
