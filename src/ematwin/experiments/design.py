@@ -131,6 +131,12 @@ class Design:
             return (
                 f"No command within the limits was found that lowers {what}; the given one stays."
             )
+        if self.gain < 1.0:
+            return (
+                "The given command is beyond the limits. Of the commands within them this one has "
+                f"the smallest errors: {what} is {1.0 / self.gain:.1f} times that with the given "
+                "command."
+            )
         if self.observed_gain is None:
             return (
                 f"It is expected to lower {what} {self.gain:.1f} times; no recording was "

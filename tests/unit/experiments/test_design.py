@@ -145,6 +145,10 @@ def test_nothing_is_said_to_be_lowered_that_was_not_observed(found) -> None:
         "no recording was identified"
         in replace(one, promised=replace(designed, observed={})).sentence
     )
+    worse = {name: 2.0 * error for name, error in found.default.errors.items()}
+    less = replace(found, promised=replace(designed, errors=worse))
+    assert "given command is beyond the limits" in less.sentence
+    assert "(share of the range) is 2.0 times that with the given" in less.sentence
     same = replace(found, promised=found.default)
     assert "the given one stays" in same.sentence
 
