@@ -8,7 +8,7 @@ import numpy as np
 
 from ematwin.benchmarking.statistics import ALPHA, RankComparison
 from ematwin.benchmarking.table import RunTable
-from ematwin.showing.words import listed
+from ematwin.showing.words import counted, listed
 
 ENOUGH = 5  # runs of a case and algorithm, below which nothing is claimed
 _TO_ZERO = {"gwo", "woa", "da"}  # families whose moves scale the coordinates themselves
@@ -58,11 +58,6 @@ def lead_of(table: RunTable, means: Any, ranks: RankComparison) -> str:
         whom = "the other" if others == 1 else f"{surely} of the {others} others"
         sure = f"it is better than {whom} by more than chance"
     return f"{best} has the lowest mean Err% on {count} of {cases}; {sure}."
-
-
-def counted(number: int, noun: str) -> str:
-    """ "1 case", "2 cases"."""
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def _runs(table: RunTable, cells: Any) -> list[str]:

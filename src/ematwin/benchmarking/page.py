@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from ematwin.benchmarking.analysis import StudyAnalysis
-from ematwin.benchmarking.conclusions import counted
 from ematwin.benchmarking.statistics import ALPHA, RESAMPLES, matrix
 from ematwin.errors import FileError
 from ematwin.estimation.search import methods as all_methods
@@ -15,7 +14,7 @@ from ematwin.files import folder_written_whole, write_text
 from ematwin.plots.study import MOST_CASES
 from ematwin.recordings.tables import no_formula
 from ematwin.report.page import Row, Section, Table, render
-from ematwin.showing.words import listed
+from ematwin.showing.words import counted, listed
 
 MOST_ROWS = 600  # of a table on the page; the files hold all
 _NONE = "–"

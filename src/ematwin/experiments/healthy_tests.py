@@ -27,6 +27,7 @@ from ematwin.numerics.symmetric import eigen, inverse
 from ematwin.recordings.noise import Noise
 from ematwin.showing.drawing import drawn
 from ematwin.showing.frames import frame_of_rows, plain
+from ematwin.showing.words import counted
 
 TESTS = 3
 _NAMED = 3  # parameters that a test is said to improve most
@@ -120,10 +121,9 @@ class HealthyTests:
             self.open_after(self.known), self.open_after(self.after), len(self.known)
         )  # fmt: skip
         gained = [place for place in before if place not in left]
-        tests = f"{len(self.tests)} test" + ("s" if len(self.tests) > 1 else "")
         told = (
-            f"With {tests} {count - len(left)} of {count} parameters are determined, "
-            f"{count - len(before)} now."
+            f"With {counted(len(self.tests), 'test')} {count - len(left)} of {count} parameters "
+            f"are determined, {count - len(before)} now."
         )
         return f"{told} New: {', '.join(gained)}." if gained else told
 
