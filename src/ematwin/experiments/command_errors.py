@@ -62,11 +62,12 @@ class CommandErrors:
     checks: int = 0
 
     @classmethod
-    def none(cls, experiment: Experiment, scenario: Scenario, error: Exception) -> "CommandErrors":
-        """Errors of a command that was refused with an error."""
+    def none(
+        cls, experiment: Experiment, scenario: Scenario, demands: dict[str, float], obstacle: str
+    ) -> "CommandErrors":
+        """Errors of a command of which nothing is known."""
         ranges = {one.name: one.width for one in experiment.magnitudes}
-        nothing, demands = dict.fromkeys(ranges, math.inf), getattr(error, "demands", {})
-        return cls(scenario, nothing, ranges, demands, obstacle=str(error))
+        return cls(scenario, dict.fromkeys(ranges, math.inf), ranges, demands, obstacle=obstacle)
 
     @property
     def shares(self) -> dict[str, float]:

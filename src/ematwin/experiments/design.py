@@ -299,11 +299,13 @@ def design(
     final = experiment.limits(experiment.demanded(given, fast=False), limits)
 
     def judged(command: Scenario, kept: Mapping[str, float]) -> CommandErrors:
+        demands: dict[str, float] = {}
         try:
-            healthy = experiment.move(command, kept, fast=False)
-            return expected_errors(experiment, command, others, model.demanded(healthy))
+            demands = model.demanded(experiment.move(command, kept, fast=False))
+            return expected_errors(experiment, command, others, demands)
         except UNANSWERED as error:
-            return CommandErrors.none(experiment, command, error)
+            demands = getattr(error, "demands", demands)
+            return CommandErrors.none(experiment, command, demands, str(error))
 
     best, default = _finalists(search, judged, given, final, fault)
     if default.obstacle and best is default:
