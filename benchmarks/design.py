@@ -18,7 +18,7 @@ import numpy as np
 
 import ematwin
 from ematwin.experiments.command_errors import expected_errors, fault_vectors, identified_errors
-from ematwin.experiments.expected import excess
+from ematwin.experiments.experiment import excess
 from ematwin.experiments.search import BUDGET
 from ematwin.recordings.noise import Noise
 
@@ -57,10 +57,9 @@ def main() -> None:
     vectors = fault_vectors(
         experiment, found.draws, np.random.default_rng(given.seed + 1), {}, even=True
     )
-    promised = expected_errors(experiment, command, vectors)
-    print(
-        "demands", promised.demands, "beyond the limits by", excess(promised.demands, found.limits)
-    )
+    demands = experiment.demanded(command, fast=False)
+    promised = expected_errors(experiment, command, vectors, demands)
+    print("demands", demands, "beyond the limits by", excess(demands, found.limits))
     told = np.array([list(found.default.errors.values()), list(promised.errors.values())])
     print("promised", told.round(5).tolist(), flush=True)
     step = 0.5 * found.actuator.value("steps.reference")

@@ -30,7 +30,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+TESTS = Path(__file__).resolve().parents[1] / "tests"
+sys.path[:0] = [str(TESTS), str(TESTS / "study")]
 
 COUNTS = {"recording": 5000, "toml": 1000, "store": 1000}
 MOST_MEMORY = 1e9  # bytes
@@ -216,8 +217,9 @@ class Stores:
     """SQLite files of a study."""
 
     def __init__(self, folder: Path) -> None:
+        from synthetic import small_plan, some_run
+
         from ematwin.benchmarking.store import Store
-        from ematwin.testing.store_contract import small_plan, some_run
 
         self._folder = folder
         path = folder / "study.db"

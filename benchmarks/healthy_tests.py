@@ -19,7 +19,7 @@ from joblib import Parallel, delayed
 from ematwin import Noise, Scenario, healthy_tests, load_actuator, simulate
 from ematwin.errors import EmatwinError
 from ematwin.estimation.learn import learn
-from ematwin.experiments.expected import Experiment
+from ematwin.experiments.experiment import Experiment
 from ematwin.models.registry import model_of
 from ematwin.recordings.recording import Recording
 

@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ematwin.benchmarking.cases import cases_of, multi_cases
+from ematwin.benchmarking.cases import cases_of
 from ematwin.benchmarking.engines.local import LocalEngine
 from ematwin.benchmarking.plan import Plan
 from ematwin.benchmarking.run import RunResult, RunSpec, StoredRun, pack
@@ -96,7 +96,7 @@ assert tally.finished == 0 and tally.found == tally.planned, tally
 def large_plan(size: int) -> Plan:
     """A plan of at least ``size`` runs."""
     algorithms = ("ga", "pso", "de", "gwo", "da", "woa", "random", "ga-binary", "pso-ring")
-    return Plan(multi_cases(-(-size // (10 * len(algorithms))), 1), algorithms, runs=10)
+    return Plan(cases_of("multi", count=-(-size // (10 * len(algorithms)))), algorithms, runs=10)
 
 
 def measure_store(folder: Path, size: int) -> dict[str, float]:

@@ -21,8 +21,8 @@ from scipy.stats import spearmanr
 
 from ematwin.benchmarking.analysis import StudyAnalysis, analyse
 from ematwin.benchmarking.conclusions import ENOUGH
+from ematwin.benchmarking.statistics import matrix, performance_coefficients
 from ematwin.benchmarking.store import open_store
-from ematwin.benchmarking.summary import matrix, performance_coefficients
 from ematwin.optimizers.registry import PRESETS
 
 # Table 2 (section 7.2, "Single Fault Analysis"): performance coefficient, per cent, as printed. The

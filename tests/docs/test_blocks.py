@@ -22,7 +22,7 @@ from typing import Any
 import pytest
 import typer
 
-from ematwin.benchmarking.cases import cases_from_file
+from ematwin.benchmarking.cases import cases_of
 from ematwin.cli.app import app, run
 from ematwin.fleet.fleet import settings_of
 from ematwin.models import registry
@@ -237,7 +237,7 @@ def _toml(block: Block, names: dict[str, Any], shell: Shell) -> None:
     elif "duration" in table:
         model_of(load_actuator()).load_scenario(file).histories(load_scenario_times())
     elif "cases" in table:
-        assert cases_from_file(file)
+        assert cases_of(str(file))
     elif "limits" in table:
         assert settings_of(table, file)
     elif "columns" in table:

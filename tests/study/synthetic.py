@@ -1,10 +1,12 @@
 """Runs of a study that nobody searched: made from a formula and a seed."""
 
+import math
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
+from ematwin.benchmarking.plan import Plan
 from ematwin.benchmarking.run import SHARED, RunResult, RunSpec, StoredRun, pack
 from ematwin.benchmarking.subject import Subject
 from ematwin.models.bldc.faults import (
@@ -98,3 +100,24 @@ def study(
 def vector(**faults: float) -> np.ndarray:
     """A fault vector by names."""
     return np.array([getattr(Faults(**faults), name) for name in FAULTS])
+
+
+def small_plan(**changes: object) -> Plan:
+    """A plan with one case, two algorithms and three runs."""
+    values = {
+        "cases": {"Low F": (0.25, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.5)},
+        "algorithms": ("ga", "pso"),
+        "runs": 3,
+        **changes,
+    }
+    return Plan(**values)  # type: ignore[arg-type]
+
+
+def some_run(spec: RunSpec, status: str = "done") -> StoredRun:
+    """A run that was not done, with numbers that are awkward to keep."""
+    history = pack([10, *range(50, 400, 50)], [math.inf, *(1.0 / 3.0 / n for n in range(1, 8))])
+    result = RunResult(
+        spec.id, status, tuple(0.1 * n for n in range(8)), math.pi * 1e-300, 0.1, 1e17 / 3.0, 0.3,
+        350, 1.25, 1.125, history, "budget", {"ematwin": "0", "engine": "none"},
+    )  # fmt: skip
+    return StoredRun(spec, result)

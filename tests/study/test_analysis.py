@@ -18,13 +18,16 @@ from ematwin.benchmarking.convergence import (
     evaluations_to_target,
 )
 from ematwin.benchmarking.diagnosis import diagnose
-from ematwin.benchmarking.ranks import average_ranks, compare_ranks, effect_sizes, vargha_delaney
 from ematwin.benchmarking.run import StoredRun, pack, unpack
-from ematwin.benchmarking.summary import (
+from ematwin.benchmarking.statistics import (
+    average_ranks,
+    compare_ranks,
+    effect_sizes,
     matrix,
     performance_coefficients,
     spreads,
     summarise,
+    vargha_delaney,
 )
 from ematwin.benchmarking.table import collect, thinned
 from ematwin.errors import InputError
@@ -305,7 +308,7 @@ def test_diagnosis_counts_missed_false_and_confused() -> None:
         done(spec("Low Na", run=4), vector(short_a=0.3, gain=0.54)),  # within the threshold
         failed(spec("Low Na", run=5)),
     ]
-    (found,) = diagnose(collect(runs), 0.05)
+    (found,) = diagnose(collect(runs), 0.05).itertuples()
     assert (found.runs, found.without, found.exact) == (5, 1, 2)
     assert (found.missed, found.faults) == (2, 5)
     assert (found.false_alarms, found.chances) == (2, 5 * 6)
@@ -320,7 +323,7 @@ def test_direction_counts_only_with_eccentricity_and_as_an_angle() -> None:
         done(spec("z", run=0, **ahead), vector(eccentricity=0.5, eccentricity_phase=0.99)),
         done(spec("z", run=1, **ahead), vector(eccentricity=0.5, eccentricity_phase=0.5)),
     ]
-    (found,) = diagnose(collect(runs), 0.05)
+    (found,) = diagnose(collect(runs), 0.05).itertuples()
     assert (found.directions, found.direction_wrong) == (2, 1)
     assert found.exact == 3
 

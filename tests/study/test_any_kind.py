@@ -57,12 +57,14 @@ def test_columns_have_the_names_and_the_size_of_the_kind(worn: list[StoredRun]) 
 
 
 def test_faults_are_diagnosed_by_shares_of_their_ranges(worn: list[StoredRun]) -> None:
-    (found,) = diagnose(collect(worn))
+    (found,) = diagnose(collect(worn)).itertuples()
     assert (found.faults, found.missed, found.exact) == (3, 2, 1)
     assert found.confusions == {("friction", "backlash"): 1}
     assert found.chances + found.faults == 3 * found.runs, "a load is no fault"
     assert found.directions == found.direction_wrong == 0
-    (strict,) = diagnose(collect(worn), 0.2)  # friction of 2 lies 0.17 of its range off
+    (strict,) = diagnose(
+        collect(worn), 0.2
+    ).itertuples()  # friction of 2 lies 0.17 of its range off
     assert strict.faults == 0
 
 

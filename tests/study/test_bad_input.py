@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 from processes import free_port
+from synthetic import small_plan, some_run
 
 from ematwin.benchmarking.store import Store, open_store
 from ematwin.cli.app import run
-from ematwin.testing.store_contract import small_plan, some_run
 
 Refused = Callable[..., str]
 

@@ -11,8 +11,8 @@ import pytest
 from synthetic import done, settings_of, spec, study
 
 from ematwin.benchmarking.analysis import analyse
+from ematwin.benchmarking.statistics import performance_coefficients
 from ematwin.benchmarking.store import Store
-from ematwin.benchmarking.summary import performance_coefficients
 from ematwin.models.bldc.faults import PAPER_CASES
 
 SCRIPT = Path(__file__).parents[2] / "examples" / "paper-study-published" / "claims.py"

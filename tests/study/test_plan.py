@@ -2,13 +2,15 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from synthetic import small_plan
 
 from ematwin import load_actuator
 from ematwin.benchmarking.box import RemappedProblem, boxed, places, shifts
-from ematwin.benchmarking.cases import cases_of, multi_cases
+from ematwin.benchmarking.cases import Cases, cases_of
 from ematwin.benchmarking.execute import execute
 from ematwin.benchmarking.plan import Plan
 from ematwin.benchmarking.run import RunSpec, pack, unpack
@@ -19,7 +21,10 @@ from ematwin.estimation.search import find, named
 from ematwin.models.bldc.faults import HEALTHY, PAPER_CASES
 from ematwin.models.comparison import Comparison
 from ematwin.models.scenario import Profile, Scenario
-from ematwin.testing.store_contract import small_plan
+
+
+def multi(count: int, seed: int, actuator: Any = None) -> Cases:
+    return cases_of("multi", actuator, count=count, seed=seed)
 
 
 def test_the_paper_study_has_600_runs() -> None:
@@ -51,10 +56,10 @@ def test_an_alias_is_the_same_algorithm() -> None:
 
 
 def test_random_cases_have_two_to_four_faults_and_repeat() -> None:
-    cases = multi_cases(50, 7)
-    assert cases == multi_cases(50, 7)
-    assert cases != multi_cases(50, 8)
-    assert list(multi_cases(60, 7).items())[:50] == list(cases.items())
+    cases = multi(50, 7)
+    assert cases == multi(50, 7)
+    assert cases != multi(50, 8)
+    assert list(multi(60, 7).items())[:50] == list(cases.items())
     for vector in cases.values():
         differs = np.array(vector) != HEALTHY
         differs[6] = False  # the direction belongs to the eccentricity
@@ -277,8 +282,8 @@ def test_cases_default_to_those_of_the_kind() -> None:
 
 def test_random_cases_of_any_kind_lie_between_healthy_and_the_bounds() -> None:
     subject = Subject.of("rm1605")
-    cases = multi_cases(50, 7, subject.actuator)
-    assert cases == multi_cases(50, 7, subject.actuator)
+    cases = multi(50, 7, subject.actuator)
+    assert cases == multi(50, 7, subject.actuator)
     width = subject.upper - subject.lower
     for vector in cases.values():
         away = np.abs(np.array(vector) - subject.healthy) / width
@@ -289,7 +294,7 @@ def test_random_cases_of_any_kind_lie_between_healthy_and_the_bounds() -> None:
 
 
 def test_random_cases_of_the_brushless_actuator_stay_as_they_were() -> None:
-    found = list(multi_cases(4, 1).values())
+    found = list(multi(4, 1).values())
     assert found[0] == (0.0, 0.0, 0.439, 0.0, 0.762, 0.0, 0.5, 0.021)
     assert found[2] == (0.0, 0.0, 0.14, 0.174, 0.0, 0.322, 0.822, 0.5)
     assert found[3] == (0.921, 0.0, 0.0, 0.0, 0.502, 0.0, 0.5, 0.935)

@@ -14,9 +14,8 @@ from synthetic import done, failed, settings_of, spec, study, vector
 
 from ematwin.benchmarking import page
 from ematwin.benchmarking.analysis import StudyAnalysis, analyse
-from ematwin.benchmarking.page import write_report
+from ematwin.benchmarking.page import number, write_report
 from ematwin.benchmarking.store import Store
-from ematwin.benchmarking.tables import number
 from ematwin.errors import FileError
 from ematwin.plots.study import MOST_CASES, plot_study
 

@@ -8,10 +8,16 @@ from typing import Any
 
 from ematwin.benchmarking.conclusions import conclude, lead_of
 from ematwin.benchmarking.convergence import STATED_MISFITS, bands, evaluations_to_target
-from ematwin.benchmarking.diagnosis import THRESHOLD, Diagnosis, diagnose
-from ematwin.benchmarking.ranks import RankComparison, compare_ranks, effect_sizes
+from ematwin.benchmarking.diagnosis import THRESHOLD, diagnose
 from ematwin.benchmarking.run import StoredRun
-from ematwin.benchmarking.summary import TARGETS, matrix, summarise
+from ematwin.benchmarking.statistics import (
+    TARGETS,
+    RankComparison,
+    compare_ranks,
+    effect_sizes,
+    matrix,
+    summarise,
+)
 from ematwin.benchmarking.table import RunTable, collect
 from ematwin.errors import InputError
 from ematwin.showing import markup
@@ -32,7 +38,7 @@ class StudyAnalysis:
     ranks : tests over the case means of Err%
     curves : DataFrame, shares of targets met over the evaluations, by algorithm
     times : DataFrame, expected running times to stated misfits, by algorithm
-    diagnosis : one an algorithm
+    diagnosis : DataFrame, a row for each algorithm (`diagnose`)
     threshold : of the diagnosis
     conclusions : plain sentences
     """
@@ -43,7 +49,7 @@ class StudyAnalysis:
     ranks: RankComparison
     curves: Any
     times: Any
-    diagnosis: list[Diagnosis]
+    diagnosis: Any
     threshold: float
     conclusions: list[str]
 
@@ -121,12 +127,13 @@ class StudyAnalysis:
             "cells": _records(self.cells),
             "effects": _records(self.effects),
             "ranks": {
-                **{k: v for k, v in vars(ranks).items() if k != "smallest_holm"},
+                **{k: v for k, v in vars(ranks).items() if k not in ("smallest_holm", "pairs")},
+                "pairs": [pair._asdict() for pair in ranks.pairs],
                 "smallest_p_holm": ranks.smallest_holm,
             },
             "evaluations_to_target": _records(self.curves),
             "running_times": _records(self.times),
-            "diagnosis": {"threshold": self.threshold, "algorithms": self.diagnosis},
+            "diagnosis": {"threshold": self.threshold, "algorithms": _records(self.diagnosis)},
             "failures": _records(self.failures),
             "lead": self.lead,
             "conclusions": self.conclusions,

@@ -1,5 +1,6 @@
 """Cases of a study: named vectors, of the kind of actuator, at random, or from a file."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,19 +21,20 @@ _DIGITS = 3  # of a random fault, as a share of its range
 
 
 def cases_of(
-    text: str = "own",
+    given: str | Mapping[str, Any] = "own",
     actuator: ParameterSet | str | None = None,
     *,
     count: int | None = None,
     seed: int = 1,
 ) -> Cases:
-    """The cases that ``--cases`` names.
+    """Give the cases of ``--cases``, or of a mapping.
 
     Parameters
     ----------
-    text : "own" (the cases of the kind of actuator), "paper" (Table 1 of the paper, for the
-        brushless actuator), "multi" (random vectors with two to four faults), or a TOML file with
-        a table ``[cases."name"]`` of values for each case
+    given : "own" (the cases of the kind of actuator), "paper" (Table 1 of the paper, for the
+        brushless actuator), "multi" (random vectors with two to four faults: the paper's future
+        work), a TOML file with a table ``[cases."name"]`` of values for each case, or a mapping of
+        names to such values; missing faults are healthy
     actuator : whose cases they are; the default brushless actuator if not given
     count : int, of random cases; more of them leave the first ones as they were
     seed : int, of the random cases
@@ -43,34 +45,25 @@ def cases_of(
         If there are no such cases.
     """
     subject = Subject.of(actuator)
-    if count is not None and text != "multi":
-        raise InputError(f"--count belongs to --cases multi, received --cases {text}.")
-    if text == "paper" and subject.kind != PAPER_KIND:
+    if not isinstance(given, str):
+        return _checked(given, subject)
+    if count is not None and given != "multi":
+        raise InputError(f"--count belongs to --cases multi, received --cases {given}.")
+    if given == "paper" and subject.kind != PAPER_KIND:
         raise InputError(
             f"--cases paper is for the kind {PAPER_KIND}, and {subject.actuator.name} is of the "
             f"kind {subject.kind}; choose own, multi or a TOML file."
         )
-    if text in ("own", "paper"):
-        own = subject.cases()
-        return {name: subject.vector(values) for name, values in own.items()}
-    if text == "multi":
-        return multi_cases(DEFAULT_COUNT if count is None else count, seed, subject.actuator)
-    if text.lower().endswith(".toml") or Path(text).is_file():
-        return cases_from_file(Path(text), subject.actuator)
-    raise InputError(f"There are no cases {text!r}; choose own, paper, multi or a TOML file.")
-
-
-def multi_cases(count: int, seed: int, actuator: ParameterSet | str | None = None) -> Cases:
-    """Random cases with several faults at once (the paper's future work)."""
-    if count < 1:
-        raise InputError(f"The number of cases must be at least 1, received {count}.")
-    subject = Subject.of(actuator)
-    return {f"Multi {n + 1:03d}": _random_vector(subject, seed, n) for n in range(count)}
-
-
-def cases_from_file(path: Path, actuator: ParameterSet | str | None = None) -> Cases:
-    """Cases of a TOML file: one table ``[cases."name"]`` each; missing faults are healthy."""
-    subject = Subject.of(actuator)
+    if given in ("own", "paper"):
+        return _checked(subject.cases(), subject)
+    if given == "multi":
+        count = DEFAULT_COUNT if count is None else count
+        if count < 1:
+            raise InputError(f"The number of cases must be at least 1, received {count}.")
+        return {f"Multi {n + 1:03d}": _random_vector(subject, seed, n) for n in range(count)}
+    path = Path(given)
+    if not (given.lower().endswith(".toml") or path.is_file()):
+        raise InputError(f"There are no cases {given!r}; choose own, paper, multi or a TOML file.")
     table = load_toml(path, "cases")
     found = table.get("cases")
     extra = [key for key in table if key != "cases"]
@@ -79,17 +72,21 @@ def cases_from_file(path: Path, actuator: ParameterSet | str | None = None) -> C
         raise InputError(
             f'{path} must hold tables [cases."name"] of fault magnitudes and nothing else; {what}.'
         )
+    return _checked(found, subject, f" of {path}")
+
+
+def _checked(given: Mapping[str, Any], subject: Subject, of: str = "") -> Cases:
+    """Vectors of cases by name; ``of`` says in errors where they stand."""
     cases = {}
-    for name, values in found.items():
-        if not isinstance(values, dict):
+    for name, values in given.items():
+        if of and not isinstance(values, dict):
             raise InputError(
-                f"Case {name!r} of {path} must be a table such as friction = 0.3, received "
-                f"{values!r}."
+                f"Case {name!r}{of} must be a table such as friction = 0.3, received {values!r}."
             )
         try:
             cases[str(name)] = subject.vector(values)
         except InputError as error:
-            raise InputError(f"Case {name!r} of {path}: {error}") from None
+            raise InputError(f"Case {name!r}{of}: {error}") from None
     return cases
 
 

@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from ematwin.benchmarking.analysis import StudyAnalysis, analyse
-from ematwin.benchmarking.cases import Cases, cases_of
+from ematwin.benchmarking.cases import cases_of
 from ematwin.benchmarking.diagnosis import THRESHOLD
 from ematwin.benchmarking.engines.local import LocalEngine
 from ematwin.benchmarking.plan import Plan
+from ematwin.benchmarking.statistics import TARGETS
 from ematwin.benchmarking.store import Store
 from ematwin.benchmarking.study import Tally, run_study
 from ematwin.benchmarking.subject import Subject
-from ematwin.benchmarking.summary import TARGETS
 from ematwin.benchmarking.table import check_extra
 from ematwin.errors import InputError
 from ematwin.models.scenario import Scenario
@@ -87,7 +87,7 @@ def compare(
         raise InputError(f"workers must be at least 1, received {workers}.")
     subject = Subject.of(actuator)
     plan = Plan(
-        cases=_cases(cases, subject, seed),
+        cases=cases_of(cases, subject.actuator, seed=seed),
         algorithms=(algorithms,) if isinstance(algorithms, str) else tuple(algorithms),
         runs=runs,
         population=population,
@@ -102,18 +102,6 @@ def compare(
     with _kept(store) as opened, told(progress, "runs", _shown) as tell:
         run_study(plan, opened, engine, retry_failed=retry_failed, progress=tell)
         return analyse(opened.runs(), targets=targets, threshold=threshold)
-
-
-def _cases(given: str | Mapping[str, Mapping[str, float]], subject: Subject, seed: int) -> Cases:
-    if isinstance(given, str):
-        return cases_of(given, subject.actuator, seed=seed)
-    found = {}
-    for name, values in given.items():
-        try:
-            found[str(name)] = subject.vector(values)
-        except InputError as error:
-            raise InputError(f"Case {name!r}: {error}") from None
-    return found
 
 
 @contextmanager

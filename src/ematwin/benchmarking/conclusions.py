@@ -6,10 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.benchmarking.diagnosis import Diagnosis
-from ematwin.benchmarking.ranks import ALPHA, RankComparison
+from ematwin.benchmarking.statistics import ALPHA, RankComparison
 from ematwin.benchmarking.table import RunTable
-from ematwin.showing.words import listed
+from ematwin.showing.words import counted, listed
 
 ENOUGH = 5  # runs of a case and algorithm, below which nothing is claimed
 _TO_ZERO = {"gwo", "woa", "da"}  # families whose moves scale the coordinates themselves
@@ -19,7 +18,7 @@ def conclude(
     table: RunTable,
     cells: Any,
     ranks: RankComparison,
-    diagnosis: list[Diagnosis],
+    diagnosis: Any,
     threshold: float,
 ) -> list[str]:
     """Give the sentences, most important first."""
@@ -50,8 +49,8 @@ def lead_of(table: RunTable, means: Any, ranks: RankComparison) -> str:
         )
     others = len(table.algorithms) - 1
     surely = sum(
-        pair.p_holm < ALPHA and (pair.a12 > 0.5) == (pair.first == best)
-        for pair in ranks.pairs
+        (pair.a12 > 0.5) == (pair.first == best)
+        for pair in ranks.different
         if best in (pair.first, pair.second)
     )
     sure = "no test tells that from chance"
@@ -59,11 +58,6 @@ def lead_of(table: RunTable, means: Any, ranks: RankComparison) -> str:
         whom = "the other" if others == 1 else f"{surely} of the {others} others"
         sure = f"it is better than {whom} by more than chance"
     return f"{best} has the lowest mean Err% on {count} of {cases}; {sure}."
-
-
-def counted(number: int, noun: str) -> str:
-    """ "1 case", "2 cases"."""
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def _runs(table: RunTable, cells: Any) -> list[str]:
@@ -112,10 +106,9 @@ def _differences(ranks: RankComparison) -> list[str]:
 
 def _pairs(ranks: RankComparison) -> list[str]:
     """Which pairs differ after Holm's correction."""
-    different = [pair for pair in ranks.pairs if pair.p_holm < ALPHA]
     if not ranks.pairs:
         return []
-    if not different:
+    if not ranks.different:
         return [
             "No pair of algorithms differs significantly after Holm's correction: which of two is "
             "the better cannot be concluded."
@@ -125,20 +118,20 @@ def _pairs(ranks: RankComparison) -> list[str]:
         worse = [other for other in ranks.order[n + 1 :] if ranks.differ(better, other)]
         if worse:
             before.append(f"{better} before {', '.join(worse)}")
-    rest = (
-        " Nothing can be concluded about the others." if len(different) < len(ranks.pairs) else ""
-    )
+    count, every = len(ranks.different), len(ranks.pairs)
+    rest = " Nothing can be concluded about the others." if count < every else ""
     return [
-        f"Of {len(ranks.pairs)} pairs, {len(different)} differ after Holm's correction (p at most "
-        f"{max(pair.p_holm for pair in different):.2g}): {'; '.join(before)}.{rest}"
+        f"Of {every} pairs, {count} differ after Holm's correction (p at most "
+        f"{max(pair.p_holm for pair in ranks.different):.2g}): {'; '.join(before)}.{rest}"
     ]
 
 
-def _diagnosis(diagnosis: list[Diagnosis], threshold: float) -> list[str]:
-    known = sorted((row for row in diagnosis if row.runs), key=lambda row: -row.exact / row.runs)
-    if not known:
+def _diagnosis(diagnosis: Any, threshold: float) -> list[str]:
+    named = (diagnosis["exact"] / diagnosis["runs"]).set_axis(diagnosis["algorithm"]).dropna()
+    if not len(named):
         return []
-    shares = ", ".join(f"{row.algorithm} {100.0 * row.exact / row.runs:.0f} %" for row in known)
+    order = named.sort_values(ascending=False, kind="stable")
+    shares = ", ".join(f"{algorithm} {100.0 * share:.0f} %" for algorithm, share in order.items())
     return [
         f"With a deviation of {threshold:g} of the range counted as a fault, the faults were named "
         f"exactly, none missed and none false, in this share of the runs: {shares}."

@@ -51,6 +51,7 @@ def channels(
     from ematwin.models.registry import load_actuator
     from ematwin.recordings.survey import survey
     from ematwin.report.channels import channels_page, channels_table
+    from ematwin.showing.words import capital
 
     if write is not None:
         check_target(write, (".toml",), replace=force)
@@ -77,7 +78,7 @@ def channels(
         options.print_table(
             title, channels_table(found, proposal, sparkline), whole=["shape"], width=160
         )
-        options.print_notes("Assumed", (f"{text[0].upper()}{text[1:]}." for text in found.assumed))
+        options.print_notes("Assumed", (f"{capital(text)}." for text in found.assumed))
         print_proposal(proposal, file, actuator or chosen.name, write)
 
     options.answer(json, plain, tell, plot)

@@ -38,13 +38,7 @@ def compare(
     box: Annotated[
         str, typer.Option(help="plain; or remapped, where healthy is not in a corner.")
     ] = "plain",
-    actuator: Annotated[
-        str,
-        typer.Option(
-            help="A shipped parameter set of any kind, or a TOML file.",
-            autocompletion=complete.actuators,
-        ),
-    ] = "servo48",
+    actuator: options.ActuatorOption = "servo48",
     scenario: options.ScenarioOption = None,
     store: Annotated[
         str, typer.Option(help="SQLite file, or postgresql://user@host/name.")

@@ -170,10 +170,10 @@ def _refuse(which: str, given: dict[str, Any]) -> None:
 
 def _limits(texts: list[str], actuator: "ParameterSet") -> dict[str, float]:
     """Limits in SI, from numbers with or without units."""
-    from ematwin.experiments.expected import Experiment
+    from ematwin.models.registry import model_of
     from ematwin.quantities import parse_quantity
 
-    units = {one.name: one.unit for one in Experiment.of(actuator).demands}
+    units = {one.name: one.unit for one in model_of(actuator).limited}
     found = {}
     for name, text in options.pairs(texts, "--limit").items():
         # a name that there is not is refused below, with those that there are

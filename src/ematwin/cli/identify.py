@@ -60,14 +60,7 @@ def identify(
         str, typer.Option(help="Holes in the record: refuse, longest or mask.")
     ] = "refuse",
     load: options.LoadOption = None,
-    exact: Annotated[
-        bool,
-        typer.Option(
-            "--exact",
-            help="The parameters are exactly those of the actuator, as in a simulation: no "
-            "tolerances count.",
-        ),
-    ] = False,
+    exact: options.ExactOption = False,
     uncertainty: Annotated[
         str | None,
         typer.Option(

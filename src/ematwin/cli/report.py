@@ -46,8 +46,8 @@ def report(
     from ematwin.benchmarking.analysis import analyse
     from ematwin.benchmarking.convergence import STATED_MISFITS
     from ematwin.benchmarking.page import check_folder, write_report
+    from ematwin.benchmarking.statistics import TARGETS
     from ematwin.benchmarking.store import open_store
-    from ematwin.benchmarking.summary import TARGETS
     from ematwin.benchmarking.table import check_extra
 
     if seed < 0:
@@ -75,10 +75,11 @@ def report(
 
 
 def _print_summary(analysis: "StudyAnalysis") -> None:
-    from ematwin.benchmarking.tables import diagnosis, success
+    from ematwin.benchmarking.page import diagnosis_table, success_table
 
-    options.print_table("Share of runs that reached an Err%", success(analysis), width=140)
-    options.print_table(f"Diagnosis at {analysis.threshold:g}", diagnosis(analysis), width=140)
+    options.print_table("Share of runs that reached an Err%", success_table(analysis), width=140)
+    title = f"Diagnosis at {analysis.threshold:g}"
+    options.print_table(title, diagnosis_table(analysis), width=140)
     for sentence in analysis.conclusions:
         typer.echo(f"- {sentence}")
 

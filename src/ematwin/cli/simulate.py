@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from ematwin.cli import complete, options
+from ematwin.cli import options
 
 
 def simulate(
@@ -21,13 +21,7 @@ def simulate(
         typer.Option(help="For the brushless actuator: reference (default) or monitor."),
     ] = None,
     scenario: options.ScenarioOption = None,
-    actuator: Annotated[
-        str,
-        typer.Option(
-            help="A shipped parameter set of any kind, or a TOML file.",
-            autocompletion=complete.actuators,
-        ),
-    ] = "servo48",
+    actuator: options.ActuatorOption = "servo48",
     out: Annotated[
         Path | None, typer.Option(help="Write the record here (.parquet or .csv).")
     ] = None,

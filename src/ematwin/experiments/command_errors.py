@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.errors import DivergedError, ParameterError, RecordError
+from ematwin.errors import RecordError
 from ematwin.estimation.assess import assess
 from ematwin.estimation.constants import ANYTHING, SMALLEST
 from ematwin.estimation.interrupt import noting_interrupts
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import find, named
-from ematwin.experiments.expected import Experiment
+from ematwin.experiments.experiment import UNANSWERED, Experiment
 from ematwin.experiments.identifiability import Identifiability
 from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import Unknown
@@ -60,6 +60,14 @@ class CommandErrors:
     told: Identifiability | None = None
     observed: dict[str, float] = field(default_factory=dict)
     checks: int = 0
+
+    @classmethod
+    def none(
+        cls, experiment: Experiment, scenario: Scenario, demands: dict[str, float], obstacle: str
+    ) -> "CommandErrors":
+        """Errors of a command of which nothing is known."""
+        ranges = {one.name: one.width for one in experiment.magnitudes}
+        return cls(scenario, dict.fromkeys(ranges, math.inf), ranges, demands, obstacle=obstacle)
 
     @property
     def shares(self) -> dict[str, float]:
@@ -134,31 +142,30 @@ def expected_errors(
     experiment: Experiment,
     scenario: Scenario,
     vectors: Sequence[Faults],
-    limits: Mapping[str, float] | None = None,
+    demands: Mapping[str, float],
     *,
     fast: bool = False,
     fault: str | None = None,
     enough: float = math.inf,
 ) -> CommandErrors:
-    """Expected errors of a command, or its obstacle; one beyond its limits is not simulated.
+    """Expected errors of a command.
 
     Parameters
     ----------
     experiment : with the prior of the actuator
     scenario : the command
     vectors : of the faults; slopes are taken at each
-    limits : of its demands on a healthy actuator, by name, SI
+    demands : of the command on a healthy actuator, by name, SI
     fast : simulate with the fast model alone, for the many commands of a search
     fault, enough : the error of that fault, or the largest, as a share of the range, above which
         the command is worse than another: further vectors only add to it
+
+    Raises
+    ------
+    DivergedError, ParameterError, RecordError
+        If it cannot be simulated with a fault, or would get no verdict.
     """
     ranges = {one.name: one.width for one in experiment.magnitudes}
-    motion = experiment.move(scenario, limits, fast=fast)
-    none = CommandErrors(
-        scenario, dict.fromkeys(ranges, math.inf), ranges, motion.demands, obstacle=motion.obstacle
-    )
-    if motion.obstacle:
-        return none
     threads = experiment.threads or cores()
     alone = replace(experiment, threads=1)  # the vectors share the cores
 
@@ -169,19 +176,15 @@ def expected_errors(
         squares = np.where(np.isfinite(squares), squares, np.inf)
         return squares, alone.model.demanded(recording)
 
-    total, found = np.zeros(len(ranges)), replace(none, faulty=motion.demands)
-    try:
-        for first in range(0, len(vectors), threads):
-            for squares, demands in side_by_side(at, vectors[first : first + threads], threads):
-                total += squares
-                faulty = {name: max(x, demands[name]) for name, x in found.faulty.items()}
-                found = replace(found, faulty=faulty)
-            errors = np.sqrt(total / len(vectors)).tolist()
-            found = replace(found, errors=dict(zip(ranges, errors, strict=True)))
-            if found.worst(fault) > enough:
-                break
-    except (DivergedError, ParameterError, RecordError) as error:
-        return replace(none, obstacle=str(error))
+    total, faulty = np.zeros(len(ranges)), dict(demands)
+    for first in range(0, len(vectors), threads):
+        for squares, more in side_by_side(at, vectors[first : first + threads], threads):
+            total += squares
+            faulty = {name: max(x, more[name]) for name, x in faulty.items()}
+        errors = dict(zip(ranges, np.sqrt(total / len(vectors)).tolist(), strict=True))
+        found = CommandErrors(scenario, errors, ranges, dict(demands), faulty)
+        if found.worst(fault) > enough:
+            break
     return found
 
 
@@ -201,7 +204,7 @@ def shown_by(
         try:
             recording = alone.record(scenario, faults, fast=True)
             errors = alone.expected(recording, faults, fast=True).sharp_errors
-        except (DivergedError, ParameterError, RecordError):
+        except UNANSWERED:
             return set(asked)
         return {name for name, width in asked.items() if not errors[name] <= ANYTHING * width}
 

@@ -17,7 +17,6 @@ import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,13 +31,13 @@ from ematwin.experiments.command_errors import (
     identified_errors,
     shown_by,
 )
-from ematwin.experiments.expected import BEYOND, Experiment, excess
+from ematwin.experiments.experiment import BEYOND, UNANSWERED, Experiment, excess
 from ematwin.experiments.identifiability import identifiability
-from ematwin.experiments.search import SECONDS, CommandSearch, Cost, Progress
-from ematwin.experiments.space import DesignSpace
+from ematwin.experiments.search import SECONDS, CommandSearch, Progress
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Scenario
 from ematwin.recordings.noise import Noise
+from ematwin.recordings.recording import Recording
 from ematwin.showing.drawing import drawn
 
 DRAWS = 6
@@ -131,6 +130,12 @@ class Design:
         if self.scenario == self.default.scenario:
             return (
                 f"No command within the limits was found that lowers {what}; the given one stays."
+            )
+        if self.gain < 1.0:
+            return (
+                "The given command is beyond the limits. Of the commands within them this one has "
+                f"the smallest errors: {what} is {1.0 / self.gain:.1f} times that with the given "
+                "command."
             )
         if self.observed_gain is None:
             return (
@@ -280,22 +285,31 @@ def design(
         return fault_vectors(experiment, count, np.random.default_rng(seed), fixed, even=True)
 
     some = shown_by(experiment, given, vectors(draws, seed), fault)
-    within = experiment.limits(experiment.move(given).demands, limits)
+    within = experiment.limits(experiment.demanded(given), limits)
 
-    def cost_of(command: Scenario, enough: float) -> Cost:
-        one = expected_errors(
-            experiment, command, some, within, fast=True, fault=fault, enough=enough
-        )
-        return Cost(one.worst(fault), one.demands, one.obstacle)
+    def cost_of(command: Scenario, healthy: Recording, enough: float) -> float:
+        return expected_errors(
+            experiment, command, some, model.demanded(healthy), fast=True, fault=fault,
+            enough=enough,
+        ).worst(fault)  # fmt: skip
 
-    search = CommandSearch(DesignSpace(model, given, within), within, cost_of)
+    search = CommandSearch(experiment, given, within, cost_of)
     search.run(budget, seed, progress)
     others = shown_by(experiment, given, vectors(fresh, seed + 1), fault)
-    final = experiment.limits(experiment.move(given, fast=False).demands, limits)
-    judged = partial(expected_errors, experiment, vectors=others)
+    final = experiment.limits(experiment.demanded(given, fast=False), limits)
+
+    def judged(command: Scenario, kept: Mapping[str, float]) -> CommandErrors:
+        demands: dict[str, float] = {}
+        try:
+            demands = model.demanded(experiment.move(command, kept, fast=False))
+            return expected_errors(experiment, command, others, demands)
+        except UNANSWERED as error:
+            demands = getattr(error, "demands", demands)
+            return CommandErrors.none(experiment, command, demands, str(error))
+
     best, default = _finalists(search, judged, given, final, fault)
     if default.obstacle and best is default:
-        raise search.refusal(chosen.name, limits)
+        raise search.refusal(limits)
     both = [default] if best is default else [best, default]
     asked = trials if len(both) > 1 and search.stopped != "interrupted" else 0
     errors = identified_errors(
@@ -339,7 +353,7 @@ def _answered(errors: np.ndarray) -> np.ndarray:
 
 def _finalists(
     search: CommandSearch,
-    judged: Callable[..., CommandErrors],
+    judged: Callable[[Scenario, Mapping[str, float]], CommandErrors],
     given: Scenario,
     limits: Mapping[str, float],
     fault: str | None,
@@ -349,7 +363,7 @@ def _finalists(
     The search has fitted its best commands to the few faults that it saw: the given one is the best
     unless another is expected to err clearly less.
     """
-    default = judged(given)
+    default = judged(given, {})
     if not default.obstacle and excess(default.demands, limits) > 0.0:
         default = replace(default, obstacle=BEYOND)
     best = default
@@ -358,7 +372,7 @@ def _finalists(
         try:
             for one in search.best(1 if search.stopped == "interrupted" else _FINALISTS):
                 interrupts.check()
-                errors = judged(one, limits=limits)
+                errors = judged(one, limits)
                 if not errors.obstacle and errors.worst(fault) < least:
                     best, least = errors, errors.worst(fault)
         except KeyboardInterrupt:

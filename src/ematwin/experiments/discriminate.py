@@ -13,28 +13,25 @@ other, and the smaller distance counts. It is in standard deviations: below `con
 two cannot be told apart.
 """
 
-import math
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ematwin.errors import DivergedError, InputError, ParameterError, RecordError
-from ematwin.estimation.baseline import effective, with_nuisances
+from ematwin.errors import InputError
+from ematwin.estimation.baseline import with_all_free
 from ematwin.estimation.constants import SIGMAS
 from ematwin.estimation.levenberg_marquardt import LevenbergMarquardt
-from ematwin.estimation.prior import Prior
 from ematwin.estimation.problem import Problem
-from ematwin.experiments.expected import Experiment
-from ematwin.experiments.search import CommandSearch, Cost, Progress
-from ematwin.experiments.space import DesignSpace
+from ematwin.experiments.experiment import UNANSWERED, Experiment
+from ematwin.experiments.search import CommandSearch, Progress
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Scenario
-from ematwin.models.unknown import Unknown
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 from ematwin.showing.frames import plain
@@ -158,25 +155,29 @@ def discriminate(
     before = experiment.record(given, fast=True)
     within = experiment.limits(experiment.model.demanded(before), limits)
     search = CommandSearch(
-        DesignSpace(experiment.model, given, within), within,
-        lambda command, _: pair.cost(command, within, _ITERATIONS),
-    )  # fmt: skip
+        experiment, given, within, lambda _, healthy, __: -pair.distance(healthy, _ITERATIONS)
+    )
     search.run(budget, seed, lambda n, cost, total: progress and progress(n, -cost, total), BUDGET)
     # fits of a search stop early: the given command and the best few are fitted to the end
-    found = [(pair.cost(one, within, _WHOLE), one) for one in [given, *search.best(_FINALISTS)]]
-    best, command = min(found, key=lambda one: one[0].cost)
-    if not math.isfinite(best.cost):
-        raise search.refusal(experiment.actuator.name, limits)
+    found = []
+    for command in [given, *search.best(_FINALISTS)]:
+        with suppress(*UNANSWERED):
+            healthy = experiment.move(command, within)
+            demands = experiment.model.demanded(healthy)
+            found.append((pair.distance(healthy, _WHOLE), command, demands))
+    if not found:
+        raise search.refusal(limits)
+    distance, best, demands = max(found, key=lambda one: one[0])
     return Discrimination(
-        scenario=command,
-        distance=-best.cost,
+        scenario=best,
+        distance=distance,
         default=given,
         default_distance=pair.distance(before, _WHOLE),
         first=pair.values[0],
         second=pair.values[1],
         actuator=experiment.actuator,
         limits=within,
-        demands=dict(best.demands),
+        demands=demands,
         evaluations=search.evaluations,
         seconds=time.perf_counter() - started,
         stopped=search.stopped,
@@ -204,16 +205,6 @@ class Pair:
                 "The two explanations are one and the same; give values in which they differ."
             )
 
-    def cost(self, scenario: Scenario, limits: Mapping[str, float], iterations: int) -> Cost:
-        """The distance, negative, or its obstacle."""
-        motion = self.experiment.move(scenario, limits)
-        if motion.recording is None or motion.obstacle:
-            return Cost(math.inf, motion.demands, motion.obstacle)
-        try:
-            return Cost(-self.distance(motion.recording, iterations), motion.demands, "")
-        except (DivergedError, ParameterError, RecordError) as error:
-            return Cost(math.inf, motion.demands, str(error))
-
     def distance(self, recording: Recording, iterations: int = _ITERATIONS) -> float:
         """Standard deviations between the two, each fitted to the other; the smaller counts.
 
@@ -235,26 +226,29 @@ class Pair:
         comparison: Comparison,
         truth: Explanation,
         other: Explanation,
-        own: Iterable[str],
+        own: Collection[str],
         iterations: int,
     ) -> float:
         """Standard deviations from ``truth`` to the best fit of ``other``, with ``own`` free."""
+        model, actuator = self.experiment.model, self.experiment.actuator
+        named = [replace(self._named[name], spread=None) for name in sorted(own)]
+        held = {name: x for name, x in other.items() if name not in own}
+        problem = with_all_free(
+            model, actuator, Problem([comparison], named, held=held), self.experiment.baseline
+        ).with_comparisons([comparison])
+        start = [other.get(one.name, one.healthy) for one in problem.unknowns]
 
         def residuals_of(values: Explanation) -> np.ndarray:
             candidates = {name: np.array([x]) for name, x in values.items()}
             return np.asarray(comparison.residuals(candidates, 1)[0])
 
-        free, prior = self._uncertain(comparison)
-        free = [*(replace(self._named[name], spread=None) for name in sorted(own)), *free]
-        nominal = {one.name: other.get(one.name, one.healthy) for one in free}
-        aim = residuals_of({**nominal, **truth})
-        here = residuals_of(self.experiment.model.healthy(self.experiment.actuator))
+        aim = residuals_of({**dict(zip(problem.names, start, strict=True)), **truth})
+        here = residuals_of(model.healthy(actuator))
         noise = max(comparison.noise, float(np.sqrt(here @ here / comparison.independent)))
         noise *= comparison.model_error
-        if not free:
+        if not problem.unknowns:
             return float(np.linalg.norm(aim - residuals_of(other))) / noise
-        held = {name: x for name, x in other.items() if name not in nominal}
-        problem = Problem([comparison], free, held=held, prior=prior).with_noise(noise)
+        problem = problem.with_noise(noise)
         chart = problem.chart
 
         def residuals(z: np.ndarray) -> np.ndarray:
@@ -262,25 +256,11 @@ class Pair:
             found[:, : len(aim)] -= aim
             return found
 
-        start = chart.from_values(np.array([list(nominal.values())]))
-        fit = LevenbergMarquardt.start(start, residuals, damping=1e-2)
+        first = chart.from_values(np.array([start]))
+        fit = LevenbergMarquardt.start(first, residuals, damping=1e-2)
         for _ in range(iterations):
             fit.iterate(residuals, chart.lower, chart.upper, chart.project)
         return float(np.sqrt(fit.best(1).costs[0])) / noise
-
-    def _uncertain(self, comparison: Comparison) -> tuple[list[Unknown], Prior]:
-        """Uncertain parameters, load and sensors that neither names."""
-        model, actuator = self.experiment.model, self.experiment.actuator
-        if self.experiment.baseline.exact:
-            return [], self.experiment.baseline.prior
-        prior = self.experiment.baseline.drifted(actuator)
-        prior = prior.of(name for name in prior.names if name not in self._named)
-        places = [replace(model.unknown(actuator, name), spread=None) for name in prior.names]
-        more = [
-            one for one in effective(model.unknowns(actuator), [comparison])
-            if one.name not in self._named and one.name not in prior.names
-        ]  # fmt: skip
-        return [*places, *more], with_nuisances(prior, more)
 
 
 def _in_words(values: Explanation) -> str:

@@ -3,7 +3,8 @@
 They are chosen from the motions of `ematwin.experiments.candidates` one after another (greedy),
 each with the smallest mean variance that then is left, in units of the tolerances: weighted
 A-optimality (Atkinson, Donev and Tobias 2007, Optimum Experimental Designs, with SAS, sections 10.1
-and 11.5). `ematwin.experiments.healthy_information` has the information of each.
+and 11.5). With C the covariance expected after a recording and P the inverse covariance of the
+prior, its information is C^-1 - P. The information of several recordings adds up.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -17,15 +18,16 @@ import numpy as np
 from ematwin.errors import InputError
 from ematwin.estimation.constants import DETERMINED
 from ematwin.experiments.candidates import candidates
-from ematwin.experiments.expected import Experiment
-from ematwin.experiments.healthy_information import Knowledge, information_of
+from ematwin.experiments.experiment import UNANSWERED, Expected, Experiment
 from ematwin.files import check_target
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Scenario
 from ematwin.numerics.side_by_side import cores, side_by_side
+from ematwin.numerics.symmetric import eigen, inverse
 from ematwin.recordings.noise import Noise
 from ematwin.showing.drawing import drawn
 from ematwin.showing.frames import frame_of_rows, plain
+from ematwin.showing.words import counted
 
 TESTS = 3
 _NAMED = 3  # parameters that a test is said to improve most
@@ -119,10 +121,9 @@ class HealthyTests:
             self.open_after(self.known), self.open_after(self.after), len(self.known)
         )  # fmt: skip
         gained = [place for place in before if place not in left]
-        tests = f"{len(self.tests)} test" + ("s" if len(self.tests) > 1 else "")
         told = (
-            f"With {tests} {count - len(left)} of {count} parameters are determined, "
-            f"{count - len(before)} now."
+            f"With {counted(len(self.tests), 'test')} {count - len(left)} of {count} parameters "
+            f"are determined, {count - len(before)} now."
         )
         return f"{told} New: {', '.join(gained)}." if gained else told
 
@@ -239,27 +240,29 @@ def healthy_tests(
             "no single test determines its parameters. Calibrate on several recordings of the "
             "motions that it makes in use."
         )
-    known = Knowledge.of(experiment)
+    known = _Known(experiment)
     given = experiment.started(scenario, duration)
     # both models: they differ by a little, and a command keeps its own limits
-    first = [experiment.move(given, fast=fast).demands for fast in (True, False)]
+    first = [experiment.demanded(given, fast=fast) for fast in (True, False)]
     within = experiment.limits(
         {name: max(one.get(name, 0.0) for one in first) for name in first[-1]}, limits
     )
     commands, done = [given, *candidates(model, given, within)], count(1)
 
-    def seen(one: Scenario) -> tuple[np.ndarray, dict[str, float]] | None:
-        found = information_of(experiment, known, one, within)
-        if progress is not None:
-            progress(next(done) / len(commands))
-        return found
+    def usable_of(one: Scenario) -> _Usable | None:
+        try:
+            experiment.move(one, within)  # the fast model: it refuses most at little cost
+            recording = experiment.move(one, within, fast=False)
+            information = known.information(experiment.expected_healthy(recording))
+            return _Usable(one, information, model.demanded(recording))
+        except UNANSWERED:
+            return None
+        finally:
+            if progress is not None:
+                progress(next(done) / len(commands))
 
-    found = side_by_side(seen, commands, threads or cores())
-    usable = [
-        _Usable(one, *answer)
-        for one, answer in zip(commands, found, strict=True)
-        if answer is not None
-    ]
+    found = side_by_side(usable_of, commands, threads or cores())
+    usable = [one for one in found if one is not None]
     if not usable:
         told = ", ".join(f"{name} {value:g}" for name, value in within.items())
         raise InputError(
@@ -270,7 +273,7 @@ def healthy_tests(
     repeated = sum(one.information for one in usable if one.scenario is given)
     return HealthyTests(
         actuator=chosen,
-        tolerances=dict(zip(known.prior.names, known.spreads.tolist(), strict=True)),
+        tolerances=known.tolerances,
         known=known.errors(known.precision),
         tests=best,
         repeated=known.errors(known.precision + max(1, len(best)) * repeated),
@@ -289,7 +292,45 @@ class _Usable(NamedTuple):
     demands: dict[str, float]
 
 
-def _best(known: Knowledge, usable: Sequence[_Usable], most: int) -> tuple[HealthyTest, ...]:
+class _Known:
+    """The d parameters as they are known; (d, d) matrices of their logarithms.
+
+    Attributes
+    ----------
+    tolerances : standard deviation of each by its tolerance, by place
+    precision : inverse covariance of the prior
+    """
+
+    def __init__(self, experiment: Experiment) -> None:
+        prior = experiment.baseline.prior.of(one.name for one in experiment.parameters)
+        self.tolerances = {one.name: one.spread or 0.0 for one in experiment.parameters}
+        self._root = np.linalg.cholesky(prior.covariance)
+        self.precision = np.linalg.inv(prior.covariance)
+
+    def information(self, expected: Expected) -> np.ndarray:
+        """Information of a recording.
+
+        Where the model error exceeds its evidence in some direction, a recording adds nothing.
+        """
+        mine = slice(len(self.tolerances))
+        widths = expected.problem.chart.widths[mine]
+        covariance = expected.covariance[mine, mine] * np.outer(widths, widths)
+        values, vectors = eigen(self._root.T @ inverse(covariance) @ self._root)
+        back = np.linalg.solve(self._root.T, vectors)
+        return np.asarray(back * np.maximum(values - 1.0, 0.0) @ back.T)
+
+    def errors(self, precision: np.ndarray) -> dict[str, float]:
+        """Standard errors by place, of an inverse covariance."""
+        found = np.sqrt(np.diag(inverse(precision))).tolist()
+        return dict(zip(self.tolerances, found, strict=True))
+
+    def left(self, precision: np.ndarray) -> float:
+        """Mean variance, in units of the tolerances, of an inverse covariance."""
+        spreads = np.array(list(self.tolerances.values()))
+        return float(np.mean(np.diag(inverse(precision)) / spreads**2))
+
+
+def _best(known: _Known, usable: Sequence[_Usable], most: int) -> tuple[HealthyTest, ...]:
     """The tests, one after another."""
     precision, errors = known.precision, known.errors(known.precision)
     rest = list(usable)

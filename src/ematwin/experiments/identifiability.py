@@ -1,6 +1,6 @@
 """Identifiability of faults from the answer to a command, before anything is recorded.
 
-It is read from the expected posterior of a simulated recording (`ematwin.experiments.expected`).
+It is read from the expected posterior of a simulated recording (`ematwin.experiments.experiment`).
 """
 
 import math
@@ -14,7 +14,7 @@ import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.estimation.constants import ANYTHING, PARTNERS, SIGMAS, SMALLEST, TRADED
-from ematwin.experiments.expected import Expected, Experiment
+from ematwin.experiments.experiment import Expected, Experiment
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import PhysicalValue, Unknown
@@ -257,7 +257,11 @@ def identifiability(
             for one in problem.unknowns
             if one.role == "fault" and one.direction_of is None
         ),
-        contrasts=_contrasts(experiment, expected),
+        contrasts={
+            one.name: expected.error_of(one.weights)
+            for one in model.contrasts(chosen)
+            if set(one.weights) <= set(problem.names)
+        },
         names=problem.chart.names,
         correlation=expected.correlation,
         noise=problem.relative_misfit(expected.peak.cost),
@@ -317,16 +321,3 @@ def _partners(expected: Expected, name: str) -> tuple[tuple[str, float], ...]:
     along = [k for k in range(len(row)) if k != n and abs(row[k]) >= _PARTNER]
     along.sort(key=lambda k: (problem.unknowns[k].role == "fault", -abs(row[k])))
     return tuple((problem.chart.names[k], float(row[k])) for k in along[:PARTNERS])
-
-
-def _contrasts(experiment: Experiment, expected: Expected) -> dict[str, float]:
-    """Standard errors of the combinations of faults that a kind reports."""
-    problem, found = expected.problem, {}
-    for one in experiment.model.contrasts(experiment.actuator):
-        if set(one.weights) <= set(problem.names):
-            way = np.zeros(len(problem.names))
-            for name, weight in one.weights.items():
-                n = problem.names.index(name)
-                way[n] = weight * problem.chart.widths[n]
-            found[one.name] = float(np.sqrt(way @ expected.covariance @ way))
-    return found

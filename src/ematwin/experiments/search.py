@@ -8,13 +8,12 @@ best is never worse.
 import math
 import time
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
 
 import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.estimation.interrupt import InterruptNoted, noting_interrupts
-from ematwin.experiments.expected import BEYOND, excess
+from ematwin.experiments.experiment import UNANSWERED, Experiment, RefusedError
 from ematwin.experiments.space import DesignSpace
 from ematwin.models.scenario import Scenario
 from ematwin.optimizers.base import Box, FloatArray
@@ -22,6 +21,7 @@ from ematwin.optimizers.differential_evolution import DifferentialEvolution, Dit
 from ematwin.optimizers.loop import minimize
 from ematwin.optimizers.result import Progress as SearchProgress
 from ematwin.optimizers.result import Stop
+from ematwin.recordings.recording import Recording
 
 BUDGET, POPULATION = 500, 12
 SECONDS = 60.0  # that a search without a budget takes at most
@@ -34,46 +34,34 @@ Progress = Callable[[int, float, int], object]
 """Takes the number of commands so far, the best value, and the budget."""
 
 
-class Cost(NamedTuple):
-    """Cost of a command.
-
-    Attributes
-    ----------
-    cost : float, infinite where ``obstacle`` says why there is none
-    demands : demands of the motion, by name, SI
-    obstacle : str
-    """
-
-    cost: float
-    demands: Mapping[str, float]
-    obstacle: str = ""
-
-
 class CommandSearch:
     """A search over a design space, and the best commands that it has seen.
 
     Parameters
     ----------
-    space : commands that can be made of a scenario
-    limits : of their demands, by name, SI
-    cost_of : a command, and a cost above which it does not matter -> `Cost`
+    experiment : whose healthy actuator has to keep the limits
+    given : the command from which the search begins
+    limits : of the demands, by name, SI
+    cost_of : of a command, of the healthy recording of it by the fast model, and of a cost above
+        which it does not matter; an error of `UNANSWERED` where there is none
 
     Attributes
     ----------
     evaluations : commands that were judged
     stopped : why the search ended
-    nearest : demands of the command that was nearest to keeping the limits; empty if none was asked
     """
 
     def __init__(
         self,
-        space: DesignSpace,
+        experiment: Experiment,
+        given: Scenario,
         limits: Mapping[str, float],
-        cost_of: Callable[[Scenario, float], Cost],
+        cost_of: Callable[[Scenario, Recording, float], float],
     ) -> None:
-        self.space, self.limits, self._cost_of = space, limits, cost_of
+        self._experiment, self._limits, self._cost_of = experiment, limits, cost_of
+        self._space = DesignSpace(experiment.model, given, limits)
         self.evaluations, self.stopped = 0, ""
-        self.nearest: Mapping[str, float] = {}
+        self._nearest: Mapping[str, float] = {}  # demands of the command next to its limits
         self._seen: list[tuple[float, np.ndarray]] = []
         self._least = self._ends = math.inf
         self._interrupts = InterruptNoted()
@@ -93,9 +81,9 @@ class CommandSearch:
                 progress(self.evaluations, state.cost, budget)
             return time.perf_counter() > self._ends
 
-        dimension = len(self.space.numbers)
+        dimension = len(self._space.numbers)
         box = Box(np.zeros(dimension), np.ones(dimension))
-        optimizer = _From(self.space.start, box, population=min(POPULATION, budget), seed=seed)
+        optimizer = _From(self._space.start, box, population=min(POPULATION, budget), seed=seed)
         with noting_interrupts() as self._interrupts:
             try:
                 self.stopped = minimize(
@@ -120,14 +108,20 @@ class CommandSearch:
         if self.evaluations and time.perf_counter() > self._ends:
             return _IMPOSSIBLE  # the rest of a batch
         self.evaluations += 1
-        one = self._cost_of(self.space.scenario(point), limit)
-        if math.isfinite(one.cost):
-            self._seen.append((one.cost, point.copy()))
-            return one.cost
-        over = excess(one.demands, self.limits)
-        if one.obstacle == BEYOND and over < self._least:
-            self.nearest, self._least = one.demands, over
-        return _IMPOSSIBLE * (1.0 + over)
+        command = self._space.scenario(point)
+        try:
+            healthy = self._experiment.move(command, self._limits)
+            cost = self._cost_of(command, healthy, limit)
+        except RefusedError as error:
+            if 0.0 < error.excess < self._least:
+                self._nearest, self._least = error.demands, error.excess
+            return _IMPOSSIBLE * (1.0 + error.excess)
+        except UNANSWERED:
+            return _IMPOSSIBLE
+        if not math.isfinite(cost):
+            return _IMPOSSIBLE
+        self._seen.append((cost, point.copy()))
+        return cost
 
     def best(self, count: int) -> list[Scenario]:
         """The best commands that differ, the best first; none if none keeps the limits."""
@@ -137,15 +131,15 @@ class CommandSearch:
                 found.append(point)
             if len(found) == count:
                 break
-        return [self.space.scenario(point) for point in found]
+        return [self._space.scenario(point) for point in found]
 
-    def refusal(self, actuator: str, asked: Mapping[str, float]) -> InputError:
+    def refusal(self, asked: Mapping[str, float]) -> InputError:
         """The error that says that no command keeps the limits."""
         told = ", ".join(f"{name} {value:g}" for name, value in asked.items())
-        near = ", ".join(f"{name} {size:.3g}" for name, size in self.nearest.items())
+        near = ", ".join(f"{name} {size:.3g}" for name, size in self._nearest.items())
         return InputError(
-            f"No command of {actuator} keeps the limits ({told or 'those of the given command'}) "
-            "and moves enough to identify faults"
+            f"No command of {self._experiment.actuator.name} keeps the limits "
+            f"({told or 'those of the given command'}) and moves enough to identify faults"
             + (f"; the nearest demands {near}" if near else "")
             + ". Raise the limits, leave some out, or begin from another scenario."
         )

@@ -25,7 +25,7 @@ import numpy as np
 from ematwin.errors import InputError
 from ematwin.estimation.problem import Problem
 from ematwin.experiments.command_errors import SEVEREST
-from ematwin.experiments.expected import Experiment
+from ematwin.experiments.experiment import Experiment
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import Unknown

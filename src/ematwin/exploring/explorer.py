@@ -25,6 +25,7 @@ from ematwin.plots.style import BLUE, GREEN, GREY, ORANGE
 from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording
 from ematwin.showing.numbers import said
+from ematwin.showing.words import capital
 
 _SHOWN = 1500  # points of a trace: more than a screen has columns for it
 _PROFILE = 64  # points of a profile, full lanes; a bound at either end
@@ -139,7 +140,7 @@ class Explorer:
             "channels": [
                 {
                     "name": name,
-                    "title": _sentence(captions[name][0]),
+                    "title": capital(captions[name][0]),
                     "unit": self._shown_in(name)[0],
                 }
                 for name in self._target
@@ -295,7 +296,7 @@ class Explorer:
         return {
             "name": one.name,
             "title": one.name.replace("_", " ").capitalize(),
-            "meaning": _sentence(one.meaning),
+            "meaning": capital(one.meaning),
             "fault": one.role == "fault",
             "lower": one.lower,
             "upper": one.upper,
@@ -322,7 +323,7 @@ class Explorer:
             unit, factor = preferred(one.unit)
             found.append(
                 {
-                    "title": _sentence(one.meaning),
+                    "title": capital(one.meaning),
                     "unit": _spaced(unit),
                     "values": _plain(factor * trace[self._shown]),
                 }
@@ -332,10 +333,6 @@ class Explorer:
     def _source(self) -> str:
         rate = f"{len(self.recording)} samples at {self.recording.sample_rate:g} Hz"
         return f"{self.recording.name}, {rate}" if self.recorded else rate
-
-
-def _sentence(text: str) -> str:
-    return text[:1].upper() + text[1:]
 
 
 def _spaced(text: str) -> str:

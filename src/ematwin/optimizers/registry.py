@@ -84,20 +84,18 @@ def register(name: str, factory: OptimizerFactory, *, title: str = "", source: s
 
 def _try(name: str, factory: OptimizerFactory) -> None:
     """Make one for a small box and ask it once: a study would find out only run by run."""
-    box = Box(np.zeros(3), np.ones(3))
-    called = f"{name!r} is called with (box, population=20, iterations=10, seed=1)"
+    box, settings = Box(np.zeros(3), np.ones(3)), {"population": 20, "iterations": 10, "seed": 1}
     try:
-        made = factory(box, population=20, iterations=10, seed=1)
-        batch = made.ask() if isinstance(made, Optimizer) else None
+        _, made = resolve(factory, box, **settings)
+        batch = made.ask()
+    except InputError:
+        raise
     except Exception as error:
         raise InputError(
-            f"The algorithm {called} and asked for a batch: {type(error).__name__}: {error}. "
-            "Correct the class or function."
+            f"The algorithm {name!r} is called with (box, population=20, iterations=10, seed=1) "
+            f"and asked for a batch: {type(error).__name__}: {error}. Correct the class or "
+            "function."
         ) from error
-    if batch is None:
-        raise InputError(
-            f"The algorithm {called} and must give an Optimizer, but gave {type(made).__name__}."
-        )
     made.close()
     if np.ndim(batch) != 2 or np.shape(batch)[1] != box.dimension:
         raise InputError(

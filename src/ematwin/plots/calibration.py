@@ -14,6 +14,7 @@ from ematwin.monitoring.calibration_report import CalibrationReport
 from ematwin.plots.style import BLUE, GREY, ORANGE, PALE, line, stacked, styled
 from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording
+from ematwin.showing.words import capital
 
 _ROW = 26  # px of a parameter
 _SIDES = 1.96  # standard errors to both sides: 95 %
@@ -61,7 +62,7 @@ def plot_before_and_after(report: CalibrationReport) -> Any:
     titles, units = [], []
     for one in shown:
         for title, unit in one.captions.values():
-            titles += [f"{_capital(title)}, {one.recording.name}", "Residual"]
+            titles += [f"{capital(title)}, {one.recording.name}", "Residual"]
             units += [preferred(unit)[0]] * 2
     figure = stacked(titles, units, "time, s", height=110 + 200 * len(titles))
     row = 1
@@ -96,7 +97,7 @@ def plot_residuals(report: CalibrationReport) -> Any:
         rows.append((where, speed, (time - time[0]) / (time[-1] - time[0]), *gaps))
     columns = [np.concatenate(x) for x in zip(*rows, strict=True)]
     figure = make_subplots(
-        rows=1, cols=3, shared_yaxes=True, horizontal_spacing=0.03, subplot_titles=[_capital(title)]
+        rows=1, cols=3, shared_yaxes=True, horizontal_spacing=0.03, subplot_titles=[capital(title)]
     )
     axes = (what, f"speed, {_rate_unit(model, shown[0].recording)}", "share of the recording")
     for n, (axis, values) in enumerate(zip(axes, columns[:3], strict=True), start=1):
@@ -180,7 +181,3 @@ def _by_parts(values: np.ndarray, gap: np.ndarray) -> tuple[np.ndarray, np.ndarr
     kept = counts > max(3, 0.1 * values.size / _PARTS)
     sizes = np.sqrt(squares / np.maximum(counts, 1))
     return 0.5 * (edges[1:] + edges[:-1]), np.where(kept, sizes, np.nan)
-
-
-def _capital(title: str) -> str:
-    return title[:1].upper() + title[1:]

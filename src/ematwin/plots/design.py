@@ -12,6 +12,7 @@ from ematwin.experiments.healthy_tests import HealthyTests
 from ematwin.models.registry import model_of
 from ematwin.plots.style import BLUE, GREEN, GREY, ORANGE, PALE, line, stacked, styled
 from ematwin.quantities import preferred
+from ematwin.showing.words import capital
 
 _POINTS = 2000  # of a curve
 _ROW = 26  # px of a parameter
@@ -79,8 +80,7 @@ def plot_healthy_tests(found: HealthyTests) -> Any:
     model = model_of(found.actuator)
     channels = [name for name in (model.command, model.disturbed) if name]
     shown = [preferred(model.channel(name).unit) for name in channels]
-    titles = [model.channel(name).meaning for name in channels]
-    titles = [title[:1].upper() + title[1:] for title in titles]
+    titles = [capital(model.channel(name).meaning) for name in channels]
     figure = stacked(titles, [unit for unit, _ in shown], "time, s", height=220 * len(titles))
     colors = (BLUE, ORANGE, GREEN)
     for n, scenario in enumerate(found.scenarios):

@@ -185,7 +185,7 @@ def price_table(found: Design) -> Table:
         *(
             Row([one.name, asked(found.default, one), asked(found.promised, one),
                  said(found.limits[one.name], one.unit)])
-            for one in found.experiment.demands
+            for one in found.experiment.model.limited
             if one.name in found.limits
         ),
     ]  # fmt: skip

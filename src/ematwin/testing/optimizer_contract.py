@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable
+from contextlib import closing
 
 import numpy as np
 
@@ -40,9 +41,9 @@ def sphere(points: FloatArray) -> FloatArray:
     return (((points - _OPTIMUM) / (_UPPER - _LOWER)) ** 2).sum(axis=1)
 
 
-def _make(factory: OptimizerFactory, seed: int = 3, population: int = POPULATION) -> Optimizer:
+def _made(factory: OptimizerFactory, seed: int = 3) -> closing[Optimizer]:
     box = Box(_LOWER, _UPPER)
-    return factory(box, population=population, iterations=ITERATIONS, seed=seed)
+    return closing(factory(box, population=POPULATION, iterations=ITERATIONS, seed=seed))
 
 
 def _run(optimizer: Optimizer, costs: Costs, batches: int) -> list[FloatArray]:
@@ -60,78 +61,57 @@ def _equal(first: list[FloatArray], second: list[FloatArray]) -> bool:
 
 def check_batches_are_float_arrays_inside_the_box(factory: OptimizerFactory) -> None:
     """Every batch is a (N, d) float64 array within the bounds."""
-    optimizer = _make(factory)
-    try:
+    with _made(factory) as optimizer:
         for points in _run(optimizer, sphere, ITERATIONS + 3):
             assert points.dtype == np.float64
             assert points.ndim == 2
             assert points.shape[1] == DIMENSION
             assert optimizer.box.contains(points), "a point lies outside the box"
-    finally:
-        optimizer.close()
 
 
 def check_batch_size_is_constant(factory: OptimizerFactory) -> None:
     """All batches have as many rows, unless the optimiser says otherwise."""
-    optimizer = _make(factory)
-    try:
+    with _made(factory) as optimizer:
         sizes = {len(points) for points in _run(optimizer, sphere, ITERATIONS)}
         assert len(sizes) == 1 or not optimizer.constant_batch, f"batches of {sorted(sizes)}"
-    finally:
-        optimizer.close()
 
 
 def check_asking_twice_gives_the_same_batch(factory: OptimizerFactory) -> None:
     """A batch waits for its costs; it may be changed by who asked."""
-    optimizer = _make(factory)
-    try:
+    with _made(factory) as optimizer:
         _run(optimizer, sphere, 2)
         first = optimizer.ask()
         kept = first.copy()
         first[:] = np.nan
         assert np.array_equal(optimizer.ask(), kept)
-    finally:
-        optimizer.close()
 
 
 def check_same_seed_same_run(factory: OptimizerFactory) -> None:
     """A seed makes the run repeatable bit for bit, whatever the global random state."""
-    one, two = _make(factory), _make(factory)
-    try:
+    with _made(factory) as one, _made(factory) as two:
         first = _run(one, sphere, 10)
         np.random.seed(5)  # noqa: NPY002
         np.random.random(7)  # noqa: NPY002
         assert _equal(first, _run(two, sphere, 10)), "two runs with one seed differ"
-    finally:
-        one.close()
-        two.close()
 
 
 def check_other_seed_other_run(factory: OptimizerFactory) -> None:
     """Another seed gives another run."""
-    one, two = _make(factory, seed=3), _make(factory, seed=4)
-    try:
+    with _made(factory, seed=3) as one, _made(factory, seed=4) as two:
         assert not _equal(_run(one, sphere, 3), _run(two, sphere, 3))
-    finally:
-        one.close()
-        two.close()
 
 
 def check_pickled_in_mid_run_it_goes_on_identically(factory: OptimizerFactory) -> None:
     """Restored from a pickle, between batches or while one waits, it gives the same run."""
-    whole = _make(factory)
-    try:
+    with _made(factory) as whole, _made(factory) as optimizer:
         if not whole.picklable:
             return
         expected = _run(whole, sphere, 12)
-        optimizer = _make(factory)
         head = _run(optimizer, sphere, 5)
-        optimizer = pickle.loads(pickle.dumps(optimizer))
-        optimizer.ask()
-        optimizer = pickle.loads(pickle.dumps(optimizer))
-        assert _equal(head + _run(optimizer, sphere, 7), expected)
-    finally:
-        whole.close()
+        again = pickle.loads(pickle.dumps(optimizer))
+        again.ask()
+        again = pickle.loads(pickle.dumps(again))
+        assert _equal(head + _run(again, sphere, 7), expected)
 
 
 def check_costs_that_are_not_finite_count_as_worst(factory: OptimizerFactory) -> None:
@@ -142,11 +122,8 @@ def check_costs_that_are_not_finite_count_as_worst(factory: OptimizerFactory) ->
 
     runs = []
     for value in (np.nan, np.inf, -np.inf):
-        optimizer = _make(factory)
-        try:
+        with _made(factory) as optimizer:
             runs.append(_run(optimizer, bad(value), ITERATIONS))
-        finally:
-            optimizer.close()
         assert all(np.isfinite(points).all() for points in runs[-1])
     assert _equal(runs[0], runs[1]), "NaN and inf lead to different runs"
     assert _equal(runs[1], runs[2]), "inf and -inf lead to different runs"
@@ -154,12 +131,9 @@ def check_costs_that_are_not_finite_count_as_worst(factory: OptimizerFactory) ->
 
 def check_all_costs_nan_is_survived(factory: OptimizerFactory) -> None:
     """Without a single finite cost it goes on asking inside the box."""
-    optimizer = _make(factory)
-    try:
+    with _made(factory) as optimizer:
         nothing = _run(optimizer, lambda points: np.full(len(points), np.nan), 5)
         assert all(optimizer.box.contains(points) for points in nothing)
-    finally:
-        optimizer.close()
 
 
 def check_limits_change_nothing(factory: OptimizerFactory) -> None:
@@ -168,8 +142,7 @@ def check_limits_change_nothing(factory: OptimizerFactory) -> None:
     def in_steps(points: FloatArray) -> FloatArray:
         return np.round(sphere(points), 2)  # ties: a cost at its limit is not above it
 
-    plain, stopped = _make(factory), _make(factory)
-    try:
+    with _made(factory) as plain, _made(factory) as stopped:
         for costs in (sphere, in_steps):
             for expected in _run(plain, costs, ITERATIONS):
                 points = stopped.ask()
@@ -179,28 +152,21 @@ def check_limits_change_nothing(factory: OptimizerFactory) -> None:
                     assert limits.shape == told.shape
                     told[told > limits] = np.inf
                 stopped.tell(points, told)
-    finally:
-        plain.close()
-        stopped.close()
 
 
 def check_part_of_a_batch_can_be_told(factory: OptimizerFactory) -> None:
     """The leading rows alone may be told, and the optimiser goes on."""
-    optimizer = _make(factory)
-    try:
+    with _made(factory) as optimizer:
         _run(optimizer, sphere, 2)
         points = optimizer.ask()
         part = points[: max(1, len(points) // 3)]
         optimizer.tell(part, sphere(part))
         _run(optimizer, sphere, 2)
-    finally:
-        optimizer.close()
 
 
 def check_wrong_answers_are_refused(factory: OptimizerFactory) -> None:
     """Telling without asking, or with costs that do not fit, raises InputError."""
-    optimizer = _make(factory)
-    try:
+    with _made(factory) as optimizer:
         points = optimizer.ask()
         wrong: list[tuple[FloatArray, FloatArray]] = [
             (points, np.zeros(len(points) + 1)),
@@ -212,8 +178,6 @@ def check_wrong_answers_are_refused(factory: OptimizerFactory) -> None:
             _refused(optimizer, given, costs)
         optimizer.tell(points, sphere(points))
         _refused(optimizer, points, sphere(points))
-    finally:
-        optimizer.close()
 
 
 def _refused(optimizer: Optimizer, points: FloatArray, costs: FloatArray) -> None:

@@ -13,7 +13,7 @@ from ematwin.estimation.corrected_problem import corrected_at
 from ematwin.estimation.noise import with_shown_noise
 from ematwin.experiments import design as designing
 from ematwin.experiments.command_errors import expected_errors, fault_vectors, identified_errors
-from ematwin.experiments.expected import Experiment
+from ematwin.experiments.experiment import Experiment, RefusedError
 from ematwin.models.scenario import Chirp, Scenario
 from ematwin.monitoring.identify import identify
 from ematwin.quantities import use_units
@@ -59,7 +59,7 @@ def test_drawn_faults_begin_and_lie_to_either_side() -> None:
 def test_expected_errors_are_those_of_a_linear_fit() -> None:
     """Written out for one vector: slopes at the truth, and the noise that is left there."""
     setting, (values,) = experiment(), vectors(1)
-    found = expected_errors(setting, GIVEN, [values]).errors
+    found = expected_errors(setting, GIVEN, [values], {}).errors
     record = setting.model.simulate(
         setting.actuator, GIVEN, values, fidelity="reference", noise=NOISE, seed=1
     )
@@ -80,12 +80,13 @@ def test_expected_errors_are_those_of_a_linear_fit() -> None:
         assert found[one.name] == pytest.approx(expected[one.name] * one.width, rel=0.2)
 
 
-def test_a_command_beyond_its_limits_is_not_judged() -> None:
-    one = expected_errors(experiment(), GIVEN, vectors(1), {"travel": 0.001}, fast=True)
-    assert one.obstacle
-    assert np.isinf(list(one.errors.values())).all()
+def test_a_command_beyond_its_limits_or_within_the_gap_is_refused() -> None:
+    with pytest.raises(RefusedError, match="beyond its limits") as refused:
+        experiment().move(GIVEN, {"travel": 0.001})
+    assert refused.value.demands["travel"] == pytest.approx(0.001 * (1.0 + refused.value.excess))
     still = Scenario(duration=0.5, command=[Chirp(amplitude=20e-6, f_start=5.0, f_end=9.0)])
-    assert "turn" in expected_errors(experiment(), still, vectors(1), fast=True).obstacle
+    with pytest.raises(RefusedError, match="turn"):
+        experiment().move(still)
 
 
 def test_the_design_is_never_worse_and_keeps_the_limits(found) -> None:
@@ -114,7 +115,7 @@ def test_the_price_is_in_the_units_of_the_user(found) -> None:
 @pytest.mark.parametrize(("errs", "stays"), [(0.9, False), (0.95, True), (2.0, True)])
 def test_the_given_command_stays_unless_another_errs_clearly_less(monkeypatch, errs, stays) -> None:
     def better(search, judged, given, limits, fault):
-        default = judged(given)
+        default = judged(given, {})
         halved = {name: 0.5 * error for name, error in default.errors.items()}
         return replace(default, scenario=given.lasting(0.4), errors=halved), default
 
@@ -144,6 +145,10 @@ def test_nothing_is_said_to_be_lowered_that_was_not_observed(found) -> None:
         "no recording was identified"
         in replace(one, promised=replace(designed, observed={})).sentence
     )
+    worse = {name: 2.0 * error for name, error in found.default.errors.items()}
+    less = replace(found, promised=replace(designed, errors=worse))
+    assert "given command is beyond the limits" in less.sentence
+    assert "(share of the range) is 2.0 times that with the given" in less.sentence
     same = replace(found, promised=found.default)
     assert "the given one stays" in same.sentence
 

@@ -9,7 +9,7 @@ import ematwin
 from ematwin.errors import RecordError
 from ematwin.experiments import search
 from ematwin.experiments.command_errors import fault_vectors, identified_errors, shown_by
-from ematwin.experiments.expected import Experiment
+from ematwin.experiments.experiment import Experiment
 from ematwin.models import registry
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet, Section, quantity

@@ -8,7 +8,7 @@ import pytest
 import ematwin
 from ematwin.errors import InputError
 from ematwin.experiments.discriminate import Pair
-from ematwin.experiments.expected import Experiment
+from ematwin.experiments.experiment import Experiment
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.scenario import Scenario, Step
 

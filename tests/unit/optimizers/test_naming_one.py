@@ -65,7 +65,7 @@ def test_what_cannot_search_is_refused_before_a_study_begins() -> None:
         ematwin.register("mine", Flat)
     with pytest.raises(InputError, match="asked for points outside the box"):
         ematwin.register("mine", Outside)
-    with pytest.raises(InputError, match="must give an Optimizer, but gave dict"):
+    with pytest.raises(InputError, match="Optimizer, but made dict"):
         ematwin.register("mine", lambda box, **given: dict(given))  # type: ignore[arg-type]
     with pytest.raises(InputError, match="no algorithm 'mine'"):
         registry.find("mine")

@@ -1,4 +1,4 @@
-"""Expected posterior of a command: the errors that `identify` will state for its recording.
+"""Experiment: an actuator with prior knowledge, and the posterior that a command would give.
 
 A recording is simulated with known faults, and the width that its posterior has at the true values
 (`ematwin.estimation.laplace`) is what intervals will state: with J the Jacobian of the weighted
@@ -12,7 +12,8 @@ the reference as it is at the end of a search; f is the error of the fast model'
 minima.
 
 `identifiability` shows the expected posterior of one command, `design` looks for the command whose
-errors are least, and `discriminate` for that which tells two explanations apart.
+errors are least, `healthy_tests` for commands after which parameters are known best, and
+`discriminate` for the command that tells two explanations apart.
 """
 
 import math
@@ -25,11 +26,21 @@ import numpy as np
 
 from ematwin.errors import DivergedError, InputError, ParameterError, RecordError
 from ematwin.estimation.aliases import aliases_of
-from ematwin.estimation.baseline import Baseline, baseline_of, with_all_free
-from ematwin.estimation.corrected_problem import corrected_at, of_fast_model
+from ematwin.estimation.baseline import (
+    Baseline,
+    baseline_of,
+    frees_parameters,
+    uncertain,
+    with_all_free,
+)
+from ematwin.estimation.corrected_problem import corrected_at, of_fast_model, reference_scatter
+from ematwin.estimation.correction import Corrected, with_model_error
+from ematwin.estimation.healthy_fit import healthy_nuisances
 from ematwin.estimation.laplace import Laplace, sharp_errors, width_at
+from ematwin.estimation.noise import noise_at
+from ematwin.estimation.prior import Prior
 from ematwin.estimation.problem import Problem
-from ematwin.models.base import Demand, Model
+from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.scenario import Scenario
@@ -37,24 +48,28 @@ from ematwin.models.unknown import Unknown, no_unknown
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 
-BEYOND = "beyond its limits"
 _SLACK = 1e-3  # share of a limit: motions that differ by rounding keep it alike
 
 
-@dataclass(frozen=True)
-class Motion:
-    """Answer of a healthy actuator to a command.
+BEYOND = "The command is beyond its limits."
+
+
+class RefusedError(RecordError):
+    """A command exceeds a limit on the healthy actuator, or moves it too little for a verdict.
 
     Attributes
     ----------
-    recording : None where the command cannot be simulated
-    demands : demands of the motion, by name, SI
-    obstacle : why no verdict would be given on such a recording, or ""
+    demands : of the motion, by name, SI
+    excess : shares by which they exceed their limits, added up
     """
 
-    recording: Recording | None
-    demands: dict[str, float]
-    obstacle: str = ""
+    def __init__(self, why: str, demands: dict[str, float], excess: float = 0.0) -> None:
+        super().__init__(why)
+        self.demands, self.excess = demands, excess
+
+
+UNANSWERED = (DivergedError, ParameterError, RecordError)
+"""Errors of a command whose recording would get no verdict."""
 
 
 @dataclass(frozen=True)
@@ -64,9 +79,11 @@ class Expected:
     Attributes
     ----------
     peak : Laplace
+    model_error : (d, d) array, covariance from the model error elsewhere within the width
     """
 
     peak: Laplace
+    model_error: np.ndarray | float = 0.0
 
     @property
     def problem(self) -> Problem:
@@ -76,7 +93,7 @@ class Expected:
     @cached_property
     def covariance(self) -> np.ndarray:
         """(d, d) in the coordinates of the problem's chart."""
-        return self.peak.widened(self.problem.model_error)
+        return np.asarray(self.peak.widened(self.problem.model_error) + self.model_error)
 
     @cached_property
     def errors(self) -> dict[str, float]:
@@ -91,6 +108,14 @@ class Expected:
         searched = sum(o.role in ("fault", "nuisance") and not o.marginal for o in unknowns)
         found = sharp_errors(self.peak, searched, self.problem.model_error)
         return dict(zip(self.problem.names[:searched], found.tolist(), strict=True))
+
+    def error_of(self, weights: Mapping[str, float]) -> float:
+        """Standard error of a combination of unknowns; its weights by name."""
+        way = np.zeros(len(self.problem.names))
+        for name, weight in weights.items():
+            n = self.problem.names.index(name)
+            way[n] = weight * self.problem.chart.widths[n]
+        return float(np.sqrt(way @ self.covariance @ way))
 
     @property
     def correlation(self) -> np.ndarray:
@@ -133,11 +158,6 @@ class Experiment:
         """Faults but directions."""
         return tuple(o for o in self.model.faults(self.actuator) if o.direction_of is None)
 
-    @property
-    def demands(self) -> tuple[Demand, ...]:
-        """What may be limited."""
-        return self.model.limited
-
     def check_magnitude(self, fault: str) -> None:
         """Raise InputError if there is no such fault, or it is a direction."""
         faults = {one.name: one for one in self.model.faults(self.actuator)}
@@ -176,18 +196,28 @@ class Experiment:
 
     def move(
         self, scenario: Scenario, limits: Mapping[str, float] | None = None, *, fast: bool = True
-    ) -> Motion:
-        """Response of the healthy actuator, or the obstacle to one within limits."""
-        try:
-            self.model.check_scenario(scenario, self.actuator)
-            recording = self.record(scenario, fast=fast)
-        except (DivergedError, ParameterError, RecordError) as error:
-            return Motion(None, {}, str(error))
+    ) -> Recording:
+        """Recording of the healthy actuator under a command that is worth recording.
+
+        Raises
+        ------
+        RefusedError
+            If it exceeds a limit, or moves too little for a verdict.
+        DivergedError, ParameterError, RecordError
+            If it cannot be simulated.
+        """
+        self.model.check_scenario(scenario, self.actuator)
+        recording = self.record(scenario, fast=fast)
         demands = self.model.demanded(recording)
-        if excess(demands, limits or {}) > 0.0:
-            return Motion(recording, demands, BEYOND)
-        obstacles = self.model.excitation(recording, self.actuator)
-        return Motion(recording, demands, obstacles[0] if obstacles else "")
+        if (over := excess(demands, limits or {})) > 0.0:
+            raise RefusedError(BEYOND, demands, over)
+        if obstacles := self.model.excitation(recording, self.actuator):
+            raise RefusedError(obstacles[0], demands)
+        return recording
+
+    def demanded(self, scenario: Scenario, *, fast: bool = True) -> dict[str, float]:
+        """Demands of a command on the healthy actuator, by name, SI."""
+        return self.model.demanded(self.record(scenario, fast=fast))
 
     def problem(self, recording: Recording) -> Problem:
         """Problem of a recording in which everything is free that is not known exactly."""
@@ -204,8 +234,57 @@ class Experiment:
         full = self.problem(recording)
         point = np.array([faults.get(one.name, one.healthy) for one in full.unknowns])
         near = of_fast_model(full) if fast else corrected_at(full, point) or full
-        aliases = aliases_of(self.model, self.actuator, near, point)
-        return Expected(width_at(near, point, aliases=aliases, least_noise=near.noise))
+        return Expected(self._width(near, point, near.noise))
+
+    @cached_property
+    def parameters(self) -> tuple[Unknown, ...]:
+        """Parameters that a calibration fits, with the spreads of their tolerances.
+
+        Raises
+        ------
+        InputError
+            If nothing of the actuator is uncertain.
+        """
+        tolerated = {one.name: one for one in uncertain(self.model, self.actuator)}
+        fitted = tolerated if frees_parameters(self.model) else self.model.nominal
+        names = [n for n in self.baseline.prior.names if n in fitted and n in tolerated]
+        if not names:
+            raise InputError(
+                f"Nothing of {self.actuator.name} is uncertain: no parameter that can be fitted "
+                "has a tolerance."
+            )
+        return tuple(tolerated[name] for name in names)
+
+    def expected_healthy(self, recording: Recording) -> Expected:
+        """Expected posterior of `parameters`, load and sensors after a healthy recording.
+
+        Its covariance is that which a calibration states (`ematwin.estimation.correction`). The
+        scatter of the reference from one candidate to the next counts as discrepancy.
+        """
+        misfit = self.baseline.misfit
+        comparison = self.model.compare(recording, self.actuator, threads=self.threads)
+        comparison = comparison.with_evidence()
+        own = healthy_nuisances(self.model, self.actuator, [comparison])
+        prior = self.baseline.prior.of(one.name for one in self.parameters)
+        problem = Problem(
+            [comparison], [*self.parameters, *own], prior=prior.and_(Prior.independent(own))
+        )
+        point = problem.start
+        corrected = corrected_at(problem, point)
+        near = corrected or problem
+        # what the twin leaves of others
+        left = noise_at(near, misfit) if math.isfinite(misfit) else 0.0
+        # behind impacts no calibration gets below this
+        scatter = problem.model_error * noise_at(near, reference_scatter(problem, point))
+        peak = self._width(near, point, max(near.noise, left, scatter))
+        end = Corrected(peak, 0 if corrected is None else 1, np.zeros((1, len(peak.z))))
+        end = with_model_error(end, threads=self.threads)
+        return Expected(end.peak, end.model_error)
+
+    def _width(self, problem: Problem, point: np.ndarray, least_noise: float) -> Laplace:
+        """Posterior at a point (d,)."""
+        aliases = aliases_of(self.model, self.actuator, problem, point)
+        return width_at(problem, point, aliases=aliases, least_noise=least_noise)
 
     def limits(self, demands: Mapping[str, float], given: Mapping[str, float]) -> dict[str, float]:
         """Given limits; without one, the demand of the given command.
@@ -215,7 +294,7 @@ class Experiment:
         InputError
             If a name or a value cannot be used.
         """
-        known = [one.name for one in self.demands]
+        known = [one.name for one in self.model.limited]
         for name, value in given.items():
             if name not in known:
                 raise InputError(

@@ -1,0 +1,275 @@
+"""Statistics of a study: middle, spread and success of each case and algorithm, and rank tests.
+
+Intervals are 95 % percentile bootstrap intervals (Efron and Tibshirani 1993, chapter 13) over
+repeated runs. They describe how far a search with another seed would come out, and say nothing of
+how uncertain a measurement is.
+
+Algorithms are compared over cases (Demsar 2006, J. Mach. Learn. Res. 7, 1-30): each case is a
+block, and each algorithm's mean Err% of a case one number. Runs of one case are no blocks of their
+own: they share the fault, so counting them would make a case ten times as sure as it is.
+Correction: Holm (1979), Scand. J. Statist. 6, 65-70. A12: Vargha and Delaney (2000), J. Educ.
+Behav. Stat. 25, 101-132.
+"""
+
+import math
+from dataclasses import dataclass, field
+from itertools import combinations
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.stats import bootstrap, friedmanchisquare, rankdata, wilcoxon
+
+from ematwin.benchmarking.table import RunTable
+from ematwin.showing.frames import frame
+
+ALPHA = 0.05
+METRICS = ("err", "err_wrapped", "evaluations", "seconds", "cpu_seconds")
+TARGETS = (0.5, 1.0, 2.0, 5.0)  # Err%
+RESAMPLES = 999
+_ELEMENTS = 200_000  # of a resampled block: 1.6 MB, so that it stays in the cache
+_SPREAD = (
+    "mean", "median", "q1", "q3", "mean_low_95", "mean_high_95", "median_low_95", "median_high_95",
+)  # fmt: skip
+
+
+def summarise(table: RunTable, targets: tuple[float, ...] = TARGETS, seed: int = 1) -> Any:
+    """Summarise each case and algorithm in a row of a DataFrame.
+
+    Its columns are case, algorithm, runs, done, failed; of each metric mean, median, quartiles and
+    the intervals of mean and median over the runs that ended well, NaN where there are too few; the
+    share of all runs, failed ones included, that came to each target of Err%; and the performance
+    coefficient by seconds and by evaluations (`performance_coefficients`).
+    """
+    cells, done = table.cells, table.done
+    kept = [rows[done[rows]] for rows in cells.values()]
+    runs = np.array([len(rows) for rows in cells.values()])
+    good = np.array([len(rows) for rows in kept])
+    columns: dict[str, Any] = {
+        "case": [case for case, _ in cells],
+        "algorithm": [algorithm for _, algorithm in cells],
+        "runs": runs, "done": good, "failed": runs - good,
+    }  # fmt: skip
+    for metric in METRICS:
+        values = table.frame[metric].to_numpy(dtype=float)
+        found = spreads([values[rows] for rows in kept], seed)
+        columns |= {f"{metric}_{name}": found[:, n] for n, name in enumerate(_SPREAD)}
+    err = table.frame["err"].to_numpy(dtype=float)
+    for target in targets:
+        reached = np.array([(err[rows] <= target).sum() for rows in kept])
+        columns[f"share_err_at_most_{target:g}"] = reached / np.where(runs > 0, runs, np.nan)
+    shape = len(table.cases), len(table.algorithms)
+    errors = columns["err_mean"].reshape(shape)
+    for name, spent in (("", "seconds_mean"), ("_by_evaluations", "evaluations_mean")):
+        coefficients = performance_coefficients(columns[spent].reshape(shape), errors)
+        columns[f"performance_coefficient{name}"] = coefficients.ravel()
+    return frame(columns)
+
+
+def spreads(samples: list[np.ndarray], seed: int = 1) -> np.ndarray:
+    """Give mean, median, quartiles and intervals of each sample, (S, 8) array.
+
+    Samples of one length are resampled together, for speed.
+    """
+
+    def middles(sample: np.ndarray, axis: int = -1) -> np.ndarray:
+        return np.stack([sample.mean(axis=axis), np.median(sample, axis=axis)])
+
+    found = np.full((len(samples), len(_SPREAD)), np.nan)
+    lengths = np.array([len(sample) for sample in samples])
+    for length in np.unique(lengths[lengths > 0]):
+        members = np.flatnonzero(lengths == length)
+        block = np.stack([samples[n] for n in members])
+        q1, median, q3 = np.quantile(block, [0.25, 0.5, 0.75], axis=1)
+        found[members, :4] = np.stack([block.mean(axis=1), median, q1, q3], axis=1)
+        if length > 1:
+            ends = bootstrap(
+                (block,), middles, n_resamples=RESAMPLES, batch=max(1, _ELEMENTS // block.size),
+                axis=-1, method="percentile", vectorized=True,
+                random_state=np.random.default_rng(seed),
+            ).confidence_interval  # fmt: skip
+            found[members, 4:] = np.stack([ends.low, ends.high], axis=1).reshape(4, -1).T
+    return found
+
+
+def performance_coefficients(spent: np.ndarray, errors: np.ndarray) -> np.ndarray:
+    """Give the performance coefficient (paper, eq. 3) of the algorithms of each case.
+
+        PC_i = 100 (1 - t_i err_i / sum_j t_j err_j),    j over all algorithms compared
+
+    With A algorithms the coefficients of a case add up to 100 (A - 1): 500 with six, as the paper's
+    Table 2 does. The "4" over the sum in its eq. 3 is a slip.
+
+    Parameters
+    ----------
+    spent, errors : (..., A) arrays, mean time (s) or evaluations, and mean Err%
+
+    Returns
+    -------
+    (..., A) array, per cent; NaN for an algorithm without a result, which is left out of the sum,
+        and where fewer than two algorithms remain or all products are zero
+    """
+    product = np.asarray(spent, dtype=float) * np.asarray(errors, dtype=float)
+    known = np.isfinite(product)
+    total = np.where(known, product, 0.0).sum(axis=-1, keepdims=True)
+    possible = known & (known.sum(axis=-1, keepdims=True) >= 2) & (total > 0.0)
+    share = np.divide(product, total, out=np.full(product.shape, np.nan), where=possible)
+    return np.asarray(100.0 * (1.0 - share))
+
+
+def matrix(cells: Any, column: str) -> Any:
+    """Give a column of `summarise` as a DataFrame of cases by algorithms, in their order."""
+    return cells.pivot(index="case", columns="algorithm", values=column).reindex(
+        index=cells["case"].unique(), columns=cells["algorithm"].unique()
+    )
+
+
+def effect_sizes(table: RunTable) -> Any:
+    """Give A12 by Err% of every two algorithms in each case: case, first, second, a12.
+
+    NaN where one of the two has no run; a failed run counts as the largest error.
+    """
+    err = np.where(table.done, table.frame["err"].to_numpy(dtype=float), np.inf)
+    samples = {cell: err[rows] for cell, rows in table.cells.items()}
+    rows = [
+        (case, *pair, vargha_delaney(*(samples[case, name] for name in pair)))
+        for case in table.cases
+        for pair in combinations(table.algorithms, 2)
+    ]
+    names = ("case", "first", "second", "a12")
+    return frame({name: [row[n] for row in rows] for n, name in enumerate(names)})
+
+
+def vargha_delaney(x: np.ndarray, y: np.ndarray) -> float:
+    """Give A12: chance that a value of ``x`` is lower than one of ``y``, ties counting half."""
+    if not (len(x) and len(y)):
+        return math.nan
+    ranks = rankdata(np.concatenate([x, y]))[: len(x)]
+    higher = (ranks.sum() - len(x) * (len(x) + 1) / 2.0) / (len(x) * len(y))
+    return float(1.0 - higher)
+
+
+class Pair(NamedTuple):
+    """Two algorithms compared.
+
+    Attributes
+    ----------
+    first, second : names
+    p, p_holm : Wilcoxon signed-rank over the case means, two-sided; plain and corrected
+    a12 : chance that a run of ``first`` has the lower Err% than one of ``second``, ties counting
+        half, averaged over the cases; 0.5 is no difference. A failed run loses to any other.
+    """
+
+    first: str
+    second: str
+    p: float
+    p_holm: float
+    a12: float
+
+
+@dataclass(frozen=True)
+class RankComparison:
+    """Outcome of the tests.
+
+    Attributes
+    ----------
+    average : average rank by algorithm, 1 is best, NaN where no case has all
+    blocks : cases used; left_out : cases in which an algorithm has no result
+    friedman : statistic, friedman_p : NaN where the test could not be made
+    pairs : every two algorithms
+    smallest_holm : float, the least corrected p that so many cases and pairs allow
+    notes : what could not be computed, as sentences
+    """
+
+    average: dict[str, float]
+    blocks: list[str]
+    left_out: list[str]
+    friedman: float
+    friedman_p: float
+    pairs: list[Pair]
+    smallest_holm: float = math.nan
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def order(self) -> list[str]:
+        """Algorithms by their average rank, the best first."""
+        return sorted(self.average, key=lambda name: self.average[name])
+
+    @property
+    def different(self) -> list[Pair]:
+        """Pairs that differ after correction."""
+        return [pair for pair in self.pairs if pair.p_holm < ALPHA]
+
+    def differ(self, first: str, second: str) -> bool:
+        """Whether two algorithms differ after correction."""
+        return any({pair.first, pair.second} == {first, second} for pair in self.different)
+
+
+def compare_ranks(means: Any, effects: Any) -> RankComparison:
+    """Test whether algorithms differ.
+
+    Parameters
+    ----------
+    means : DataFrame of cases by algorithms, mean Err%, NaN where there is none
+    effects : DataFrame of `effect_sizes`
+    """
+    names = [str(name) for name in means.columns]
+    whole = means.notna().all(axis=1)
+    blocks = means[whole].to_numpy(dtype=float)
+    left_out = [str(case) for case in means.index[~whole]]
+    count, cases = len(names), len(blocks)
+    notes = []
+    if left_out:
+        notes.append(
+            "Left out of the rank tests, because an algorithm has no result there: "
+            f"{', '.join(left_out)}."
+        )
+    statistic = p = math.nan
+    if count < 2:
+        notes.append("There is one algorithm only: nothing can be compared.")
+    elif not cases:
+        notes.append("No case has results of all algorithms: no ranks.")
+    elif count < 3 or cases < 3:
+        notes.append(
+            "The Friedman test needs three algorithms and three cases; here are "
+            f"{count} and {cases}."
+        )
+    elif np.any(np.ptp(blocks, axis=1) > 0.0):
+        statistic, p = (float(value) for value in friedmanchisquare(*blocks.T))
+    pairs = list(combinations(range(count), 2)) if cases else []
+    plain = np.array([_wilcoxon(blocks[:, i], blocks[:, j]) for i, j in pairs])
+    # all differences of one sign is the least likely outcome: 2 of 2^n ways
+    smallest = min(1.0, len(pairs) * 2.0 ** (1 - cases)) if pairs else math.nan
+    if smallest >= ALPHA:
+        notes.append(
+            f"With {cases} cases and {len(pairs)} pairs no corrected p can fall below "
+            f"{smallest:.2g}: no pair can come out as different."
+        )
+    a12 = effects.groupby(["first", "second"], sort=False)["a12"].mean().to_dict()
+    return RankComparison(
+        average_ranks(means), [str(case) for case in means.index[whole]], left_out, statistic, p,
+        [
+            Pair(names[i], names[j], p, p_holm, a12.get((names[i], names[j]), math.nan))
+            for (i, j), p, p_holm in zip(pairs, plain.tolist(), holm(plain).tolist(), strict=True)
+        ],
+        smallest, notes,
+    )  # fmt: skip
+
+
+def average_ranks(values: Any) -> dict[str, float]:
+    """Give mean ranks over the rows without NaN, 1 the lowest; equal values share theirs."""
+    return {str(name): float(rank) for name, rank in values.dropna().rank(axis=1).mean().items()}
+
+
+def _wilcoxon(x: np.ndarray, y: np.ndarray) -> float:
+    """Two-sided p-value, NaN with fewer than two pairs, 1 if all are equal."""
+    if len(x) < 2:
+        return math.nan
+    return 1.0 if np.all(x == y) else float(wilcoxon(x, y).pvalue)
+
+
+def holm(p: np.ndarray) -> np.ndarray:
+    """Correct p-values by Holm's step-down method."""
+    order = np.argsort(p, kind="stable")
+    corrected = np.empty(p.shape)
+    corrected[order] = np.maximum.accumulate(p[order] * (len(p) - np.arange(len(p))))
+    return np.minimum(corrected, 1.0)
