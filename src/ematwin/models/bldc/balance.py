@@ -199,4 +199,4 @@ class Contact:
 def state_of(values: Values | None, actuator: Any) -> FaultState:
     """Physical magnitudes of faults by name, healthy where not named or none are given."""
     half_gap = 0.5 * actuator.transmission.backlash
-    return FaultState(*fault_state.py_func(*fault_vector(values or {}), half_gap))
+    return FaultState(*fault_state.py_func(fault_vector(values or {}), half_gap))

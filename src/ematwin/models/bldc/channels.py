@@ -32,7 +32,6 @@ CURRENTS = (*PHASES, "current")
 VOLTAGES = ("voltage_a", "voltage_b", "voltage_c")
 ON_REQUEST = (*VOLTAGES, "bus_current", "bus_voltage")  # of a simulation
 UNITS = {channel.name: channel.unit for channel in (TIME, *CHANNELS)}
-COLUMNS = tuple(UNITS)
 
 
 def phase_currents(recording: Recording) -> np.ndarray | None:
