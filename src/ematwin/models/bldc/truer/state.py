@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 
 class Truer(NamedTuple):
-    """Constants of the truer forms; by default those of the paper's form."""
+    """Constants of the truer forms; the defaults are the paper's forms."""
 
     loops: float = 0.0  # 1: shorted turns are a loop; 0: they are missing
     rounding: float = 0.0  # share of a sine in the EMF shape
