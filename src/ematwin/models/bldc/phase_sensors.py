@@ -14,11 +14,13 @@ Both hold with any fault of the actuator.
 """
 
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 
 import numpy as np
 
 from ematwin.models.bldc.channels import PHASES, phase_currents
+from ematwin.numerics.remembered import Remembered
 from ematwin.numerics.signals import white_noise
 from ematwin.recordings.recording import Recording
 
@@ -72,11 +74,18 @@ class PhaseSensors:
         )
 
 
+_FOUND = Remembered[PhaseSensors | None]()
+
+
 def phase_sensors(recording: Recording) -> PhaseSensors | None:
     """How far the sensors of three phases are off; None where it is nothing, or cannot be told."""
     currents = phase_currents(recording)
     if currents is None:
         return None
+    return _FOUND.of([currents], partial(_looked_for, currents))
+
+
+def _looked_for(currents: np.ndarray) -> PhaseSensors | None:
     shown = currents[:: -(-len(currents) // _LOOKED_AT)]
     rms = float(np.sqrt(np.mean(shown**2)))
     if rms == 0.0 or max(map(white_noise, currents.T)) > _LOUD * rms:

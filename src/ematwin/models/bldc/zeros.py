@@ -16,6 +16,7 @@ one of them.
 
 import math
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from ematwin.models.bldc.channels import phase_currents
 from ematwin.models.bldc.envelope import projected
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.comparison import Placed
+from ematwin.numerics.remembered import Remembered
 from ematwin.numerics.signals import white_noise
 from ematwin.recordings.recording import Recording
 
@@ -38,6 +40,7 @@ _TREMBLES = 7.0  # times the noise of its angle: five standard deviations of a d
 _CROSSED = 0.5  # times the healthy gap by which motor and output must have moved apart
 _OFF_CENTRE = 0.25  # times the healthy gap, beside
 _OF_REACH = 0.02  # times the one that is seen: by so much the middle may be off
+_FOUND = Remembered[float | None]()
 
 
 @dataclass(frozen=True)
@@ -190,6 +193,13 @@ def _best(
 
     None where for one of them it lies at the first or the last step.
     """
+    look = partial(_looked_for, currents, angle, steps, ways)
+    return _FOUND.of((currents, angle, steps, *ways), look)
+
+
+def _looked_for(
+    currents: np.ndarray, angle: np.ndarray, steps: np.ndarray, ways: list[np.ndarray]
+) -> float | None:
     found = []
     for way in ways:
         shares = [_share(currents[way], angle[way] + step) for step in steps]
