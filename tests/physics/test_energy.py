@@ -13,7 +13,7 @@ from ematwin.models.bldc import batch
 from ematwin.models.bldc.constants import kernel_constants
 from ematwin.models.bldc.faults import PAPER_CASES, Faults
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.truer.state import NEUTRAL, REST
+from ematwin.models.bldc.truer.state import Truer, TruerState
 from ematwin.models.scenario import Scenario
 
 ACTUATOR = BldcActuator.load()
@@ -48,7 +48,7 @@ class Run:
         self.state[7] = 1.0
         trace = batch.reference_trace(
             faults.vector, command * gear.ratio, load / gear.ratio, self.state, C, DT, 1, 1,
-            NEUTRAL, np.array(REST),
+            Truer(), np.array(TruerState()),
         )  # fmt: skip
         self.current = trace[:, :3]  # A, mean of each step
         self.after = dict(zip(("theta_m", "w_m", "theta_o", "w_o"), trace[:, 3:7].T, strict=True))

@@ -37,7 +37,7 @@ SWITCH_ON = 1e-3  # ohm
 
 def run_bridge(k, speed, c, dt, steps):
     """Currents (steps + 1, 3) and gates (steps, 3) at an imposed speed."""
-    fault = fault_state(*k, c.half_gap)
+    fault = fault_state(k, c.half_gap)
     phases = phase_constants(fault.h_a, fault.h_b, fault.h_c, c)
     currents = np.zeros((steps + 1, 3))
     gates = np.empty((steps, 3))
@@ -70,7 +70,7 @@ def gate_source(name: str, on: np.ndarray) -> str:
 
 def run_shorted_bridge(k, speed, c, truer, dt, steps):
     """Currents of phases and loops (steps + 1, 6) and gates (steps, 3) at an imposed speed."""
-    fault = fault_state(*k, c.half_gap)
+    fault = fault_state(k, c.half_gap)
     turns = (1.0, 1.0, 1.0, *k[2:5].tolist())
     currents = np.zeros((steps + 1, 6))
     gates = np.empty((steps, 3))

@@ -20,7 +20,7 @@ from ematwin.models.bldc.simulate import reference_answer
 from ematwin.models.bldc.state import fault_state
 from ematwin.models.bldc.truer.motor import cogging_torque, truer_shapes
 from ematwin.models.bldc.truer.shorted_turns import loop_answer
-from ematwin.models.bldc.truer.state import REST
+from ematwin.models.bldc.truer.state import TruerState
 from ematwin.models.registry import load_actuator
 from ematwin.models.scenario import Scenario, Step
 from ematwin.models.simulating import simulate
@@ -102,7 +102,7 @@ def test_electrical_input_is_copper_loss_and_mechanical_work_and_stored_energy(f
     dt, gear = 1e-6, actuator.transmission
     time = np.arange(round(0.25 / dt) + 1) * dt
     command, load = Scenario.load_file("default").histories(time)
-    state, more = np.zeros(11), np.array(REST)
+    state, more = np.zeros(11), np.array(TruerState())
     state[7] = 1.0
     k, c = Faults(**faults).vector, kernel_constants(actuator)
     truer = truer_constants(actuator)
@@ -156,7 +156,7 @@ def test_a_fixed_offset_gives_each_phase_a_constant_of_its_own():
     k = Faults(**OFFSET).vector
     phi = 2.0 * math.pi * (OFFSET["eccentricity_phase"] - 0.5)
     gaps = [1.0 + 0.2 * math.cos(phi - 2.0 * math.pi * n / 3.0) for n in range(3)]
-    fault = fault_state.py_func(*k, 1.0)
+    fault = fault_state.py_func(k, 1.0)
     for theta in np.linspace(0.0, 6.0, 7):
         found = gap_factors(theta, fault.zeta_cos, fault.zeta_sin, 0.0)
         np.testing.assert_allclose(found, gaps, rtol=1e-12)

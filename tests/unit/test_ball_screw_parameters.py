@@ -45,7 +45,7 @@ def written(tmp_path: Path, old: str = "", new: str = "") -> Path:
 
 def test_the_kernel_gets_the_parameters_on_the_motor_shaft():
     actuator = BallScrew.load()
-    c = ball_screw_constants(actuator)
+    c = ball_screw_constants(actuator, {}, 1, 1)
     assert c.per_radian * 2.0 * math.pi == pytest.approx(actuator.screw.lead)
     assert c.half_gap * c.per_radian * 2.0 == pytest.approx(actuator.screw.backlash)
     # a force on a way is a torque on an angle: one turn does the work of one lead

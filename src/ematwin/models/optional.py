@@ -137,18 +137,18 @@ class Form(NamedTuple):
     places : of its parameters
     starts : gives values by place, each a whole section, from which a fit may set out; an actuator
         is given as it is known so far
-    alternatives : gives values by place that are chosen from a list, such as sample times
-    fitted : places that are fitted
     said : describes the found form, such as "cogging of 1.1 mN m, 12 a turn"
+    fitted : places that are fitted
+    alternatives : gives values by place that are chosen from a list, such as sample times
     """
 
     name: str
     is_stated: Callable[[Any], bool]
     places: tuple[str, ...]
     starts: Callable[[Any], Sequence[Values]]
-    alternatives: Callable[[Any], Sequence[Values]]
-    fitted: tuple[str, ...]
     said: Callable[[Any], str]
+    fitted: tuple[str, ...] = ()
+    alternatives: Callable[[Any], Sequence[Values]] = lambda actuator: ()
 
 
 class Equation(NamedTuple):

@@ -1,4 +1,4 @@
-"""Optional sections of motors, their friction and their supply, for kinds that follow them.
+"""Sections that several kinds have: steps, and optional ones of motors, friction and supply.
 
 Stiffness and Stribeck speed of friction are in no catalogue: their tolerance of a factor of two is
 judgement, as is the tolerance of torque ripple and of the resistance of supply and cable.
@@ -8,11 +8,54 @@ judgement.
 """
 
 import math
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from ematwin.models.parameter_set import Section, quantity
+from pydantic import model_validator
 
+from ematwin.errors import ParameterError
+from ematwin.models.parameter_set import ParameterSet, Section, quantity
+
+SHORTEST_STEP = 1e-9  # s: nothing in an actuator is so fast; a shorter one is a slip of the unit
 COPPER = 0.00393  # 1/K at 20 degrees Celsius: change of the resistance of copper (IEC 60028)
+
+
+class Steps(Section):
+    """Longest steps of the two models; what lies between two samples is divided evenly."""
+
+    reference: float = quantity("s", "step of the reference model", exact=True, gt=0)
+    monitor: float = quantity("s", "step of the monitor model", exact=True, gt=0)
+
+
+class ServoParameters(ParameterSet):
+    """A parameter set whose models can follow their steps."""
+
+    if TYPE_CHECKING:  # a kind declares where in its file the section stands
+        steps: Steps
+
+    def largest_stable_step(self, model: str) -> float:
+        """Longest step of a model for which its fastest mode neither grows nor rings, s."""
+        raise NotImplementedError(f"{type(self).__name__} does not say what its models can follow")
+
+    def check_step(self, model: str, step: float) -> None:
+        """Raise `ParameterError` if ``step`` (s) is too long for this actuator, or absurd."""
+        longest = self.largest_stable_step(model)
+        if SHORTEST_STEP <= step <= longest * (1.0 + 1e-9):
+            return
+        advice = (
+            "shorten it or correct the inertias, gains and stiffness"
+            if step > longest
+            else "correct it"
+        )
+        raise ParameterError(
+            f"the step of the {model} model must lie between {SHORTEST_STEP:g} and "
+            f"{longest:.3g} s for this actuator, received {step:.3g} s; {advice}"
+        )
+
+    @model_validator(mode="after")
+    def _steps_are_stable(self) -> Self:
+        for model, step in self.steps:
+            self.check_step(model, step)
+        return self
 
 
 class TorqueRipple(Section):

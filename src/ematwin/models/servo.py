@@ -3,16 +3,20 @@
 Normalised faults, laws of their channels, limits of travel and speed, and signals of figures.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+import math
+from abc import abstractmethod
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from ematwin.errors import InputError, ParameterError, RecordError
-from ematwin.models.base import Candidates, Law, Model, Signal
+from ematwin.models.base import Candidates, Law, Model, Progress, Signal, Values
 from ematwin.models.scenario import Scenario
+from ematwin.models.simulated import recording_of
 from ematwin.models.unknown import Unknown
 from ematwin.recordings.channel import Channel, Derivation
+from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 from ematwin.showing.numbers import apart
 
@@ -40,6 +44,51 @@ class ServoModel(Model):
     command = "command"
     load = "load"
     fidelities = ("reference", "monitor")
+
+    @abstractmethod
+    def simulated(
+        self, fidelity: str, actuator: Any, scenario: Scenario, values: Values, rate: float,
+        step: float, start: float, progress: Progress | None,
+    ) -> tuple[np.ndarray, dict[str, np.ndarray], float]:  # fmt: skip
+        """The response from rest: times (S,), all channels (S,) by name, and the step, s.
+
+        Parameters
+        ----------
+        fidelity : "reference" or "monitor"
+        actuator, scenario, values, progress : as of `ematwin.simulate`
+        rate, step : Hz and s; ``step`` at most
+        start : position of the output, rad
+        """
+
+    def simulate(  # type: ignore[override]  # which options there are, a kind decides
+        self, actuator: Any, scenario: Scenario, values: Values, *, fidelity: str | None = None,
+        sample_rate: float | None = None, step: float | None = None, noise: Noise | None = None,
+        seed: int = 0, initial_position: float = 0.0, also: Collection[str] = (),
+        progress: Progress | None = None,
+    ) -> Recording:  # fmt: skip
+        """The response of a model to a scenario; arguments and errors as in `ematwin.simulate`."""
+        form = fidelity or self.fidelities[0]
+        check_start(initial_position, actuator)
+        self.check_scenario(scenario, actuator)
+        rate = self.rate_of(actuator) if sample_rate is None else sample_rate
+        if not 0.0 < rate < math.inf:
+            raise InputError(f"sample_rate must be a positive number of Hz, received {rate}.")
+        longest = checked_step(actuator, form, step)
+        time, channels, taken = self.simulated(
+            form, actuator, scenario, values, rate, longest, initial_position, progress
+        )
+        lacking = [name for name in also if name not in channels]
+        if lacking:
+            raise InputError(
+                f"The {form} model has no {', '.join(lacking)}; take the reference model, or leave "
+                "that out."
+            )
+        return recording_of(
+            self, actuator, scenario, values, time,
+            {n: x for n, x in channels.items() if n not in self.on_request or n in also},
+            noise=noise, seed=seed, fidelity=form,
+            initial_position_rad=float(initial_position), step_s=taken,
+        )  # fmt: skip
 
     def respond(
         self, actuator: Any, inputs: Recording, candidates: Candidates, count: int
@@ -297,20 +346,24 @@ def little_motion(recording: Recording, actuator: Any, turn: float, said: str) -
     return found
 
 
-def check_size(name: str, largest: float, limit: float, unit: str, said: str) -> None:
-    """Raise `RecordError` if a channel's largest value (SI) is above a limit.
+def check_sizes(
+    traces: Mapping[str, np.ndarray], names: Iterable[str], limit: float, unit: str, said: str
+) -> None:
+    """Raise `RecordError` if one of some traces (S,), SI, by name, is ever above a limit.
 
     ``said`` names the actuator and what its limit is.
     """
-    if largest <= limit:
-        return
     smaller, factor = {"A": ("mA", 1e-3), "V": ("mV", 1e-3), "rad/s": ("rpm", np.pi / 30.0)}[unit]
-    hint = (
-        f'It looks like {smaller}: give unit = "{smaller}" in the map.'
-        if largest * factor <= limit
-        else "Check its unit and scale, or the actuator."
-    )
-    raise RecordError(f"{name} reaches {largest:.4g} {unit}; {said}. {hint}")
+    for name in (name for name in names if name in traces):
+        largest = float(np.abs(traces[name]).max())
+        if largest <= limit:
+            continue
+        hint = (
+            f'It looks like {smaller}: give unit = "{smaller}" in the map.'
+            if largest * factor <= limit
+            else "Check its unit and scale, or the actuator."
+        )
+        raise RecordError(f"{name} reaches {largest:.4g} {unit}; {said}. {hint}")
 
 
 def check_enough(recording: Recording) -> None:

@@ -74,12 +74,27 @@ def initial_position(actuator: Any) -> Start:
     )  # fmt: skip
 
 
-def sample_and_advance(traces: Any, interval: float, substeps: int) -> tuple[Any, Any]:
-    """``sample`` and ``advance`` of the two steps of an `ematwin.numerics.lanes.Traces`."""
+def stepped_of(
+    traces: Any,
+    rest: Any,
+    constants: Callable[[Mapping[str, Any]], Sequence[Any]],
+    *,
+    inputs: tuple[str, ...],
+    interval: float,
+    substeps: int,
+) -> Stepped:
+    """The twin of an `ematwin.numerics.lanes.Traces`, from a state at rest.
+
+    ``rest`` is a step ``(command, c) -> state``; the others are as of `Stepped`.
+    """
     _, constants_of, _ = columns(traces.constants)
     _, state_of, write_state = columns(traces.state)
     _, _, write_answers = columns(traces.answers)
     sampled, advanced, dt = traces.sampled, traces.advanced, interval / substeps
+
+    @part
+    def begin(c, u, x):
+        write_state(x, 0, rest(u[0, 0], constants_of(c, 0)))
 
     @part
     def sample(c, x, u, n, y):
@@ -91,4 +106,9 @@ def sample_and_advance(traces: Any, interval: float, substeps: int) -> tuple[Any
     def advance(c, x, u):
         write_state(x, 0, advanced(state_of(x, 0), u[0, 0], u[1, 0], constants_of(c, 0), dt))
 
-    return sample, advance
+    return Stepped(
+        inputs=inputs, outputs=traces.answers._fields, constants=constants, begin=begin,
+        sample=sample, advance=advance, interval=interval, substeps=substeps,
+        at=(traces.at,) * len(inputs), constant_count=len(traces.constants._fields),
+        state_count=len(traces.state._fields),
+    )  # fmt: skip

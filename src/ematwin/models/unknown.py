@@ -196,6 +196,28 @@ class Unknown:
         )
 
 
+@dataclass(frozen=True)
+class Times:
+    """A factor on a parameter as the value of the parameter; it travels between processes."""
+
+    place: str
+
+    def __call__(self, actuator: Any, factor: Any) -> Any:
+        """The value of the parameter, multiplied."""
+        return factor * actuator.value(self.place)
+
+
+def multiple(
+    actuator: Any, name: str, place: str, meaning: str, lower: float, upper: float,
+    than: str = "healthy one",
+) -> Unknown:  # fmt: skip
+    """A fault that multiplies a parameter, searched by its logarithm."""
+    return Unknown(
+        name, "", f"{meaning}, as a multiple of the {than}", 1.0, lower, upper, logarithmic=True,
+        physical_unit=actuator.parameter(place)[2], physical=Times(place),
+    )  # fmt: skip
+
+
 def of_parameter(actuator: Any, place: str, factor: float | None) -> Unknown:
     """A parameter of an actuator as an unknown.
 

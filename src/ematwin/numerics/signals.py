@@ -58,6 +58,14 @@ class LowPass:
         """
         return min(1.0, 2.0 * _NOISE_BANDWIDTH * self.cutoff / sample_rate)
 
+    def passed_noise(self, signal: np.ndarray, filtered: np.ndarray, sample_rate: float) -> float:
+        """Variance of the white noise of a signal (S,) that is left in it as filtered (S,).
+
+        It follows from the part that the filter removes.
+        """
+        passed = min(0.5, 2.0 * self.cutoff / sample_rate)
+        return float(np.mean((signal - filtered) ** 2)) * passed / (1.0 - passed)
+
     def apply(self, signal: np.ndarray, sample_rate: float) -> np.ndarray:
         """The filtered signal (S,), as if it had rested at its first value before."""
         return filtered(self.taps(sample_rate, float(signal[0])), signal)[0]

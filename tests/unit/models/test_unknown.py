@@ -26,7 +26,7 @@ def test_the_laws_are_those_of_the_kernel() -> None:
 
     k = [0.25, 0.5, 0.1, 0.2, 0.3, 0.4, 0.7, 0.9]
     half_gap = kernel_constants(ACTUATOR).half_gap
-    state = fault_state.py_func(*k, half_gap)
+    state = fault_state.py_func(k, half_gap)
     told = {row.name: row.value for row in Faults.of(np.array(k)).physical(ACTUATOR)}
     torque = ACTUATOR.motor.friction_torque + ACTUATOR.transmission.friction_torque
     assert told["friction"] == pytest.approx(torque * state.friction)

@@ -23,7 +23,7 @@ from ematwin.recordings.recording import Recording
 from naive import ball_screw as naive
 
 ACTUATOR = BallScrew.load()
-C = ball_screw_constants(ACTUATOR)
+C = ball_screw_constants(ACTUATOR, {}, 1, 1)
 SET_POINT, INTERVAL = out_and_back(ACTUATOR, 0.05, 2.5, 1.0)
 HEALTHY = {"friction": 1.0, "backlash": 5e-5, "gain": 1.0, "load": 0.0, "initial_error": 0.0}
 

@@ -68,15 +68,13 @@ class DcGearmotorModel(Model):
         self, actuator: DcGearmotor, inputs: Recording, candidates: Candidates, count: int
     ) -> dict[str, np.ndarray]:
         """Voltage (V), current (A) and position (rad) of each candidate, (B, S) arrays."""
-        from ematwin_dc_gearmotor.step import State, traces  # compiles: only when needed
+        from ematwin_dc_gearmotor.step import at_rest, traces  # compiles: only when needed
 
-        gear = actuator.gear
         values = {**self.healthy(actuator), **candidates}
         substeps = math.ceil(inputs.interval / actuator.steps.twin - 1e-9)
         constants = self.constants(actuator, values, substeps)
         start = inputs.command[0] if inputs.position is None else inputs.position[0]
-        on_motor = gear.ratio * start  # at rest, amid the play
-        rest = State(0.0, 0.0, on_motor, on_motor, 0.0, 0.0)
+        rest = at_rest.py_func(start, constants)
         return traces(inputs.command, None, constants, rest, inputs.interval, substeps, count=count)
 
     def constants(self, actuator: DcGearmotor, values: Candidates, substeps: int) -> Any:
@@ -108,26 +106,14 @@ class DcGearmotorModel(Model):
 
     def stepped(self, actuator: DcGearmotor, fidelity: str) -> Any:
         """The servo sample by sample, from rest at the first command: what `export-fmu` exports."""
-        from ematwin.models.stepped import Stepped, sample_and_advance
-        from ematwin.numerics.compile import part
-        from ematwin_dc_gearmotor.step import Answer, Constants, State, traces
+        from ematwin.models.stepped import stepped_of
+        from ematwin_dc_gearmotor.step import at_rest, traces
 
         interval = 1.0 / self.sample_rate
         substeps = math.ceil(interval / actuator.steps.twin - 1e-9)
-        sample, advance = sample_and_advance(traces, interval, substeps)
-        ratio = Constants._fields.index("ratio")
-
-        @part
-        def begin(c, u, x):  # type: ignore[no-untyped-def]
-            x[:, 0] = 0.0
-            x[2, 0] = x[3, 0] = c[ratio, 0] * u[0, 0]  # theta and output
-
-        return Stepped(
-            inputs=("command",), outputs=Answer._fields,
-            constants=lambda values: list(self.constants(actuator, values, substeps)),
-            begin=begin, sample=sample, advance=advance, interval=interval, substeps=substeps,
-            at=(traces.at,), constant_count=len(Constants._fields),
-            state_count=len(State._fields),
+        return stepped_of(
+            traces, at_rest, lambda values: self.constants(actuator, values, substeps),
+            inputs=("command",), interval=interval, substeps=substeps,
         )  # fmt: skip
 
 

@@ -93,4 +93,10 @@ def seen(now, command, load, sample, c, interval):
     return State(now.current, now.w, now.theta, now.output, 0.0, 0.0), answer
 
 
+@step
+def at_rest(command, c):
+    """The state at rest at a position of the output (rad), amid the play."""
+    return State(0.0, 0.0, c.ratio * command, c.ratio * command, 0.0, 0.0)
+
+
 traces = Traces(Constants, State, Answer, seen, servo_step)

@@ -9,13 +9,16 @@ from ematwin.models.ball_screw.monitoring import MONITORING
 from ematwin.models.ball_screw.motions import SENSORS, as_sensed
 from ematwin.models.ball_screw.parameters import FIXED, BallScrew
 from ematwin.models.ball_screw.plausibility import check_signals, check_spans, position_error
-from ematwin.models.ball_screw.unknowns import aliases, unknowns
 from ematwin.models.base import Demand, Model, Signal, Study, Values
 from ematwin.models.comparison import Candidates
 from ematwin.models.unknown import Alias, Unknown
 from ematwin.recordings.channel import Channel, Derivation
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
+
+_MOST_BACKLASH = 5e-3  # m
+_MOST_LOAD = 2.0  # of the friction at standstill
+_MOST_ERROR = 5e-3  # m
 
 
 class BallScrewModel(Model):
@@ -62,12 +65,37 @@ class BallScrewModel(Model):
     )
 
     def unknowns(self, actuator: Any) -> tuple[Unknown, ...]:
-        """Friction, backlash and gain; load and first error; roughness."""
-        return unknowns(actuator)
+        """Friction, backlash and gain; load and first error; roughness.
+
+        Priors are wide enough to let a motion speak where it says anything.
+        """
+        play, force = float(actuator.screw.backlash), float(actuator.screw.friction_force)
+        load = _MOST_LOAD * force
+        return (
+            Unknown("friction", "", "dry friction, as a multiple of the healthy one",
+                    1.0, 0.05, 6.0, spread=2.0),
+            Unknown("backlash", "m", "play of the nut on the screw",
+                    play, 0.0, max(_MOST_BACKLASH, 2.0 * play), spread=1e-3,
+                    physical_unit="mm", physical=lambda _, value: 1e3 * value),
+            Unknown("gain", "", "gain of the position loop, as a multiple of the healthy one",
+                    1.0, 0.3, 3.0, spread=0.3),
+            Unknown("load", "N", "load that pushes towards larger positions",
+                    0.0, -load, load, "nuisance", spread=0.5 * force),
+            Unknown("initial_error", "m", "position error at the first sample",
+                    0.0, -_MOST_ERROR, _MOST_ERROR, "nuisance", spread=2e-3),
+            Unknown("roughness", "", "share of the moving current that swings with the turn of the "
+                    "screw, from surface damage", 0.0, 0.0, 2.0, "symptom"),
+        )  # fmt: skip
 
     def aliases(self, actuator: Any, values: Values) -> list[Alias]:
         """Friction and gain against the parameters that they multiply."""
-        return aliases(values)
+        return [
+            Alias("screw.friction_force", {"friction": values.get("friction", 1.0)}),
+            Alias(
+                "controller.position_gain",
+                {"gain": values.get("gain", 1.0), "controller.integral_gain": -1.0},
+            ),
+        ]
 
     def respond(
         self, actuator: Any, inputs: Recording, candidates: Candidates, count: int
@@ -121,14 +149,6 @@ class BallScrewModel(Model):
         random, usual = np.random.default_rng(seed), SENSORS if noise is None else (0.0, 0.0)
         found = as_sensed(recording, actuator, values["roughness"], usual, random)
         return found if noise is None else noise.apply(found, random)
-
-    def summary(self, recording: Recording, actuator: Any) -> dict[str, float]:
-        """RMS current, A, and the largest position error, m."""
-        current, error = recording.channels["current"], position_error(recording)
-        return {
-            "current_rms": float(np.sqrt(np.mean(current**2))),
-            "position_error_largest": float(np.abs(error).max()),
-        }
 
     def signals(self, recording: Recording, actuator: Any) -> list[Signal]:
         """Current and position error."""

@@ -39,6 +39,7 @@ class BallScrewConstants(NamedTuple):
     k_integral: float  # 1/s^2
     update: float  # steps from one sample of the position loop to the next
     share: float  # of a step in the sampling interval of the recording
+    initial_error: float  # m, position error at rest before the first sample
 
 
 class BallScrewState(NamedTuple):
@@ -97,6 +98,13 @@ def seen(now, set_point, load, sample, c, interval):
     """The state, which begins another mean of the current, and `BallScrewAnswer`."""
     after = BallScrewState(now.w, now.theta, now.nut, now.integral, now.w_ref, now.wait, 0.0)
     return after, BallScrewAnswer(now.current, set_point - c.per_radian * now.nut)
+
+
+@step
+def ball_screw_at_rest(set_point, c):
+    """`BallScrewState` at rest, the nut in the middle of its play."""
+    theta = (set_point - c.initial_error) / c.per_radian
+    return BallScrewState(0.0, theta, theta, 0.0, 0.0, 0.0, c.i_idle)
 
 
 ball_screw_traces = Traces(

@@ -9,13 +9,11 @@ import numpy as np
 from ematwin.errors import RecordError
 from ematwin.models.ball_screw.parameters import FIXED, BallScrew
 from ematwin.models.ball_screw.step import (
-    BallScrewAnswer,
     BallScrewConstants,
-    BallScrewState,
+    ball_screw_at_rest,
     ball_screw_traces,
 )
-from ematwin.models.stepped import Stepped, sample_and_advance
-from ematwin.numerics.compile import part
+from ematwin.models.stepped import Stepped, stepped_of
 
 
 def candidate_traces(
@@ -37,11 +35,8 @@ def candidate_traces(
     count : B
     """
     update, substeps = steps_of(actuator, interval)
-    c = ball_screw_constants(actuator, candidates)
-    c = c._replace(update=float(update), share=1.0 / substeps)
-    # at rest, the nut in the middle of its play
-    start = (set_point[0] - candidates.get("initial_error", 0.0)) / c.per_radian
-    state = BallScrewState(0.0, start, start, 0.0, 0.0, 0.0, c.i_idle)
+    c = ball_screw_constants(actuator, candidates, update, substeps)
+    state = ball_screw_at_rest.py_func(set_point[0], c)
     return ball_screw_traces(set_point, None, c, state, interval, substeps, count=count)
 
 
@@ -49,41 +44,20 @@ def stepped(actuator: BallScrew) -> Stepped:
     """The actuator sample by sample, from rest, the nut in the middle of its play."""
     interval = actuator.controller.sample_time
     update, substeps = steps_of(actuator, interval)
-    sample, advance = sample_and_advance(ball_screw_traces, interval, substeps)
-    per_radian, i_idle = map(BallScrewConstants._fields.index, ("per_radian", "i_idle"))
-    count = len(BallScrewConstants._fields)
-
-    def constants(candidates: Mapping[str, Any]) -> list[Any]:
-        c = ball_screw_constants(actuator, candidates)
-        c = c._replace(update=float(update), share=1.0 / substeps)
-        return [*c, candidates["initial_error"]]
-
-    @part
-    def begin(c, u, x):  # type: ignore[no-untyped-def]
-        x[:, 0] = 0.0
-        x[1, 0] = x[2, 0] = (u[0, 0] - c[count, 0]) / c[per_radian, 0]
-        x[6, 0] = c[i_idle, 0]
-
-    return Stepped(
-        inputs=("set_point",),
-        outputs=BallScrewAnswer._fields,
-        constants=constants,
-        begin=begin,
-        sample=sample,
-        advance=advance,
-        interval=interval,
-        substeps=substeps,
-        at=(ball_screw_traces.at,),
-        constant_count=count + 1,
-        state_count=len(BallScrewState._fields),
-    )
+    return stepped_of(
+        ball_screw_traces, ball_screw_at_rest,
+        lambda candidates: ball_screw_constants(actuator, candidates, update, substeps),
+        inputs=("set_point",), interval=interval, substeps=substeps,
+    )  # fmt: skip
 
 
 def ball_screw_constants(
-    actuator: BallScrew, candidates: Mapping[str, Any] | None = None
+    actuator: BallScrew, k: Mapping[str, Any], update: int, substeps: int
 ) -> BallScrewConstants:
-    """Constants of the equations in docs/ball-screw.md, numbers or (B,) arrays."""
-    k = candidates or {}
+    """Constants of the equations in docs/ball-screw.md, numbers or (B,) arrays.
+
+    ``k`` are unknowns by name and parameters by place; steps are as of `steps_of`.
+    """
     own = actuator.varied(k, FIXED)
     screw, drive, control = own.screw, own.drive, own.controller
     per_radian = screw.lead / (2.0 * math.pi)
@@ -101,8 +75,9 @@ def ball_screw_constants(
         response_time=drive.response_time,
         k_position=control.position_gain * gain,
         k_integral=control.integral_gain * gain,
-        update=1.0,
-        share=1.0,
+        update=float(update),
+        share=1.0 / substeps,
+        initial_error=k.get("initial_error", 0.0),
     )
 
 

@@ -35,11 +35,12 @@ from ematwin.models.bldc.simulate import INPUT_INTERVAL, TimeGrid, steps_within
 from ematwin.models.bldc.state import fault_state
 from ematwin.models.bldc.truer.loops import resting
 from ematwin.models.bldc.truer.motor import KEPT_5, KEPT_7, SINE
-from ematwin.models.bldc.truer.state import NEUTRAL, truer_state
+from ematwin.models.bldc.truer.state import TruerState
 from ematwin.models.bldc.unknowns import UNKNOWNS
 from ematwin.models.bldc.zeros import counted
 from ematwin.models.optional import FIRST_SAMPLE, Values
 from ematwin.numerics.compile import loop
+from ematwin.numerics.lanes import columns
 from ematwin.numerics.signals import LowPass, white_noise
 from ematwin.recordings.recording import Recording
 
@@ -49,6 +50,7 @@ _MODULATED = 2.5e-6  # s, of steps at most: estimates move by a tenth of a stand
 LEAST = 0.001  # of the recorded current: what simulators of other make differ by
 _FINE_STEP = 1e-9  # rad: of an encoder whose counts do not show
 _THIRD = 2.0 * math.pi / 3.0
+_, read_more, _ = columns(TruerState)
 
 
 @loop
@@ -62,8 +64,8 @@ def currents_along(k, command, motion, c, dt, substeps, decimation, truer, more)
     motion : (3, G) array, angle and speed of the motor, and angle of the output, on its shaft
     c, dt, substeps, decimation, truer, more : as of `batch.reference_trace`
     """
-    fault = fault_state(k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], c.half_gap)
-    now_more = truer_state(more)
+    fault = fault_state(k, c.half_gap)
+    now_more = read_more(more.reshape(-1, 1), 0)
     i_a, i_b, i_c, pair_sign = 0.0, 0.0, 0.0, 1.0
     samples = (command.size - 1) // decimation
     found = np.empty((samples, 3))
@@ -202,7 +204,7 @@ class Controller:
         self._motion, self._low_pass = motion, low_pass
         rate = motion.rate
         count = min(len(motion.time), int(_LONGEST * rate) + 1)
-        self._grid = grid = TimeGrid(INPUT_INTERVAL, INPUT_INTERVAL, (count - 0.5) / rate, rate)
+        self._grid = grid = TimeGrid(INPUT_INTERVAL, (count - 0.5) / rate, rate)
         self._states = np.array([
             motion.motor(grid.time), motion.motor(grid.time, 1), motion.output(grid.time),
         ])  # fmt: skip
@@ -237,7 +239,7 @@ class Controller:
             substeps = max(1, round(faster * step / actuator.steps.reference))
         else:
             substeps = steps_within(step, own.sample_time, _MODULATED, actuator.steps.reference)
-        truer = truer_constants(actuator) or NEUTRAL
+        truer = truer_constants(actuator)
         if truer.motor_step > 0.0 and not counts:
             truer = truer._replace(motor_step=_FINE_STEP, output_step=0.0)
         angle, speed, _ = self._states[:, 0]

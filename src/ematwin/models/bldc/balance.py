@@ -218,4 +218,4 @@ def _rests(twist: np.ndarray, pushed: np.ndarray, gap: float) -> np.ndarray:
 def state_of(values: Values | None, actuator: Any) -> FaultState:
     """Physical magnitudes of faults by name, healthy where not named or none are given."""
     half_gap = 0.5 * actuator.transmission.backlash
-    return FaultState(*fault_state.py_func(*fault_vector(values or {}), half_gap))
+    return FaultState(*fault_state.py_func(fault_vector(values or {}), half_gap))

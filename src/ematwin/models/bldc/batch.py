@@ -23,7 +23,7 @@ from ematwin.models.bldc.state import (
     fault_state,
 )
 from ematwin.models.bldc.truer.monitor_step import Loops, looped_monitor_step
-from ematwin.models.bldc.truer.state import truer_state
+from ematwin.models.bldc.truer.state import TruerState
 from ematwin.numerics.compile import loop, step
 from ematwin.numerics.lanes import LANES, columns, lane_loop, wide_vectors
 from ematwin.numerics.scalar import biquad
@@ -49,6 +49,8 @@ new_faults, read_fault, write_fault = columns(FaultState)
 new_pairs, read_pairs, write_pairs = columns(Pairs)
 new_state, read_state, write_state = columns(MonitorState)
 new_loops, read_loops, write_loops = columns(Loops)
+_, read_reference, write_reference = columns(ReferenceState)
+_, read_more, write_more = columns(TruerState)
 
 
 @step
@@ -80,12 +82,9 @@ def reference_trace(k, command, load, state, c, dt, substeps, decimation, truer,
     ((G - 1) // decimation, 15) array, columns as in `REFERENCE_COLUMNS`, the samples after the
         start; a current or voltage is the mean over the interval that ends at its sample
     """
-    fault = fault_state(k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], c.half_gap)
-    now = ReferenceState(
-        state[0], state[1], state[2], state[3], state[4], state[5], state[6], state[7],
-        state[8], state[9], state[10],
-    )  # fmt: skip
-    now_more = truer_state(more)
+    fault = fault_state(k, c.half_gap)
+    rows, more_rows = state.reshape(-1, 1), more.reshape(-1, 1)
+    now, now_more = read_reference(rows, 0), read_more(more_rows, 0)
     samples = (command.size - 1) // decimation
     trace = np.empty((samples, 15))
     share = 1.0 / (substeps * decimation)
@@ -130,10 +129,8 @@ def reference_trace(k, command, load, state, c, dt, substeps, decimation, truer,
         trace[sample, 12] = sum_vc * share
         trace[sample, 13] = sum_bus * share
         trace[sample, 14] = sum_vbus * share
-    for n, value in enumerate(now):
-        state[n] = value
-    for n, value in enumerate(now_more):
-        more[n] = value
+    write_reference(rows, 0, now)
+    write_more(more_rows, 0, now_more)
     return trace
 
 
@@ -149,11 +146,13 @@ def monitor_trace(k, command, load, state, c, dt, substeps, decimation, loops):
     ((G - 1) // decimation, 6) array, columns as in `MONITOR_COLUMNS`; the current is signed, the
         power is electrical, into the motor
     """
-    fault = fault_state(k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], c.half_gap)
+    fault = fault_state(k, c.half_gap)
     pairs = pairs_of(fault, c)
-    now = MonitorState(state[0], state[1], state[2], state[3], state[4], state[5], state[6])
+    rows = state.reshape(-1, 1)
+    now = read_state(rows, 0)
     if loops is not None:
-        now_loops = Loops(loops[0], loops[1], loops[2], loops[3])
+        loop_rows = loops.reshape(-1, 1)
+        now_loops = read_loops(loop_rows, 0)
     samples = (command.size - 1) // decimation
     trace = np.empty((samples, 6))
     share = 1.0 / (substeps * decimation)
@@ -180,11 +179,9 @@ def monitor_trace(k, command, load, state, c, dt, substeps, decimation, loops):
         trace[sample, 3] = now.theta_o
         trace[sample, 4] = now.w_o
         trace[sample, 5] = energy * share
-    for n, value in enumerate(now):
-        state[n] = value
+    write_state(rows, 0, now)
     if loops is not None:
-        for n, value in enumerate(now_loops):
-            loops[n] = value
+        write_loops(loop_rows, 0, now_loops)
     return trace
 
 
@@ -293,7 +290,7 @@ def monitor_scores(
                         now_at = at(load, begin - 1 + late[n])
                         late_next[n] = at(load, begin + late[n])
                         late_end[n] = now_at + late_part[n] * (late_next[n] - now_at)
-                    f = fault_state(v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7], half_gap_n)
+                    f = fault_state(v, half_gap_n)
                     write_fault(faults, n, f)
                     c_n = c if by_candidate is None else read_constants(own, n)
                     write_pairs(pairs, n, pairs_of(f, c_n))

@@ -6,15 +6,6 @@ from ematwin.models.servo import COMMAND_AND_LOAD, star_channels
 from ematwin.recordings.channel import TIME, Channel
 from ematwin.recordings.recording import Recording
 
-
-def _voltage(letter: str) -> Channel:
-    """A terminal of the motor, as a mean over the sampling interval."""
-    return Channel(
-        f"voltage_{letter}", "V", f"voltage at terminal {letter}, all against one point",
-        (f"v_{letter}", f"u_{letter}"), is_mean=True,
-    )  # fmt: skip
-
-
 CHANNELS = (
     *COMMAND_AND_LOAD,
     *star_channels("current", "A", "current into phase {}", ("i_{}", "i{}"), is_mean=True),
@@ -23,7 +14,11 @@ CHANNELS = (
     Channel("motor_speed", "rad/s", "motor shaft speed", ("omega_m",), "motor"),
     Channel("output_position", "rad", "output angle", ("theta_o",), "output"),
     Channel("output_speed", "rad/s", "output speed", ("omega_o",), "output"),
-    *(_voltage(letter) for letter in "abc"),
+    *(
+        Channel(f"voltage_{x}", "V", f"voltage at terminal {x}, all against one point",
+                (f"v_{x}", f"u_{x}"), is_mean=True)
+        for x in "abc"
+    ),
     Channel("bus_current", "A", "current out of the supply", ("i_bus", "i_dc"), is_mean=True),
     Channel("bus_voltage", "V", "voltage of the supply", ("v_bus", "v_dc", "u_dc"), is_mean=True),
 )  # fmt: skip
@@ -32,7 +27,6 @@ CURRENTS = (*PHASES, "current")
 VOLTAGES = ("voltage_a", "voltage_b", "voltage_c")
 ON_REQUEST = (*VOLTAGES, "bus_current", "bus_voltage")  # of a simulation
 UNITS = {channel.name: channel.unit for channel in (TIME, *CHANNELS)}
-COLUMNS = tuple(UNITS)
 
 
 def phase_currents(recording: Recording) -> np.ndarray | None:

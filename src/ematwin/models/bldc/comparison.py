@@ -61,7 +61,6 @@ class BldcComparison(Comparison):
         speed
     actuator : BldcActuator
     low_pass : filter of both currents
-    weighting : weights of the misfit
     rectify : compare magnitudes; None compares signed currents where the recording has the rotor
         angle, else magnitudes
     threads : threads that share a batch; None takes one for each core
@@ -97,7 +96,6 @@ class BldcComparison(Comparison):
         actuator: BldcActuator,
         *,
         low_pass: LowPass | None = None,
-        weighting: SlopeWeighting | None = None,
         rectify: bool | None = None,
         threads: int | None = None,
     ) -> None:
@@ -122,13 +120,13 @@ class BldcComparison(Comparison):
             place for place, *_ in actuator.parameters() if place.startswith(_REFERENCE_ALONE)
         )
         self.threads = threads or cores()
-        self._filter(low_pass or LowPass(), weighting or SlopeWeighting())
+        self._filter(low_pass or LowPass())
 
     def with_missed(self, missed: Mapping[str, np.ndarray]) -> "BldcComparison":
         """With the errors of the twin in filtered current (A) and power (W) subtracted."""
         other = copy.copy(self)
         other._missed, other._passed = dict(missed), self.low_pass
-        other._filter(self.low_pass, self.weighting)
+        other._filter(self.low_pass)
         return other
 
     def exact(self, values: Mapping[str, float]) -> dict[str, np.ndarray]:
@@ -203,7 +201,7 @@ class BldcComparison(Comparison):
         if self.power is not None:
             other.power = replace(self.power, watts=means(self.power.watts, stride))
         other.kept, other._stands_for = min(kept, self.kept), stride * self._stands_for
-        other._filter(low_pass, self.weighting)
+        other._filter(low_pass)
         return other._stepped(longest)
 
     def refined(self) -> "BldcComparison":
@@ -266,12 +264,12 @@ class BldcComparison(Comparison):
         self._filtered_power = PowerStretches(target, weights, states)
         self.evidence = self.kept_of(self.whole)
 
-    def _filter(self, low_pass: LowPass, weighting: SlopeWeighting) -> None:
+    def _filter(self, low_pass: LowPass) -> None:
         """Form target, weights and filter for a low-pass."""
         recording = self.recording
-        self.low_pass, self.weighting = low_pass, weighting
+        self.low_pass = low_pass
         self.target = low_pass.apply(self.current, recording.sample_rate)
-        self.weights = self._stands_for * weighting.weights(self.target, recording.interval)
+        self.weights = self._stands_for * SlopeWeighting().weights(self.target, recording.interval)
         self.weights[0] = 0.0  # the twin starts there; nothing has been simulated yet
         for start, stop in recording.provenance.get("masked_s", []):  # filled by the reader
             masked = (recording.time >= start) & (recording.time <= stop + 1.0 / low_pass.cutoff)

@@ -7,11 +7,30 @@ import numpy as np
 
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.state import Constants
-from ematwin.models.bldc.truer.state import NEUTRAL, Truer
+from ematwin.models.bldc.truer.state import Truer
 from ematwin.models.bldc.unknowns import FIXED, LOAD
 from ematwin.numerics.side_by_side import by_candidate
 
 _NO_LAG = 1e-9  # s: a filter so fast is none
+# fields of `Truer` by parameter, for each section of the file
+_STATED = {
+    "emf": {"rounding": "rounding", "harmonic_5": "harmonic_5", "harmonic_7": "harmonic_7"},
+    "torque_ripple": {"share": "ripple", "cycles": "ripple_cycles", "phase": "ripple_phase"},
+    "cogging": {"torque": "cogging", "cycles": "cogging_cycles", "phase": "cogging_phase"},
+    "presliding": {
+        "motor_stiffness": "bristles_m", "output_stiffness": "bristles_o",
+        "damping": "bristle_damping", "stribeck_speed": "w_stribeck",
+    },
+    "winding_heat": {"gain_per_watt": "heating", "time_constant": "heating_time"},
+    "supply": {"resistance": "supply_resistance"},
+    "speed_loop": {
+        "integral_gain": "integral_gain", "sample_time": "sample_time", "delay": "delay",
+    },
+    "current_loop": {
+        "proportional_gain": "current_gain", "integral_gain": "current_integral",
+        "sample_time": "current_sample", "delay": "current_delay", "lost_voltage": "lost_voltage",
+    },
+}  # fmt: skip
 
 
 def kernel_constants(
@@ -74,53 +93,14 @@ def truer_constants(actuator: BldcActuator, count_offset: float = 0.5) -> Truer:
 
     A gear that gives and a share of the eccentricity that turns are in `kernel_constants`.
     """
-    emf, cogging, speed = actuator.emf, actuator.cogging, actuator.speed_loop
-    found: dict[str, float] = {}
-    if actuator.shorted_turns is not None:
-        found |= {"loops": 1.0}
-    if emf is not None:
-        found |= {
-            "rounding": emf.rounding, "harmonic_5": emf.harmonic_5, "harmonic_7": emf.harmonic_7,
-        }  # fmt: skip
-    if actuator.torque_ripple is not None:
-        ripple = actuator.torque_ripple
-        found |= {
-            "ripple": ripple.share, "ripple_cycles": 1.0 * ripple.cycles,
-            "ripple_phase": ripple.phase,
-        }  # fmt: skip
-    if actuator.presliding is not None:
-        bristles = actuator.presliding
-        found |= {
-            "bristles_m": bristles.motor_stiffness, "bristles_o": bristles.output_stiffness,
-            "bristle_damping": bristles.damping, "w_stribeck": bristles.stribeck_speed,
-        }  # fmt: skip
-    if actuator.winding_heat is not None:
-        heat = actuator.winding_heat
-        found |= {"heating": heat.gain_per_watt, "heating_time": heat.time_constant}
+    found: dict[str, float] = {} if actuator.shorted_turns is None else {"loops": 1.0}
+    for key, names in _STATED.items():
+        section = getattr(actuator, key)
+        if section is not None:
+            found |= {field: 1.0 * getattr(section, name) for name, field in names.items()}
     if actuator.supply is not None:
-        supply = actuator.supply
-        found |= {
-            "supply_resistance": supply.resistance,
-            "link_time": supply.resistance * supply.capacitance,
-        }  # fmt: skip
-    if cogging is not None:
-        found |= {
-            "cogging": cogging.torque, "cogging_cycles": 1.0 * cogging.cycles,
-            "cogging_phase": cogging.phase,
-        }  # fmt: skip
-    if speed is not None:
-        found |= {
-            "integral_gain": speed.integral_gain, "sample_time": speed.sample_time,
-            "delay": speed.delay,
-        }  # fmt: skip
-    if actuator.current_loop is not None:
-        current = actuator.current_loop
-        found |= {
-            "current_gain": current.proportional_gain, "current_integral": current.integral_gain,
-            "current_sample": current.sample_time, "current_delay": current.delay,
-            "lost_voltage": current.lost_voltage,
-        }  # fmt: skip
-    encoder = actuator.encoder
+        found["link_time"] = actuator.supply.resistance * actuator.supply.capacitance
+    encoder, speed = actuator.encoder, actuator.speed_loop
     if encoder is not None and speed is not None:
         lag = np.maximum(encoder.filter_time, _NO_LAG)
         found |= {
@@ -128,7 +108,7 @@ def truer_constants(actuator: BldcActuator, count_offset: float = 0.5) -> Truer:
             "output_step": encoder.output_step * actuator.transmission.ratio,
             "filter_share": -np.expm1(-speed.sample_time / lag),
         }  # fmt: skip
-    return NEUTRAL._replace(**found)
+    return Truer(**found)
 
 
 def constants_by_candidate(

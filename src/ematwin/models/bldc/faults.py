@@ -132,8 +132,10 @@ def check_name(name: str) -> None:
         raise InputError(f"Unknown fault {name!r}. {hint}The faults are {', '.join(FAULTS)}.")
 
 
-def error_percent(estimated: np.ndarray, injected: np.ndarray) -> np.ndarray:
-    """Err% of the paper (section 7.1), kept in its exact form.
+def error_percent(
+    estimated: np.ndarray, injected: np.ndarray, *, wrapped: bool = False
+) -> np.ndarray:
+    """Err% of the paper (section 7.1), in its exact form unless ``wrapped``.
 
     100 sqrt( sum_{1..6} (k - k^)^2 + k^_6 (k_7 - k^_7)^2 + (k_8 - k^_8)^2 ), k^ injected. The
     direction of the eccentricity counts as much as there is eccentricity.
@@ -141,17 +143,25 @@ def error_percent(estimated: np.ndarray, injected: np.ndarray) -> np.ndarray:
     Parameters
     ----------
     estimated, injected : (..., 8) arrays
+    wrapped : take the direction as an angle: k_7 = 0 and k_7 = 1 are the same
 
     Returns
     -------
     (...) array, per cent
     """
-    return _error_percent(np.asarray(estimated), np.asarray(injected), wrapped=False)
+    k_hat = np.asarray(injected)
+    gap = np.asarray(estimated) - k_hat
+    turn = gap[..., _DIRECTION]
+    if wrapped:
+        turn = turn - np.round(turn)
+    total = (gap[..., _MAGNITUDES] ** 2).sum(axis=-1)
+    total = total + k_hat[..., _ECCENTRICITY] * turn**2 + gap[..., _GAIN] ** 2
+    return np.asarray(100.0 * np.sqrt(total))
 
 
 def error_percent_wrapped(estimated: np.ndarray, injected: np.ndarray) -> np.ndarray:
-    """`error_percent` with the direction taken as an angle: k_7 = 0 and k_7 = 1 are the same."""
-    return _error_percent(np.asarray(estimated), np.asarray(injected), wrapped=True)
+    """`error_percent` with the direction of the eccentricity as an angle."""
+    return error_percent(estimated, injected, wrapped=True)
 
 
 class PaperStudy(Study):
@@ -166,14 +176,4 @@ class PaperStudy(Study):
     ) -> float:
         """Err% of the paper; ``wrapped`` takes the direction of the eccentricity as an angle."""
         one, other = (np.array([values[name] for name in FAULTS]) for values in (found, injected))
-        return float(_error_percent(one, other, wrapped=wrapped))
-
-
-def _error_percent(k: np.ndarray, k_hat: np.ndarray, *, wrapped: bool) -> np.ndarray:
-    gap = k - k_hat
-    turn = gap[..., _DIRECTION]
-    if wrapped:
-        turn = turn - np.round(turn)
-    total = (gap[..., _MAGNITUDES] ** 2).sum(axis=-1)
-    total = total + k_hat[..., _ECCENTRICITY] * turn**2 + gap[..., _GAIN] ** 2
-    return np.asarray(100.0 * np.sqrt(total))
+        return float(error_percent(one, other, wrapped=wrapped))

@@ -17,7 +17,7 @@ from ematwin.models.bldc.unknowns import (
     aliases,
     nuisances,
 )
-from ematwin.models.scenario import Chirp, Component, Ramp, Scenario, Step
+from ematwin.models.scenario import Chirp, Component, Ramp, Step
 from ematwin.models.servo import (
     ServoModel,
     current_laws,
@@ -144,14 +144,11 @@ class BldcModel(ServoModel):
         self.check_channels(recording)
         return check_plausible(recording, actuator)
 
-    def simulate(
-        self, actuator: Any, scenario: Scenario, values: Values, *, fidelity: str | None = None,
-        **options: Any,
-    ) -> Recording:  # fmt: skip
+    def simulated(self, *settings: Any) -> tuple[np.ndarray, dict[str, np.ndarray], float]:
         """The response of the reference model, or of the monitor model."""
         from ematwin.models.bldc.simulate import simulate
 
-        return simulate(self, fidelity or self.fidelities[0], actuator, scenario, values, **options)
+        return simulate(*settings)
 
     def stepped(self, actuator: Any, fidelity: str) -> Any:
         """The reference or the monitor model, sample by sample."""

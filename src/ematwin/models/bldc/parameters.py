@@ -23,7 +23,6 @@ from typing import Self
 
 from pydantic import model_validator
 
-from ematwin.errors import ParameterError
 from ematwin.models.bldc.sections import (
     Cogging,
     Compliance,
@@ -35,12 +34,18 @@ from ematwin.models.bldc.sections import (
     SpeedLoop,
 )
 from ematwin.models.bldc.stability import check_current_loop, check_speed_loop
-from ematwin.models.parameter_set import ParameterSet, Section, quantity
-from ematwin.models.sections import StribeckPresliding, Supply, TorqueRipple, WindingHeat
+from ematwin.models.parameter_set import Section, quantity
+from ematwin.models.sections import (
+    ServoParameters,
+    Steps,
+    StribeckPresliding,
+    Supply,
+    TorqueRipple,
+    WindingHeat,
+)
 from ematwin.models.servo import check_stops
 
 DEFAULT_ACTUATOR = "servo48"
-SHORTEST_STEP = 1e-9  # s: nothing in an actuator is so fast; a shorter one is a slip of the unit
 _UNMOVABLE = 1000.0  # times the inertia of the rotor: no gear is chosen so
 _UNREACHABLE = 100.0  # times the current that the supply can drive: mA taken for A give 1000
 
@@ -130,14 +135,7 @@ class Transmission(Section):
         return self
 
 
-class Steps(Section):
-    """Fixed steps of the two models; justified in docs/models.md."""
-
-    reference: float = quantity("s", "step of the reference model", exact=True, gt=0)
-    monitor: float = quantity("s", "step of the monitor model", exact=True, gt=0)
-
-
-class BldcActuator(ParameterSet):
+class BldcActuator(ServoParameters):
     """One brushless actuator, all values in SI.
 
     Load one with `BldcActuator.load("servo48")` or `BldcActuator.load("mine.toml")`; make a variant
@@ -175,12 +173,6 @@ class BldcActuator(ParameterSet):
         return Compliance.model_construct(
             stiffness=gear.contact_stiffness, damping=gear.contact_damping
         )
-
-    @model_validator(mode="after")
-    def _steps_are_stable(self) -> Self:
-        for model in ("reference", "monitor"):
-            self.check_step(model, getattr(self.steps, model))
-        return self
 
     @model_validator(mode="after")
     def _sampled_loops_are_stable(self) -> Self:
@@ -235,17 +227,3 @@ class BldcActuator(ParameterSet):
         if self.current_loop is not None:
             limits.append(self.current_loop.sample_time)
         return min(limits)
-
-    def check_step(self, model: str, step: float) -> None:
-        """Raise `ParameterError` if ``step`` (s) is too long for this actuator, or absurd."""
-        longest = self.largest_stable_step(model)
-        if not SHORTEST_STEP <= step <= longest:
-            advice = (
-                "shorten it or correct the inertias, gains and stiffness"
-                if step > longest
-                else "correct it"
-            )
-            raise ParameterError(
-                f"the step of the {model} model must lie between {SHORTEST_STEP:g} and "
-                f"{longest:.3g} s for this actuator, received {step:.3g} s; {advice}"
-            )

@@ -18,7 +18,7 @@ from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import phase_sensors
 from ematwin.models.bldc.wiring import check_order
 from ematwin.models.bldc.zeros import zeros
-from ematwin.models.servo import check_motion, check_size, little_motion
+from ematwin.models.servo import check_motion, check_sizes, little_motion
 from ematwin.numerics.signals import LowPass
 from ematwin.recordings.recording import Recording
 
@@ -40,7 +40,6 @@ def check_plausible(record: Recording, actuator: BldcActuator) -> list[str]:
     RecordError
         If the record cannot be identified from, with the reason and the likely cause.
     """
-    check_phases(record)
     check_agreement(record, actuator)  # first, as it tells the cause and not the consequence
     _check_rate(record)
     _check_length(record)
@@ -143,11 +142,8 @@ def too_little_motion(record: Recording, actuator: BldcActuator) -> list[str]:
 
 def _check_currents(record: Recording, actuator: BldcActuator) -> None:
     limit = actuator.drive.current_limit
-    for name in (name for name in (*CURRENTS, "bus_current") if name in record.channels):
-        largest = float(np.abs(record.channels[name]).max())
-        check_size(
-            name, largest, _OVER_LIMIT * limit, "A", f"{actuator.name} limits it to {limit:g} A"
-        )
+    said = f"{actuator.name} limits it to {limit:g} A"
+    check_sizes(record.channels, (*CURRENTS, "bus_current"), _OVER_LIMIT * limit, "A", said)
 
 
 def _check_voltages(record: Recording, actuator: BldcActuator) -> list[str]:
@@ -155,13 +151,11 @@ def _check_voltages(record: Recording, actuator: BldcActuator) -> list[str]:
     supply = actuator.drive.supply_voltage
     known = [name for name in VOLTAGES if name in record.channels]
     values = [record.channels[name] for name in known]
-    sizes = {f"{a} to {b}": np.abs(x - y).max()
-             for (a, x), (b, y) in combinations(zip(known, values, strict=True), 2)}  # fmt: skip
-    if "bus_voltage" in record.channels:
-        sizes["bus_voltage"] = np.abs(record.channels["bus_voltage"]).max()
-    for name, largest in sizes.items():
-        said = f"the supply of {actuator.name} has {supply:g} V"
-        check_size(name, float(largest), _OVER_SUPPLY * supply, "V", said)
+    between = {f"{a} to {b}": x - y
+               for (a, x), (b, y) in combinations(zip(known, values, strict=True), 2)}  # fmt: skip
+    said = f"the supply of {actuator.name} has {supply:g} V"
+    traces = {**between, **record.channels}
+    check_sizes(traces, (*between, "bus_voltage"), _OVER_SUPPLY * supply, "V", said)
     if 0 < len(known) < len(VOLTAGES):
         missing = [name for name in VOLTAGES if name not in known]
         return [

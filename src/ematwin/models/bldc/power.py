@@ -50,13 +50,8 @@ class Power:
         return channels["bus_current"] * channels["bus_voltage"]
 
     def error(self, filtered: np.ndarray, low_pass: LowPass, sample_rate: float) -> float:
-        """Standard deviation of the residual of a filtered twin, W.
-
-        The noise follows from the part that the low-pass removes, taken as white.
-        """
-        passed = min(0.5, 2.0 * low_pass.cutoff / sample_rate)
-        above = float(np.mean((self.watts - filtered) ** 2))
-        noise = above * passed / (1.0 - passed)
+        """Standard deviation of the residual of a filtered twin, W."""
+        noise = low_pass.passed_noise(self.watts, filtered, sample_rate)
         return float(np.sqrt(noise + _TWIN_ERROR**2 * np.mean(filtered**2)))
 
 

@@ -3,9 +3,9 @@
 docs/models.md, "Reference model". Angles, speeds, torques and inertias are on the motor shaft; the
 output is reflected to it by the gear ratio. `ReferenceState` is advanced by semi-implicit Euler.
 
-One step holds all truer forms. The constants of a form that is left out (`NEUTRAL`) make it
-vanish, and branches on them skip sines and loops without effect. An actuator without forms is
-simulated 10 % slower than by a separate step.
+One step holds all truer forms. The constants of a form that is left out (the defaults of `Truer`)
+make it vanish, and branches on them skip sines and loops without effect. An actuator without forms
+is simulated 10 % slower than by a separate step.
 
 No lanes run it, so that LLVM alone inlines its larger parts (`part`). With numba inlining them it
 took nearly three times as long to compile, and gave the same results at the same speed.

@@ -2,20 +2,16 @@
 
 import math
 import zlib
-from collections.abc import Collection, Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.models.base import Progress
-from ematwin.models.bldc.channels import ON_REQUEST, UNITS
+from ematwin.models.bldc.channels import UNITS
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.unknowns import FAULTS, UNKNOWNS
 from ematwin.models.scenario import Scenario
-from ematwin.models.servo import check_start, checked_step
-from ematwin.models.simulated import recording_of
-from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 
 _MOST_SAMPLES = 10_000_000  # of a record: some 1 GB
@@ -31,55 +27,31 @@ _STATE_OF = {
 
 
 def simulate(
-    model: Any,
     fidelity: str,
     actuator: BldcActuator,
     scenario: Scenario,
     values: Mapping[str, float],
-    *,
-    sample_rate: float | None = None,
-    step: float | None = None,
-    noise: Noise | None = None,
-    seed: int = 0,
-    initial_position: float = 0.0,
-    also: Collection[str] = (),
-    progress: Progress | None = None,
-) -> Recording:
-    """The response of an actuator with some faults to a scenario.
+    rate: float,
+    step: float,
+    start: float,
+    progress: Progress | None,
+) -> tuple[np.ndarray, dict[str, np.ndarray], float]:
+    """The response to a scenario; arguments as in `ematwin.models.servo.ServoModel.simulated`.
 
-    Arguments and errors as in `ematwin.simulate`. The reference model gives phase currents, the
+    The reference model gives phase currents, terminal voltages and the current of the supply, the
     monitor model the signed equivalent current; both give positions and speeds of motor and output.
-    Terminal voltages and the current of the supply, which the reference model has, are given on
-    request.
     """
-    if also and fidelity != "reference":
-        raise InputError(
-            f"The {fidelity} model has no {', '.join(also)}; take the reference model, or leave "
-            "that out."
-        )
-    check_start(initial_position, actuator)
-    model.check_scenario(scenario, actuator)
-    rate = model.sample_rate if sample_rate is None else sample_rate
-    if not (math.isfinite(rate) and rate > 0.0):
-        raise InputError(f"sample_rate must be a positive number of Hz, received {rate}.")
-    chosen = checked_step(actuator, fidelity, step)
-    grid = TimeGrid(chosen, max(INPUT_INTERVAL, chosen), scenario.duration, rate)
+    grid = TimeGrid(step, scenario.duration, rate)
     ratio = actuator.transmission.ratio
     command, load = scenario.histories(grid.time)
-    start = initial_position * ratio
     k = np.array([values[name] for name in FAULTS])
     columns = simulated(
-        fidelity, k, command * ratio, load / ratio, (0.0, start, 0.0, start), actuator, grid,
-        progress,
+        fidelity, k, command * ratio, load / ratio, (0.0, start * ratio, 0.0, start * ratio),
+        actuator, grid, progress,
     )  # fmt: skip
     kept = slice(None, None, grid.decimation)
     channels = {"command": command[kept], "load": load[kept], **columns}
-    return recording_of(
-        model, actuator, scenario, values, grid.time[kept],
-        {n: x for n, x in channels.items() if n not in ON_REQUEST or n in also},
-        noise=noise, seed=seed, fidelity=fidelity,
-        initial_position_rad=float(initial_position), step_s=grid.step,
-    )  # fmt: skip
+    return grid.time[kept], channels, grid.step
 
 
 def simulated(
@@ -219,7 +191,7 @@ def reference_answer(
     actuator = actuator.with_arrays({name: x for name, x in values.items() if "." in name})
     rate, count = recording.sample_rate, len(recording)
     ratio, step = actuator.transmission.ratio, answer_step(actuator, rate)
-    grid = TimeGrid(step, max(INPUT_INTERVAL, step), (count - 0.5) / rate, rate)
+    grid = TimeGrid(step, (count - 0.5) / rate, rate)
     time = np.arange(count) / rate
     load = np.zeros(count) if recording.load is None else recording.load
     # a command that was recorded late makes all of the twin late, and its load must be as late
@@ -241,14 +213,14 @@ class TimeGrid:
     several steps from one grid point to the next.
     """
 
-    def __init__(self, step: float, longest_interval: float, duration: float, rate: float) -> None:
+    def __init__(self, step: float, duration: float, rate: float) -> None:
         if duration * rate > _MOST_SAMPLES:
             raise InputError(
                 f"A scenario of {duration:g} s at {rate:g} Hz makes {duration * rate:.3g} samples; "
                 f"at most {_MOST_SAMPLES:g} can be kept. Sample slower or shorten the scenario."
             )
         interval = 1.0 / rate
-        self.decimation = max(1, math.ceil(interval / longest_interval - 1e-9))
+        self.decimation = max(1, math.ceil(interval / max(INPUT_INTERVAL, step) - 1e-9))
         spacing = interval / self.decimation
         self.substeps = max(1, math.ceil(spacing / step - 1e-9))
         self.step = spacing / self.substeps

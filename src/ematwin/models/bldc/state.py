@@ -99,16 +99,16 @@ def gain_factor(k):
 
 
 @step
-def fault_state(k1, k2, k3, k4, k5, k6, k7, k8, half_gap):
-    """Physical magnitudes of a normalised fault vector (paper, section 6)."""
-    phi = eccentricity_angle(k7)
+def fault_state(k, half_gap):
+    """Physical magnitudes of a normalised fault vector (8,) (paper, section 6)."""
+    phi = eccentricity_angle(k[6])
     return FaultState(
-        friction_factor(k1),
-        half_gap * backlash_factor(k2),
-        turns_left(k3),
-        turns_left(k4),
-        turns_left(k5),
-        k6 * math.cos(phi),
-        k6 * math.sin(phi),
-        gain_factor(k8),
+        friction_factor(k[0]),
+        half_gap * backlash_factor(k[1]),
+        turns_left(k[2]),
+        turns_left(k[3]),
+        turns_left(k[4]),
+        k[5] * math.cos(phi),
+        k[5] * math.sin(phi),
+        gain_factor(k[7]),
     )

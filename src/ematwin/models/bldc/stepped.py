@@ -14,7 +14,7 @@ from ematwin.models.bldc.monitor_step import MonitorState, monitor_step
 from ematwin.models.bldc.pairs import Pairs, pairs_of
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.reference_step import ReferenceState, reference_step
-from ematwin.models.bldc.simulate import INPUT_INTERVAL, TimeGrid
+from ematwin.models.bldc.simulate import TimeGrid
 from ematwin.models.bldc.state import Constants, FaultState, fault_state
 from ematwin.models.bldc.truer.loops import last_reading, read_angle
 from ematwin.models.bldc.truer.monitor_step import looped_monitor_step
@@ -35,7 +35,7 @@ _READ = TruerState._fields.index("read")
 def stepped(actuator: BldcActuator, fidelity: str, rate: float) -> Stepped:
     """The actuator at rest, then sample by sample at a rate (Hz)."""
     longest = getattr(actuator.steps, fidelity)
-    grid = TimeGrid(longest, max(INPUT_INTERVAL, longest), 2.0 / rate, rate)
+    grid = TimeGrid(longest, 2.0 / rate, rate)
     substeps = grid.substeps * grid.decimation
 
     def constants(candidates: Mapping[str, Any]) -> list[Any]:
@@ -58,11 +58,7 @@ def stepped(actuator: BldcActuator, fidelity: str, rate: float) -> Stepped:
 @part
 def _fault(c):
     """The fault vector as the equations use it."""
-    k = _K
-    return fault_state(
-        c[k, 0], c[k + 1, 0], c[k + 2, 0], c[k + 3, 0], c[k + 4, 0], c[k + 5, 0], c[k + 6, 0],
-        c[k + 7, 0], batch.read_constants(c, 0).half_gap,
-    )  # fmt: skip
+    return fault_state(c[_K:_START, 0], batch.read_constants(c, 0).half_gap)
 
 
 def _monitor(actuator: BldcActuator, dt: float, substeps: int) -> dict[str, Any]:
@@ -113,9 +109,7 @@ def _monitor(actuator: BldcActuator, dt: float, substeps: int) -> dict[str, Any]
     }  # fmt: skip
 
 
-_, read_reference, write_reference = columns(ReferenceState)
 _, read_truer, _ = columns(Truer)
-_, read_more, write_more = columns(TruerState)
 
 
 def _reference(actuator: BldcActuator, dt: float, substeps: int) -> dict[str, Any]:
@@ -137,7 +131,7 @@ def _reference(actuator: BldcActuator, dt: float, substeps: int) -> dict[str, An
 
     @part
     def sample(c, x, u, n, y):
-        now = read_reference(x, 0)
+        now = batch.read_reference(x, 0)
         for m in range(3):
             y[m, 0] = x[total + m, 0]
             x[total + m, 0] = 0.0
@@ -149,12 +143,13 @@ def _reference(actuator: BldcActuator, dt: float, substeps: int) -> dict[str, An
     @part
     def advance(c, x, u):
         own, fault = batch.read_constants(c, 0), batch.read_fault(c[_FAULT:], 0)
-        now, command, load = read_reference(x, 0), u[0, 0] * ratio, u[1, 0] / ratio
+        now, command, load = batch.read_reference(x, 0), u[0, 0] * ratio, u[1, 0] / ratio
         now, after, i_a, i_b, i_c, _ = reference_step(
-            now, read_more(x[more:], 0), command, load, fault, own, read_truer(c[_TRUER:], 0), dt
-        )
-        write_reference(x, 0, now)
-        write_more(x[more:], 0, after)
+            now, batch.read_more(x[more:], 0), command, load, fault, own,
+            read_truer(c[_TRUER:], 0), dt,
+        )  # fmt: skip
+        batch.write_reference(x, 0, now)
+        batch.write_more(x[more:], 0, after)
         x[total, 0] += share * i_a
         x[total + 1, 0] += share * i_b
         x[total + 2, 0] += share * i_c

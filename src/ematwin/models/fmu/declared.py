@@ -4,7 +4,6 @@ import difflib
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from ematwin.errors import FileError, ParameterError
 from ematwin.models.fmu.archive import Archive, Scale, Variable, archive_at, scale_of
 from ematwin.models.history import Finite, Hertz, Seconds
-from ematwin.models.unknown import Unknown
+from ematwin.models.unknown import Times, Unknown
 from ematwin.quantities import parse_quantity, to_si
 from ematwin.showing.numbers import in_unit
 from ematwin.validation import all_at_once, findings
@@ -271,7 +270,7 @@ class Described:
             1.0 if one.healthy is None else one.healthy, lower, upper, role, spread=one.spread,
             logarithmic=one.logarithmic is not False,
             physical_unit=self.settings[f"nominal.{one.times}"].scale.unit,
-            physical=_Times(one.times),
+            physical=Times(f"nominal.{one.times}"),
         )  # fmt: skip
 
     def _variable(self, name: str, one: Free, role: Any) -> Unknown:
@@ -312,13 +311,3 @@ def _deviation(given: float | str, unit: str, what: str) -> float:
     if not given > 0.0:
         raise ParameterError(f"{what} must be a positive deviation, received {given:g}.")
     return given
-
-
-@dataclass(frozen=True)
-class _Times:
-    """A factor on a parameter as the parameter's value; it travels between processes."""
-
-    parameter: str
-
-    def __call__(self, actuator: Any, factor: Any) -> Any:
-        return factor * actuator.value(f"nominal.{self.parameter}")

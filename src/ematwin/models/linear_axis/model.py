@@ -8,8 +8,7 @@ import numpy as np
 from ematwin.models.base import Demand, Law, Model, Signal, Values
 from ematwin.models.comparison import Candidates
 from ematwin.models.linear_axis.parameters import FIXED, LinearAxis
-from ematwin.models.linear_axis.unknowns import CONTRASTS, aliases, unknowns
-from ematwin.models.unknown import Alias, Contrast, Unknown
+from ematwin.models.unknown import Alias, Contrast, Unknown, multiple
 from ematwin.recordings.channel import Channel, Derivation
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
@@ -64,16 +63,55 @@ class LinearAxisModel(Model):
         return COMPARED
 
     def unknowns(self, actuator: Any) -> tuple[Unknown, ...]:
-        """Friction, its asymmetry, and gains."""
-        return unknowns(actuator)
+        """Friction, its asymmetry, and gains, each as a factor on the healthy value.
+
+        So calibration and drift apply to all alike.
+        """
+        ratio = "healthy ratio"
+        return (
+            multiple(actuator, "friction", "friction.coulomb",
+                     "Coulomb friction of both directions", 0.25, 4.0),
+            multiple(actuator, "viscous", "friction.viscous",
+                     "viscous friction of both directions", 0.25, 4.0),
+            multiple(actuator, "dry_asymmetry", "friction.coulomb_ratio",
+                     "Coulomb friction backward over forward", 0.33, 3.0, ratio),
+            multiple(actuator, "viscous_asymmetry", "friction.viscous_ratio",
+                     "viscous friction backward over forward", 0.33, 3.0, ratio),
+            multiple(actuator, "drive_gain", "drive.gain",
+                     "force for a voltage (magnets, amplifier)", 0.5, 1.5),
+            multiple(actuator, "position_gain", "controller.position_gain",
+                     "gain of the position loop", 0.5, 1.5),
+        )  # fmt: skip
 
     def aliases(self, actuator: Any, values: Values) -> list[Alias]:
-        """Faults against the parameters that they multiply."""
-        return aliases()
+        """Faults against the parameters that they multiply, and the scale of all forces.
+
+        With gain, mass and friction multiplied by one factor, the carriage moves as before.
+        """
+        return [
+            Alias("friction.coulomb", {"friction": 1.0}),
+            Alias("friction.viscous", {"viscous": 1.0}),
+            Alias("friction.coulomb_ratio", {"dry_asymmetry": 1.0}),
+            Alias("friction.viscous_ratio", {"viscous_asymmetry": 1.0}),
+            Alias(
+                "drive.gain",
+                {"carriage.mass": 1.0, "friction.coulomb": 1.0, "friction.viscous": 1.0},
+            ),
+            Alias("drive.gain", {"drive_gain": 1.0}),
+            Alias("controller.position_gain", {"position_gain": 1.0}),
+        ]
 
     def contrasts(self, actuator: Any) -> tuple[Contrast, ...]:
-        """Asymmetry of all friction, which is known better than the asymmetry of its parts."""
-        return CONTRASTS
+        """Asymmetry of all friction: its split into dry and viscous friction is vague."""
+        return (
+            Contrast(
+                "asymmetry", {"dry_asymmetry": 0.5, "viscous_asymmetry": 0.5},
+                "Friction backward over forward where half of it is viscous, as a multiple of the "
+                "healthy ratio",
+                "A constant force, as on an axis that is not level, looks like asymmetric Coulomb "
+                "friction.",
+            ),
+        )  # fmt: skip
 
     def respond(
         self, actuator: Any, inputs: Recording, candidates: Candidates, count: int

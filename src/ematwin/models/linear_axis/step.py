@@ -114,4 +114,10 @@ def controlled(now, command, pulse, sample, c, interval):
     return AxisState(now.x, now.v, now.u, now.x, now.x_1, output), AxisAnswer(output, now.x)
 
 
+@step
+def axis_at_rest(reference, c):
+    """`AxisState` at rest at a reference."""
+    return AxisState(reference, 0.0, 0.0, reference, reference, 0.0)
+
+
 axis_traces = Traces(AxisConstants, AxisState, AxisAnswer, controlled, axis_step)

@@ -8,9 +8,8 @@ import numpy as np
 
 from ematwin.errors import RecordError
 from ematwin.models.linear_axis.parameters import FIXED, LinearAxis
-from ematwin.models.linear_axis.step import AxisAnswer, AxisConstants, AxisState, axis_traces
-from ematwin.models.stepped import Stepped, sample_and_advance
-from ematwin.numerics.compile import part
+from ematwin.models.linear_axis.step import AxisConstants, AxisState, axis_at_rest, axis_traces
+from ematwin.models.stepped import Stepped, stepped_of
 from ematwin.recordings.recording import Recording
 
 FIRST = 20  # samples from which the first state is taken; the published scores leave them out
@@ -23,7 +22,6 @@ def closed_loop(
     recording: Recording,
     candidates: Mapping[str, np.ndarray],
     count: int,
-    threads: int | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Voltage (V) and position (m), (B, S), of candidates that follow the recorded reference.
 
@@ -37,7 +35,7 @@ def closed_loop(
     """
     constants = axis_constants(actuator, candidates)
     start = first_state(recording, actuator, constants, count)
-    return _traces(actuator, recording, constants, start, count, threads)
+    return _traces(actuator, recording, constants, start, count)
 
 
 def open_loop(
@@ -45,7 +43,6 @@ def open_loop(
     recording: Recording,
     candidates: Mapping[str, np.ndarray] | None = None,
     count: int = 1,
-    threads: int | None = None,
 ) -> np.ndarray:
     """Position (B, S), m, of candidates that the recorded voltage drives from the first state on.
 
@@ -66,7 +63,7 @@ def open_loop(
     constants = axis_constants(actuator, candidates or {})
     start = first_state(recording, actuator, constants, count)
     constants = constants._replace(closed=0.0)
-    return _traces(actuator, recording, constants, start, count, threads)[1]
+    return _traces(actuator, recording, constants, start, count)[1]
 
 
 def axis_constants(
@@ -111,27 +108,11 @@ def substeps_of(actuator: LinearAxis) -> int:
 
 def stepped(actuator: LinearAxis) -> Stepped:
     """The axis in closed loop, sample by sample, from rest at the first reference."""
-    interval, substeps = actuator.controller.sample_time, substeps_of(actuator)
-    sample, advance = sample_and_advance(axis_traces, interval, substeps)
-
-    @part
-    def begin(c, u, x):  # type: ignore[no-untyped-def]
-        x[:, 0] = 0.0
-        x[0, 0] = x[3, 0] = x[4, 0] = u[0, 0]
-
-    return Stepped(
-        inputs=("reference", "pulses"),
-        outputs=AxisAnswer._fields,
-        constants=lambda candidates: axis_constants(actuator, candidates),
-        begin=begin,
-        sample=sample,
-        advance=advance,
-        interval=interval,
-        substeps=substeps,
-        at=(axis_traces.at, axis_traces.at),
-        constant_count=len(AxisConstants._fields),
-        state_count=len(AxisState._fields),
-    )
+    return stepped_of(
+        axis_traces, axis_at_rest, lambda candidates: axis_constants(actuator, candidates),
+        inputs=("reference", "pulses"), interval=actuator.controller.sample_time,
+        substeps=substeps_of(actuator),
+    )  # fmt: skip
 
 
 def first_state(
@@ -164,7 +145,7 @@ def first_state(
 
 def _traces(
     actuator: LinearAxis, recording: Recording, constants: AxisConstants, start: np.ndarray,
-    count: int, threads: int | None, samples: int | None = None,
+    count: int, threads: int | None = None, samples: int | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     check_interval(actuator, recording)
     channels, interval = recording.channels, actuator.controller.sample_time

@@ -40,6 +40,7 @@ COMPARED = 6  # the first ones
 new_constants, lane, _ = columns(Constants)
 new_plant, plant_of, write_plant = columns(MonitorState)
 _, loops_of, write_loops = columns(ControlState)
+_, read_reference, write_reference = columns(ReferenceState)
 
 
 @step
@@ -97,14 +98,8 @@ def reference_trace(command, load, state, control, c, dt, substeps, ticks, quant
     positions as the drive reads and commands them, the others as they are; of the voltages at the
     terminals the mean over the tick before, against the middle of the link (zero at first)
     """
-    now = ReferenceState(
-        state[0], state[1], state[2], state[3], state[4], state[5], state[6], state[7], state[8],
-        state[9], state[10], state[11], state[12], state[13], state[14],
-    )  # fmt: skip
-    loops = ControlState(
-        control[0], control[1], control[2], control[3], control[4], control[5], control[6],
-        control[7], control[8],
-    )  # fmt: skip
+    rows, control_rows = state.reshape(-1, 1), control.reshape(-1, 1)
+    now, loops = read_reference(rows, 0), loops_of(control_rows, 0)
     trace = np.empty(((count + every - 1) // every, 20))
     w_a = control[9]
     w_b = control[10]
@@ -154,10 +149,8 @@ def reference_trace(command, load, state, control, c, dt, substeps, ticks, quant
                 w_b -= share * (e_b + f_b)
                 w_c -= share * (e_c + f_c)
                 e_a, e_b, e_c = f_a, f_b, f_c
-    for n, value in enumerate(now):
-        state[n] = value
-    for n, value in enumerate(loops):
-        control[n] = value
+    write_reference(rows, 0, now)
+    write_loops(control_rows, 0, loops)
     control[9] = w_a
     control[10] = w_b
     control[11] = w_c

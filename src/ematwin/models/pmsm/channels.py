@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from ematwin.models.servo import COMMAND_AND_LOAD, star_channels
-from ematwin.recordings.channel import TIME, Channel, Derivation
+from ematwin.recordings.channel import Channel, Derivation
 from ematwin.recordings.recording import Recording
 
 PHASES = ("current_a", "current_b", "current_c")
@@ -52,7 +52,6 @@ CHANNELS = (
     Channel("output_position", "rad", "output angle", ("theta_o",), "output"),
 )  # fmt: skip
 ON_REQUEST = (*ROTATING, *ROTATING_VOLTAGES, *TERMINALS, "motor_speed")  # of a simulation
-UNITS = {channel.name: channel.unit for channel in (TIME, *CHANNELS)}
 NEEDS = (((*PHASES, "motor_position"), ROTATING),)
 
 

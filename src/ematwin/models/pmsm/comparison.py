@@ -131,14 +131,13 @@ class PmsmComparison(Comparison):
         low-pass removes.
         """
         signals = self._signals
-        passed = min(0.5, 2.0 * self.low_pass.cutoff / self.recording.sample_rate)
         self._weights = np.zeros(len(COMPARED))
         size: dict[str, float] = {}
         for name, trace in self._filtered.items():
             group = _TOGETHER.get(name, name)
             size[group] = size.get(group, 0.0) + float(np.mean(trace**2))
         for name, trace in self._filtered.items():
-            noise = float(np.mean((signals[name] - trace) ** 2)) * passed / (1.0 - passed)
+            noise = self.low_pass.passed_noise(signals[name], trace, self.recording.sample_rate)
             if self._left is not None:
                 noise = float(self._left[COMPARED.index(name)])
             error = noise + model_error**2 * size[_TOGETHER.get(name, name)]

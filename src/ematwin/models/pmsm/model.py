@@ -17,7 +17,6 @@ from ematwin.models.pmsm.channels import (
 )
 from ematwin.models.pmsm.parameters import PmsmActuator
 from ematwin.models.pmsm.unknowns import CONTRASTS, FIXED, aliases, unknowns
-from ematwin.models.scenario import Scenario
 from ematwin.models.servo import ServoModel, tracking_signals
 from ematwin.models.unknown import Alias, Contrast, Unknown
 from ematwin.recordings.noise import Noise
@@ -111,20 +110,21 @@ class PmsmModel(ServoModel):
         self.check_channels(recording)
         return check_plausible(recording, actuator)
 
-    def simulate(
-        self, actuator: Any, scenario: Scenario, values: Values, *, fidelity: str | None = None,
-        **options: Any,
-    ) -> Recording:  # fmt: skip
+    def simulated(self, *settings: Any) -> tuple[np.ndarray, dict[str, np.ndarray], float]:
         """The response of the reference model, or of the monitor model."""
         from ematwin.models.pmsm.simulate import simulate
 
-        return simulate(self, fidelity or self.fidelities[0], actuator, scenario, values, **options)
+        return simulate(*settings)
 
     def stepped(self, actuator: Any, fidelity: str) -> Any:
         """The reference or the monitor model, sample by sample."""
         from ematwin.models.pmsm.stepped import stepped
 
         return stepped(actuator, fidelity)
+
+    def rate_of(self, actuator: Any) -> float:
+        """Sample rate of the current loops, Hz."""
+        return float(1.0 / actuator.controller.current_time)
 
     def sensed(
         self, recording: Recording, actuator: Any, values: Values, noise: Noise | None, seed: int

@@ -15,9 +15,8 @@ from typing import Self
 
 from pydantic import model_validator
 
-from ematwin.errors import ParameterError
-from ematwin.models.parameter_set import ParameterSet, Section, quantity
-from ematwin.models.sections import Presliding, WindingHeat
+from ematwin.models.parameter_set import Section, quantity
+from ematwin.models.sections import Presliding, ServoParameters, Steps, WindingHeat
 from ematwin.models.servo import check_stops
 
 _WHOLE = 1e-6  # of a ratio that has to be a whole number
@@ -124,14 +123,7 @@ class Transmission(Section):
         return self
 
 
-class Steps(Section):
-    """Longest steps of the two models; each PWM period is divided evenly."""
-
-    reference: float = quantity("s", "step of the reference model", exact=True, gt=1e-9)
-    monitor: float = quantity("s", "step of the monitor model", exact=True, gt=1e-9)
-
-
-class PmsmActuator(ParameterSet):
+class PmsmActuator(ServoParameters):
     """One PMSM servo, all values in SI: ``PmsmActuator.load("servo400")``."""
 
     kind = "pmsm"
@@ -180,14 +172,8 @@ class PmsmActuator(ParameterSet):
         check_loops(self)
         return self
 
-    @model_validator(mode="after")
-    def _steps_follow(self) -> Self:
-        for model in ("reference", "monitor"):
-            self.check_step(model, getattr(self.steps, model))
-        return self
-
-    def largest_step(self) -> float:
-        """Longest step that follows gear and windings, s."""
+    def largest_stable_step(self, model: str) -> float:
+        """Longest step of either model that follows gear and windings, s."""
         gear = self.transmission
         compliance = 1.0 / self.motor.inertia + 1.0 / gear.output_inertia
         limits = [
@@ -200,12 +186,3 @@ class PmsmActuator(ParameterSet):
         if self.presliding is not None:
             limits.append(self.presliding.longest_step(self.motor.inertia, gear.output_inertia))
         return min(limits)
-
-    def check_step(self, model: str, step: float) -> None:
-        """Raise `ParameterError` if ``step`` (s) is too long for this actuator, or absurd."""
-        longest = self.largest_step()
-        if not 1e-9 <= step <= longest * (1.0 + 1e-9):
-            raise ParameterError(
-                f"the step of the {model} model must lie between 1e-09 and {longest:.3g} s for "
-                f"this actuator, received {step:.3g} s; correct it"
-            )

@@ -20,7 +20,7 @@ from ematwin.models.pmsm.channels import (
 )
 from ematwin.models.pmsm.comparison import MOVING
 from ematwin.models.pmsm.parameters import PmsmActuator
-from ematwin.models.servo import check_motion, check_size, little_motion
+from ematwin.models.servo import check_motion, check_sizes, little_motion
 from ematwin.recordings.recording import Recording
 
 _OVER_LIMIT = 3.0  # times the current limit
@@ -77,10 +77,8 @@ def _check_sizes(recording: Recording, actuator: PmsmActuator) -> None:
         ((*VOLTAGES, *ROTATING_VOLTAGES, *TERMINALS), supply, "V", _OVER_LINK),
         (("motor_speed",), control.speed_limit, "rad/s", _OVERSPEED),
     ):
-        for name in (name for name in names if name in recording.channels):
-            largest = float(np.abs(recording.channels[name]).max())
-            said = f"{actuator.name} is limited to {limit:.4g} {unit}"
-            check_size(name, largest, most * limit, unit, said)
+        said = f"{actuator.name} is limited to {limit:.4g} {unit}"
+        check_sizes(recording.channels, names, most * limit, unit, said)
 
 
 def _check_order(recording: Recording, actuator: PmsmActuator) -> None:

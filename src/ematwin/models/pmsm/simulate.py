@@ -1,7 +1,7 @@
 """Simulate a PMSM servo: model, scenario and faults in, a `Recording` out."""
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,10 +12,6 @@ from ematwin.models.pmsm.channels import ON_REQUEST, TERMINALS, to_phases
 from ematwin.models.pmsm.comparison import ticks_of, whole_ticks
 from ematwin.models.pmsm.parameters import PmsmActuator
 from ematwin.models.scenario import Scenario
-from ematwin.models.servo import check_start, checked_step
-from ematwin.models.simulated import recording_of
-from ematwin.recordings.noise import Noise
-from ematwin.recordings.recording import Recording
 
 _MOST_TICKS = 20_000_000
 _SLICE = 20_000  # ticks between two reports of progress
@@ -24,34 +20,25 @@ SETTLED = 0.2  # s that the first position is held before the scenario begins
 
 
 def simulate(
-    model: Any,
     fidelity: str,
     actuator: PmsmActuator,
     scenario: Scenario,
     values: Mapping[str, float],
-    *,
-    sample_rate: float | None = None,
-    step: float | None = None,
-    noise: Noise | None = None,
-    seed: int = 0,
-    initial_position: float = 0.0,
-    also: Collection[str] = (),
-    progress: Progress | None = None,
-) -> Recording:
-    """The response to a scenario; arguments and errors as in `ematwin.simulate`.
+    rate: float,
+    step: float,
+    start: float,
+    progress: Progress | None,
+) -> tuple[np.ndarray, dict[str, np.ndarray], float]:
+    """The response to a scenario; arguments as in `ematwin.models.servo.ServoModel.simulated`.
 
     The drive has held its first position for a while when the scenario begins, under the load of
     that moment.
 
-    The drive samples: a rate must divide the rate of its current loops, which is also the
-    default.
+    The drive samples: a rate must divide the rate of its current loops.
     """
-    model.check_scenario(scenario, actuator)
-    check_start(initial_position, actuator)
     tick = actuator.controller.current_time
-    every = _every(sample_rate, tick)
-    longest = checked_step(actuator, fidelity, step)
-    substeps = substeps_of(actuator, longest)
+    every = _every(rate, tick)
+    substeps = substeps_of(actuator, step)
     count = math.floor(scenario.duration / tick + 1e-9) // every * every + 1
     if count < every + 1:
         raise InputError(
@@ -66,22 +53,17 @@ def simulate(
     time = np.arange(count) * tick
     asked, carried = scenario.histories(time)
     held = whole_ticks(actuator, SETTLED, every)
-    command = np.concatenate([np.full(held, initial_position), asked])
+    command = np.concatenate([np.full(held, start), asked])
     load = np.concatenate([np.full(held, carried[0]), carried])
     run = reference_columns if fidelity == "reference" else _monitor
     columns = run(
-        actuator, values, command, load, initial_position, tick / substeps, substeps, every,
-        progress,
-    )  # fmt: skip
+        actuator, values, command, load, start, tick / substeps, substeps, every, progress
+    )
     columns = {name: column[held // every :] for name, column in columns.items()}
     channels = {
         "command": asked[::every], "load": carried[::every], **channels_of(columns, actuator)
     }  # fmt: skip
-    kept = {n: v for n, v in channels.items() if n not in ON_REQUEST or n in also}
-    return recording_of(
-        model, actuator, scenario, values, time[::every], kept, noise=noise, seed=seed,
-        fidelity=fidelity, step_s=tick / substeps,
-    )  # fmt: skip
+    return time[::every], channels, tick / substeps
 
 
 def substeps_of(actuator: PmsmActuator, longest: float) -> int:
@@ -89,12 +71,8 @@ def substeps_of(actuator: PmsmActuator, longest: float) -> int:
     return max(1, math.ceil(actuator.controller.current_time / longest - 1e-9))
 
 
-def _every(sample_rate: float | None, tick: float) -> int:
+def _every(sample_rate: float, tick: float) -> int:
     """Ticks from one sample to the next."""
-    if sample_rate is None:
-        return 1
-    if not (math.isfinite(sample_rate) and sample_rate > 0.0):
-        raise InputError(f"sample_rate must be a positive number of Hz, received {sample_rate}.")
     every = 1.0 / (sample_rate * tick)
     if round(every) < 1 or abs(every - round(every)) > _WHOLE * every:
         raise InputError(

@@ -12,8 +12,10 @@ from ematwin.models.pmsm.batch import (
     loops_of,
     plant_of,
     read_by_drive,
+    read_reference,
     write_loops,
     write_plant,
+    write_reference,
 )
 from ematwin.models.pmsm.channels import phase_values
 from ematwin.models.pmsm.comparison import ticks_of, whole_ticks
@@ -30,7 +32,6 @@ from ematwin.models.pmsm.simulate import SETTLED, quanta_of, substeps_of
 from ematwin.models.pmsm.state import Constants
 from ematwin.models.stepped import Stepped, initial_position
 from ematwin.numerics.compile import part
-from ematwin.numerics.lanes import columns
 from ematwin.numerics.scalar import sincos
 
 _OUTPUTS = (
@@ -39,7 +40,6 @@ _OUTPUTS = (
 )  # fmt: skip
 _START = len(Constants._fields)
 _PHASES = part(phase_values)
-_, read_reference, write_reference = columns(ReferenceState)
 
 
 def stepped(actuator: PmsmActuator, fidelity: str) -> Stepped:

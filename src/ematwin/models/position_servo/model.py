@@ -75,37 +75,32 @@ class PositionServoModel(Model):
         self, actuator: Any, inputs: Recording, candidates: Candidates, count: int
     ) -> dict[str, np.ndarray]:
         """Position (rad) of each candidate, (B, S) array."""
-        from ematwin.models.position_servo.step import Constants, traces
+        from ematwin.models.position_servo.step import traces
         from ematwin.models.position_servo.twin import servo_constants
 
         given, motor = inputs.channels, actuator.motor
         values = {**self.healthy(actuator), **candidates}
         each = servo_constants(actuator.varied(values, self.fixed), values, stated_arm(inputs))
-        constants = Constants._make(np.full(count, one, dtype=float) for one in each)
+        constants = np.array([np.full(count, one, dtype=float) for one in each])
         supply = np.ones(len(inputs))
         if "supply_voltage" in given:
             supply = given["supply_voltage"] / motor.rated_voltage
         if "torque_enabled" in given:
             supply = np.where(given["torque_enabled"] > 0.5, supply, 0.0)
-        start, speed = self._start(inputs)
+        position = given.get("position")  # it rests where its first reads are, or at its goal
+        first = given["goal_position"][0] if position is None else np.median(position[:3])
         substeps = math.ceil(inputs.interval / actuator.steps.twin - 1e-9)
-        position = traces(
-            constants, given["goal_position"], supply, start, speed, inputs.interval, substeps
-        )
-        return {"position": position}
+        return {
+            "position": traces(
+                constants, given["goal_position"], supply, float(first), inputs.interval, substeps
+            )
+        }
 
     def stepped(self, actuator: Any, fidelity: str) -> Any:
         """The servo sample by sample."""
         from ematwin.models.position_servo.twin import stepped
 
         return stepped(actuator, self.unknown(actuator, "delay").upper, 1.0 / self.sample_rate)
-
-    def _start(self, inputs: Recording) -> tuple[float, float]:
-        """First position and speed: a line through the first samples, or at rest at the goal."""
-        position = inputs.channels.get("position")
-        if position is None:
-            return float(inputs.channels["goal_position"][0]), 0.0
-        return float(np.median(position[:3])), 0.0
 
     def compare(
         self, recording: Recording, actuator: Any, *, threads: int | None = None, **settings: Any

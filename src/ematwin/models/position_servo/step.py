@@ -32,13 +32,14 @@ import numpy as np
 
 from ematwin.numerics.compile import loop, part
 from ematwin.numerics.friction import advance_mobile
+from ematwin.numerics.lanes import columns
 from ematwin.numerics.scalar import clip, sincos
 
 GRAVITY = 9.80665  # m/s^2
 
 
 class Constants(NamedTuple):
-    """Constants of the equations, on the output shaft; (B,) arrays for a batch of candidates."""
+    """Constants of the equations, on the output shaft."""
 
     gain: float  # 1/rad
     startup: float  # duty
@@ -59,6 +60,9 @@ class Constants(NamedTuple):
     gravity: float  # N m at a horizontal arm
     load_inertia: float  # kg m^2
     load_torque: float  # N m against positive motion
+
+
+_, constants_of, _ = columns(Constants)
 
 
 class State(NamedTuple):
@@ -153,15 +157,15 @@ def delayed(goal, sample, delay, step):
 
 
 @loop
-def traces(constants, goal, supply, start, speed, interval, substeps):
+def traces(constants, goal, supply, start, interval, substeps):
     """Simulate a batch of candidates.
 
     Parameters
     ----------
-    constants : Constants of (B,) arrays
+    constants : (19, B) array, the fields of `Constants`
     goal : (S,) array, rad
     supply : (S,) array, voltage over the rated one; 0 where the torque is released
-    start, speed : float, rad and rad/s at the first sample
+    start : float, rad at the first sample, at which it rests
     interval : float, s, from one sample to the next
     substeps : int, steps from one sample to the next
 
@@ -170,18 +174,11 @@ def traces(constants, goal, supply, start, speed, interval, substeps):
     (B, S) array, rad, position of the output; NaN for a candidate with a constant that is not
     finite
     """
-    count, samples = constants.gain.size, goal.size
+    count, samples = constants.shape[1], goal.size
     position = np.full((count, samples), start)
     dt = interval / substeps
     for n in range(count):
-        c = Constants(
-            constants.gain[n], constants.startup[n], constants.delay[n], constants.speed_limit[n],
-            constants.late[n], constants.offset[n], constants.stall_torque[n],
-            constants.back_emf[n], constants.saturation[n], constants.inertia[n],
-            constants.half_gap[n], constants.coulomb[n], constants.stribeck[n],
-            constants.stribeck_speed[n], constants.load_share[n], constants.static_share[n],
-            constants.gravity[n], constants.load_inertia[n], constants.load_torque[n],
-        )  # fmt: skip
+        c = constants_of(constants, n)
         nothing = 0.0
         for value in c:
             nothing += 0.0 * value  # a NaN anywhere must show: comparisons with it are false
@@ -189,7 +186,7 @@ def traces(constants, goal, supply, start, speed, interval, substeps):
         load = c.gravity * math.sin(start) + c.load_torque
         # the output rests on the face that its load pushes it to
         side = math.copysign(1.0, load)
-        now = State(goal[0], start + side * c.half_gap, speed, start, speed, side)
+        now = State(goal[0], start + side * c.half_gap, 0.0, start, 0.0, side)
         position[n, 0] = start + nothing
         for sample in range(1, samples):
             for j in range(substeps):

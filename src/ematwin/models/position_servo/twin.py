@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ematwin.models.position_servo.parameters import PositionServo
-from ematwin.models.position_servo.step import GRAVITY, Constants, State, servo_step
+from ematwin.models.position_servo.step import GRAVITY, Constants, State, constants_of, servo_step
 from ematwin.models.position_servo.unknowns import unknowns
 from ematwin.models.stepped import Stepped
 from ematwin.numerics.compile import part
@@ -61,7 +61,6 @@ def stepped(actuator: PositionServo, most_delay: float, interval: float) -> Step
     substeps = math.ceil(interval / actuator.steps.twin - 1e-9)
     dt = interval / substeps
     kept = math.ceil(most_delay * actuator.controller.delay / dt) + 2
-    _, constants_of, _ = columns(Constants)
     _, state_of, write_state = columns(State)
     done = len(State._fields)
     goals = done + 1

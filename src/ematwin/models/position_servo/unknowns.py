@@ -3,7 +3,7 @@
 import math
 
 from ematwin.models.position_servo.parameters import PositionServo
-from ematwin.models.unknown import Alias, Unknown
+from ematwin.models.unknown import Alias, Unknown, multiple
 
 _ZERO = 0.005  # rad, by which the zero of an encoder may move between recordings
 
@@ -12,18 +12,15 @@ def unknowns(actuator: PositionServo) -> tuple[Unknown, ...]:
     """Unknowns of an actuator: faults as multiples of healthy values."""
     friction = actuator.friction
     return (
-        Unknown("gain", "", "gain of the position loop, as a multiple of the healthy one",
-                1.0, 0.2, 2.5, logarithmic=True, physical_unit="1/rad",
-                physical=lambda a, k: a.controller.gain * k),
+        multiple(actuator, "gain", "controller.gain", "gain of the position loop", 0.2, 2.5),
         Unknown("friction", "", "all friction of motor and gear, as a multiple of the healthy one",
                 1.0, 0.25, 4.0, logarithmic=True, physical_unit="N*m",
                 physical=lambda a, k: (friction.coulomb + friction.stribeck) * k),
         Unknown("backlash", "", "play of the gear, as a multiple of the healthy one",
                 1.0, 1.0, 15.0, logarithmic=True, physical_unit="deg",
                 physical=lambda a, k: math.degrees(a.gear.backlash * k)),
-        Unknown("torque", "", "torque constant of the motor, less where its magnets are weak, as a "
-                "multiple of the healthy one", 1.0, 0.4, 2.0, logarithmic=True,
-                physical_unit="N*m", physical=lambda a, k: a.motor.stall_torque * k),
+        multiple(actuator, "torque", "motor.stall_torque",
+                 "torque constant of the motor, less where its magnets are weak", 0.4, 2.0),
         Unknown("payload", "", "weight and inertia of the load, as a multiple of what is stated",
                 1.0, 0.25, 4.0, logarithmic=True),
         Unknown("delay", "", "delay of the goal, as a multiple of the healthy one",

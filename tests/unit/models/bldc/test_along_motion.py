@@ -9,7 +9,7 @@ from ematwin.models.bldc.channels import PHASES
 from ematwin.models.bldc.constants import kernel_constants, truer_constants
 from ematwin.models.bldc.faults import Faults
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.truer.state import REST
+from ematwin.models.bldc.truer.state import TruerState
 from ematwin.numerics.signals import LowPass
 from naive import along_motion as naive
 from naive import another_actuator, truer
@@ -43,7 +43,7 @@ def test_currents_along_a_motion_are_those_of_the_naive_loop(actuator):
     faults = Faults.of({})
     fast = along_motion.currents_along(
         faults.vector, command, np.array([angle, speed, output]), kernel_constants(actuator),
-        dt, 1, 1, truer_constants(actuator), np.array(REST),
+        dt, 1, 1, truer_constants(actuator), np.array(TruerState()),
     )  # fmt: skip
     motion = np.array([angle, speed, output])[:, :-1]
     slow = naive.currents(actuator, faults, command[:-1], motion, dt)

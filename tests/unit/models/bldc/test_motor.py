@@ -22,7 +22,7 @@ shares = st.floats(0.0, 1.0)
 
 
 def fault(**values):
-    return state.fault_state(*Faults(**values).vector, C.half_gap)
+    return state.fault_state(Faults(**values).vector, C.half_gap)
 
 
 @given(angles)

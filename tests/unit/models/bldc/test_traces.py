@@ -8,7 +8,7 @@ from ematwin.models.bldc import batch
 from ematwin.models.bldc.constants import kernel_constants
 from ematwin.models.bldc.faults import PAPER_CASES, Faults
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.truer.state import NEUTRAL, REST
+from ematwin.models.bldc.truer.state import Truer, TruerState
 from naive import monitor as naive_monitor
 from naive import reference as naive_reference
 
@@ -23,7 +23,7 @@ def test_reference_model_is_that_of_the_naive_loop(values):
     rest = np.zeros(11)
     rest[7] = 1.0
     trace = batch.reference_trace(
-        faults.vector, command, load, rest, C, dt, 1, 1, NEUTRAL, np.array(REST)
+        faults.vector, command, load, rest, C, dt, 1, 1, Truer(), np.array(TruerState())
     )
     slow = naive_reference.simulate(ACTUATOR, faults, command[:-1], load[:-1], dt)
     assert np.ptp(slow["motor"]) > 2.0  # more than one electrical sector
@@ -71,7 +71,7 @@ def test_reference_output_rests_on_its_end_stop_while_the_motor_pushes():
     rest[7] = 1.0
     k = Faults().vector
     trace = batch.reference_trace(
-        k, command, 0.0 * command, rest, C, 1e-6, 10, 100, NEUTRAL, np.array(REST)
+        k, command, 0.0 * command, rest, C, 1e-6, 10, 100, Truer(), np.array(TruerState())
     )
     assert trace[-1, 5] == C.travel_high
     assert trace[-1, 6] == 0.0

@@ -14,7 +14,7 @@ from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.state import fault_state
 from ematwin.models.bldc.truer.loops import advance_current_loop, advance_speed_loop, last_reading
 from ematwin.models.bldc.truer.motor import truer_emf_constants
-from ematwin.models.bldc.truer.state import NEUTRAL, REST
+from ematwin.models.bldc.truer.state import Truer, TruerState
 from ematwin.models.registry import model_of
 from ematwin.models.simulating import simulate
 from naive import monitor as naive_monitor
@@ -97,13 +97,13 @@ def test_monitor_model_is_that_of_the_naive_loop(form, same):
 
 def test_reference_model_with_an_offset_that_turns_in_part_is_that_of_the_naive_loop():
     actuator, faults, dt = PLAIN.changed(FORMS["eccentricity"]), Faults(**SEVERE), 1e-6
-    assert truer_constants(actuator) == NEUTRAL  # a constant of the paper's form
+    assert truer_constants(actuator) == Truer()  # a constant of the paper's form
     command, load = history(8_000, dt)
     rest = np.zeros(11)
     rest[7] = 1.0
     trace = batch.reference_trace(
-        faults.vector, command, load, rest, kernel_constants(actuator), dt, 1, 1, NEUTRAL,
-        np.array(REST),
+        faults.vector, command, load, rest, kernel_constants(actuator), dt, 1, 1, Truer(),
+        np.array(TruerState()),
     )  # fmt: skip
     slow = naive_reference.simulate(actuator, faults, command[:-1], load[:-1], dt)
     np.testing.assert_allclose(trace[:, :3], slow["mean_currents"], rtol=0.0, atol=1e-9)
@@ -114,7 +114,7 @@ def test_rounded_emf_constants_are_those_of_the_naive_version():
     rng, faults = np.random.default_rng(8), Faults(**SEVERE)
     windings = naive.Windings(TRUER, faults)
     c, truer = kernel_constants(TRUER), truer_constants(TRUER)
-    fault = fault_state.py_func(*faults.vector, c.half_gap)
+    fault = fault_state.py_func(faults.vector, c.half_gap)
     for theta in rng.uniform(-10.0, 10.0, 50):
         found = truer_emf_constants(theta, *windings.h, fault, c, truer)
         assert found == pytest.approx(windings.kappa(theta), abs=1e-10)
@@ -236,7 +236,7 @@ def test_a_modulated_drive_answers_alike_by_longer_steps():
 
 
 def test_sections_that_are_left_out_leave_no_trace():
-    assert truer_constants(PLAIN) == NEUTRAL
+    assert truer_constants(PLAIN) == Truer()
     assert PLAIN.changed({"steps.monitor": 25 * 1e-6}).fingerprint == "28230fd0bc8ee55b"
     for form in (*FORMS.values(), ENCODER | FORMS["speed_loop"]):
         one = PLAIN.changed(form)

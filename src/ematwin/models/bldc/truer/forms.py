@@ -143,54 +143,46 @@ def _coggings(actuator: Any) -> list[Values]:
     ]
 
 
-def _nothing(actuator: Any) -> list[Values]:
-    return []
-
-
 INTEGRAL = Form(
     "integral term in the speed loop",
     lambda a: a.speed_loop is not None and a.speed_loop.integral_gain > 0.0,
     ("speed_loop.integral_gain",),
     _integrals,
-    _nothing,
-    ("speed_loop.integral_gain",),
     _said_of_integral,
+    ("speed_loop.integral_gain",),
 )
 SAMPLED = Form(
     "sampled speed loop",
     lambda a: a.speed_loop is not None and a.speed_loop.sample_time > 0.0,
     ("speed_loop.sample_time", "speed_loop.delay"),
     lambda a: [{**_speed(a), **one} for one in _sampled("speed_loop", _SLOWER)],
-    lambda a: _sampled("speed_loop", _SLOWER),
-    (),
     lambda a: f"speed loop sampled each {1e6 * a.speed_loop.sample_time:.3g} us",
+    alternatives=lambda a: _sampled("speed_loop", _SLOWER),
 )
 CURRENT_LOOP = Form(
     "current loop",
     lambda a: a.current_loop is not None,
     ("current_loop.sample_time", "current_loop.delay"),
     _current_loops,
-    lambda a: _sampled("current_loop", _SAMPLED),
-    ("current_loop.proportional_gain", "current_loop.integral_gain", "current_loop.lost_voltage"),
     _said_of_current_loop,
+    ("current_loop.proportional_gain", "current_loop.integral_gain", "current_loop.lost_voltage"),
+    lambda a: _sampled("current_loop", _SAMPLED),
 )
 COGGING = Form(
     "cogging",
     lambda a: a.cogging is not None,
     ("cogging.cycles",),
     _coggings,
-    _nothing,
-    ("cogging.torque", "cogging.phase"),
     lambda a: f"cogging of {1e3 * a.cogging.torque:.2g} mN m, {a.cogging.cycles} a turn",
+    ("cogging.torque", "cogging.phase"),
 )
 ROUNDED = Form(
     "rounded back-EMF",
     lambda a: a.emf is not None,
     ("emf.rounding",),
     lambda a: [{"emf.rounding": 0.2}],
-    _nothing,
-    ("emf.rounding",),
     lambda a: f"back-EMF rounded by {100.0 * a.emf.rounding:.0f} %",
+    ("emf.rounding",),
 )
 
 
@@ -229,9 +221,9 @@ def _digital(steps: tuple[float, float], ratio: float) -> tuple[Form, Form]:
         lambda a: a.encoder is not None,
         ("encoder.filter_time", "speed_loop.sample_time"),
         starts,
-        lambda a: _sampled("speed_loop", _SLOWER),
-        ("encoder.filter_time",),
         said,
+        ("encoder.filter_time",),
+        lambda a: _sampled("speed_loop", _SLOWER),
     )
     return of_speed, CURRENT_LOOP._replace(starts=with_current_loop)
 

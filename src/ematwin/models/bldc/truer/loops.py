@@ -40,7 +40,7 @@ Dead time and switches take a voltage that has the sign of the current (`left_of
 
 import numpy as np
 
-from ematwin.models.bldc.truer.state import REST, Truer, TruerState
+from ematwin.models.bldc.truer.state import Truer, TruerState
 from ematwin.numerics.compile import part
 from ematwin.numerics.scalar import clip
 
@@ -67,7 +67,7 @@ def resting(truer: Truer, theta_m: float, w_m: float, first_sample: float) -> Tr
 
     Both loops sample ``first_sample`` seconds from now, and at their intervals before and after.
     """
-    return REST._replace(
+    return TruerState(
         read=last_reading(truer, theta_m, w_m),
         speed_seen=w_m,
         wait=first_sample % truer.sample_time if truer.sample_time > 0.0 else 0.0,
