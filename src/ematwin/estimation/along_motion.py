@@ -75,7 +75,7 @@ class _Fit:
 
     Attributes
     ----------
-    first_sample : s, when loops sampled first, as far as it was found
+    first_sample : s, first sample of the loops; 0 if unknown
     """
 
     def __init__(

@@ -108,8 +108,7 @@ def with_slopes(problem: Problem, here: Problem, z: np.ndarray, ways: np.ndarray
     """A corrected problem whose fast model changes with the unknowns as the reference does.
 
     Along each way, one standard deviation long, the reference is asked once for each recording. Its
-    slope counts as far as the error of the fast model changes by more than it scatters: least
-    squares would follow scatter.
+    slope is shrunk by the share of scatter in the change: least squares would follow scatter.
 
     Parameters
     ----------

@@ -1,18 +1,30 @@
-"""The linearised fit of one equation along the recorded motion to all recordings.
+"""The least squares of one equation along the recorded motion, for all recordings.
 
-It tells what would be left of other residuals if all that is fitted were fitted anew, and what is
+The linearised residuals tell what other residuals would leave after a fit of their own, and what is
 left of stretches that the fit has not seen (cross-validation).
 """
 
+import copy
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ematwin.errors import EmatwinError
 from ematwin.estimation.constants import TWO_SIGMA
+from ematwin.estimation.first_sample import found_first_sample
+from ematwin.models.comparison import correlation_time
+from ematwin.models.optional import FIRST_SAMPLE, Equation, Values
 from ematwin.models.parameter_set import ParameterSet
+from ematwin.numerics.side_by_side import side_by_side
 
+WIDE = 3.0  # standard deviation of the logarithm of what no file states
+_ROUNDS = 20  # of a fit, at most
+_ENDS = 0.05  # relative fall of the cost at which a fit ends
+_STEP = 0.01  # of a logarithm, or of a radian, that is differenced
+_FRACTIONS = (1.0, 0.4, 0.1)  # of a step that are tried
+_LONGEST = 2.0  # of a step, in logarithms
 _STRETCHES = 6  # of a recording, each counted once
 
 
@@ -119,3 +131,190 @@ def with_secant(slopes: np.ndarray, step: np.ndarray, change: np.ndarray) -> np.
 def energy(left: Sequence[np.ndarray]) -> float:
     """Sum of squares of residuals (K,) of several recordings."""
     return float(sum(r @ r for r in left))
+
+
+class Equations:
+    """One equation of several recordings, and its least squares.
+
+    Parameters
+    ----------
+    template : whose tolerances hold the parameters
+    equations : one for each recording
+
+    Attributes
+    ----------
+    first_samples : when the loops sampled first in each recording, s
+    """
+
+    def __init__(self, template: ParameterSet, equations: Sequence[Equation]) -> None:
+        self.each, self._stated = equations, stated_values(template)
+        self.first_samples = [0.0] * len(equations)
+        self._size = math.sqrt(sum(one.size**2 for one in equations))
+
+    def alike(self, actuator: ParameterSet) -> float:
+        """Energy that the equation's own error leaves, alike throughout."""
+        return sum((one.alike(actuator) * one.size / self._size) ** 2 for one in self.each)
+
+    def _left(self, actuator: ParameterSet) -> list[np.ndarray]:
+        return [self._left_of(n, actuator, {}) for n in range(len(self.each))]
+
+    def _left_of(self, n: int, actuator: ParameterSet, values: Values) -> np.ndarray:
+        """What an actuator leaves of a recording, as a share of all that is to be explained."""
+        given = {FIRST_SAMPLE: values.get(FIRST_SAMPLE, self.first_samples[n])}
+        return self.each[n].left(actuator, given) / self._size
+
+    def least(self, actuator: ParameterSet) -> float:
+        """Energy that noise and the errors of the equation leave."""
+        return sum((one.least(actuator) * one.size / self._size) ** 2 for one in self.each)
+
+    def ranked(
+        self, fit: EquationFit, starts: Sequence[tuple[Values, bool]], only: int | None = None
+    ) -> list[Values]:
+        """Values in the order of what they leave after a fit of all else; unstable ones are left out.
+
+        Parameters
+        ----------
+        starts : values, and whether the change that they make may be of any size
+        only : the recording that is looked at; all if not given
+        """
+        some = range(len(self.each)) if only is None else [only]
+        part = fit if only is None else fit.of(only)
+
+        def tried(one: tuple[Values, bool]) -> float:
+            values, scaled = one
+            try:
+                actuator = with_values(fit.actuator, values)
+                left = [self._left_of(n, actuator, values) for n in some]
+            except EmatwinError:  # a loop that would be unstable
+                return math.inf
+            return part.projected(left, scaled=scaled)
+
+        costs = np.array(side_by_side(tried, starts))
+        return [starts[n][0] for n in np.argsort(costs, kind="stable") if np.isfinite(costs[n])]
+
+    def fitted(
+        self, actuator: ParameterSet, places: Sequence[str], like: EquationFit | None = None
+    ) -> EquationFit:
+        """Some parameters by Gauss-Newton steps, each held by its tolerance in the template.
+
+        Slopes follow the residuals (`with_secant`). A fit begins with the slopes of one nearby
+        (``like``), and ends with fresh ones.
+        """
+        here = self._linearised(actuator, places, self._left(actuator), like)
+        fresh = like is None
+        for _ in range(_ROUNDS):
+            before, after = here, self._stepped(here)
+            ends = after is None or after.cost > (1.0 - _ENDS) * before.cost
+            here = after or before
+            if ends and fresh:  # slopes of so short a step would be those of ripple
+                return self._fit(here.actuator, places, here.left, before.slopes)
+            if ends:
+                here = self._linearised(here.actuator, places, here.left)
+            fresh = ends
+        return here
+
+    def _stepped(self, here: EquationFit) -> EquationFit | None:
+        """The fit after a step that lowers its cost, with slopes that agree; None without one."""
+        for fraction in _FRACTIONS:
+            step = np.clip(fraction * here.step, -_LONGEST, _LONGEST)
+            try:
+                tried = _moved(here.actuator, here.places, step)
+            except EmatwinError:
+                continue
+            left = self._left(tried)
+            if energy(left) < here.cost:
+                slopes = [
+                    with_secant(one, step, there - r)
+                    for one, r, there in zip(here.slopes, here.left, left, strict=True)
+                ]
+                return self._fit(tried, here.places, left, slopes)
+        return None
+
+    def _linearised(
+        self,
+        actuator: ParameterSet,
+        places: Sequence[str],
+        here: list[np.ndarray],
+        like: EquationFit | None = None,
+    ) -> EquationFit:
+        """The fit at an actuator with residuals ``here``; slopes that ``like`` has are taken."""
+        known = {} if like is None else {place: n for n, place in enumerate(like.places)}
+
+        def beside(n: int) -> list[np.ndarray]:
+            if like is not None and places[n] in known:
+                return [one[known[places[n]]] for one in like.slopes]
+            for step in (_STEP, -_STEP):
+                try:
+                    moved = self._left(_moved(actuator, places, step * np.eye(len(places))[n]))
+                except EmatwinError:  # at the border of stability, or of what a file may hold
+                    continue
+                return [(there - r) / step for there, r in zip(moved, here, strict=True)]
+            return [np.zeros_like(r) for r in here]
+
+        columns = side_by_side(beside, range(len(places)))
+        slopes = [np.array([column[n] for column in columns]) for n in range(len(here))]
+        return self._fit(actuator, places, here, slopes)
+
+    def _fit(
+        self,
+        actuator: ParameterSet,
+        places: Sequence[str],
+        left: list[np.ndarray],
+        slopes: list[np.ndarray],
+    ) -> EquationFit:
+        """A fit with the prior that the template gives."""
+        weight = energy(left) / sum(r.size / correlation_time(r) for r in left)
+        away, spread = np.zeros(len(places)), np.full(len(places), WIDE)
+        for n, place in enumerate(places):
+            if place in self._stated:
+                value, spread[n] = self._stated[place]
+                away[n] = math.log(actuator.value(place) / value)
+        prior = weight * np.diag(1.0 / spread**2)
+        return EquationFit(actuator, tuple(places), left, slopes, prior @ away, prior, weight)
+
+    def with_first_samples(
+        self, fit: EquationFit, actuator: ParameterSet
+    ) -> "tuple[Equations, EquationFit]":
+        """With the first samples that suit an actuator, and its fit."""
+        other = copy.copy(self)
+
+        def found(n: int) -> float:
+            part, instants = fit.of(n), self.each[n].first_samples(actuator)
+
+            def cost(instant: float) -> float:
+                left = self._left_of(n, actuator, {FIRST_SAMPLE: instant})
+                return part.projected([left], scaled=False)
+
+            return found_first_sample(cost, instants) if instants else self.first_samples[n]
+
+        other.first_samples = [found(n) for n in range(len(self.each))]
+        return other, other.fitted(actuator, fit.places, fit)
+
+
+def with_values(actuator: ParameterSet, values: Values) -> ParameterSet:
+    """The actuator with values by place; others are of a recording."""
+    return actuator.changed({name: value for name, value in values.items() if "." in name})
+
+
+def stated_values(template: ParameterSet) -> dict[str, tuple[float, float]]:
+    """Values of a file that are positive, and the spreads of their logarithms, by place."""
+    stated = ((place, x, template.tolerance(place)) for place, x, *_ in template.parameters())
+    return {
+        place: (value, math.log1p(tolerance) / TWO_SIGMA)
+        for place, value, tolerance in stated
+        if value > 0.0 and tolerance is not None
+    }
+
+
+def has_sign(actuator: ParameterSet, place: str) -> bool:
+    """Whether a parameter has one sign: its logarithm is fitted."""
+    return actuator.limits(place)[0] >= 0.0
+
+
+def _moved(actuator: ParameterSet, places: Sequence[str], step: np.ndarray) -> ParameterSet:
+    """The actuator with parameters moved by steps (d,), of logarithms where they have a sign."""
+    values = {}
+    for place, one in zip(places, step.tolist(), strict=True):
+        value = actuator.value(place)
+        values[place] = value * math.exp(one) if has_sign(actuator, place) else value + one
+    return actuator.changed(values)

@@ -292,7 +292,7 @@ class Problem:
         return any(one.unseen for one in self.comparisons)
 
     def sampled_first(self, instant: float) -> "Problem":
-        """The same of which it was found when loops sampled first, s after the start."""
+        """The same problem with a known first sample of the drive's loops, s after the start."""
         return self.with_comparisons([one.sampled_first(instant) for one in self.comparisons])
 
     def restarted(self) -> "Problem | None":

@@ -134,7 +134,7 @@ class Comparison(ABC):
         return self
 
     def sampled_first(self, instant: float) -> "Comparison":
-        """The same of which it was found when loops sampled first, s after the start."""
+        """With a known first sample of the drive's loops, s after the start."""
         other = copy.copy(self)
         other.recording = self.recording.with_first_sample(instant)
         return other

@@ -122,11 +122,11 @@ class Recording:
 
     @property
     def first_sample(self) -> float:
-        """When the loops of a drive sampled first, s after the start, as far as that was found."""
+        """First sample of a drive's loops, s after the start; 0 if unknown."""
         return float(self.provenance.get("first_sample_s", 0.0))
 
     def with_first_sample(self, instant: float) -> "Recording":
-        """The same of which it was found when loops sampled first, s after the start."""
+        """A recording with a known first sample of the drive's loops, s after the start."""
         return self.changed(provenance={**self.provenance, "first_sample_s": instant})
 
     @property

@@ -204,8 +204,7 @@ class Contact:
 def _rests(twist: np.ndarray, pushed: np.ndarray, gap: float) -> np.ndarray:
     """(K,) of bool: whether twists (K,), rad, are of the face that is pushed, the upper one or not.
 
-    Where not both faces show, half of the gap (rad) apart at least, those of the one that shows
-    more.
+    If the two faces are less than half of the gap (rad) apart, one shows: the one pushed more often.
     """
     if not pushed.any() or pushed.all():
         return np.ones(len(twist), bool)

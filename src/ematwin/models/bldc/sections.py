@@ -77,7 +77,7 @@ def _not_later_than_the_next_sample(loop: Any) -> Any:
 class SpeedLoop(Section):
     """Integral term and sampling of the speed loop; left out, it is proportional and continuous.
 
-    In a simulation samples begin with the recording; among those of a real one it begins anywhere.
+    A simulation begins with a sample. A real recording begins anywhere between two.
     """
 
     example: ClassVar[dict[str, float]] = {
@@ -101,7 +101,7 @@ class CurrentLoop(Section):
     """PI current loop with pulse-width modulation; left out, a comparator follows the demand.
 
     It controls the conducting pair: half of the difference of its currents, by the voltage across
-    it. Samples begin as those of the speed loop do.
+    it. Its samples begin with those of the speed loop.
     """
 
     example: ClassVar[dict[str, float]] = {

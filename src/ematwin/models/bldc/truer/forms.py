@@ -91,7 +91,7 @@ def _speed_times(actuator: Any) -> list[Values]:
 def _first_samples(actuator: Any) -> list[float]:
     """Instants in a time after which both loops sample as before, s; none without a current loop.
 
-    That of a speed loop alone hardly matters.
+    A speed loop alone does not tell its first sample.
     """
     if actuator.current_loop is None:
         return []
