@@ -170,7 +170,7 @@ class Equations:
     def ranked(
         self, fit: EquationFit, starts: Sequence[tuple[Values, bool]], only: int | None = None
     ) -> list[Values]:
-        """Values in the order of what they leave after a fit of all else; unstable ones are left out.
+        """Values in the order of what they leave after a fit of all else, without unstable ones.
 
         Parameters
         ----------

@@ -204,7 +204,7 @@ class Contact:
 def _rests(twist: np.ndarray, pushed: np.ndarray, gap: float) -> np.ndarray:
     """(K,) of bool: whether twists (K,), rad, are of the face that is pushed, the upper one or not.
 
-    If the two faces are less than half of the gap (rad) apart, one shows: the one pushed more often.
+    If these are less than half of the gap (rad) apart, one shows: the one pushed more often.
     """
     if not pushed.any() or pushed.all():
         return np.ones(len(twist), bool)
