@@ -21,8 +21,9 @@ def bounded_squares(
     low, high : (d,) arrays, ``low <= 0 <= high``: it sets out from zero
     """
     size = np.linalg.norm(matrix, axis=0)
-    size[size == 0.0] = 1.0
-    scaled = matrix / size  # columns of length one
+    seen = size > _SMALL * size.max(initial=0.0)  # less is rounding
+    size[~seen] = 1.0
+    scaled = np.where(seen, matrix, 0.0) / size  # columns of length one
     normal, pull = scaled.T @ scaled, scaled.T @ target
     least, most = low, high
     low, high = low * size, high * size

@@ -27,8 +27,9 @@ def test_it_finds_what_scipy_finds(seed: int) -> None:
     assert cost <= 2.0 * right.cost * (1.0 + 1e-6)
 
 
-def test_what_says_nothing_stays_where_it_is() -> None:
-    matrix = np.array([[1.0, 0.0], [1.0, 0.0]])
+@pytest.mark.parametrize("rounding", [0.0, 1e-14])
+def test_what_says_nothing_stays_where_it_is(rounding: float) -> None:
+    matrix = np.array([[1.0, 0.0], [1.0, rounding]])
     found = bounded_squares(matrix, np.array([2.0, 4.0]), np.array([-9.0, -9.0]), np.full(2, 9.0))
     assert found == pytest.approx([3.0, 0.0])
 
