@@ -66,6 +66,7 @@ class Assessment:
     evaluations : int
     reference_runs : int, answers of the reference model that the best one took
     scatter : float, relative misfit by which answers of the reference differ within the width
+    cost_scatter : float, standard deviation of the cost of the data among these
     unsettled : names of unknowns that the last of them still moved by more than a standard error
     joint : the joint density, with its peak and width; None after an interruption
     sets : the posterior of sets of faults; None after an interruption
@@ -85,6 +86,7 @@ class Assessment:
     trust: float = 1.0
     reference_runs: int = 0
     scatter: float = 0.0
+    cost_scatter: float = 0.0
     unsettled: tuple[str, ...] = ()
     joint: Joint | None = None
     sets: FaultSets | None = None
@@ -171,6 +173,7 @@ def assess(
         trust=peak.problem.trust,
         reference_runs=best.rounds,
         scatter=best.scatter,
+        cost_scatter=best.cost_scatter,
         unsettled=best.unsettled,
         joint=Joint(
             tuple(answers[n].peak for n in likely), peak.problem.model_error, own,

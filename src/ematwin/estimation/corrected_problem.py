@@ -130,6 +130,23 @@ def with_slopes(problem: Problem, here: Problem, z: np.ndarray, ways: np.ndarray
     return here.with_comparisons(here.comparisons, (*here.changes, _Linear(chart, z, slopes)))
 
 
+def is_smooth(here: Problem, z: np.ndarray, ways: np.ndarray) -> bool:
+    """Whether answers of the reference change by a standard deviation more than they scatter.
+
+    Parameters
+    ----------
+    here : corrected at ``z``
+    z : (d,) array, coordinates
+    ways : (d, d) array, steps of one standard deviation to other points, a row each
+    """
+    chart, point = here.chart, here.chart.to_values(z[None])[0]
+    along = ways.sum(axis=0) / np.sqrt(len(ways))
+    points = chart.to_values(chart.project(z + np.outer((_NEARLY, 1.0), along)))
+    there = [corrected_at(here, one, here) for one in points]
+    sizes = [math.inf if one is None else _size(here, _change(here, one, point)) for one in there]
+    return _beyond_scatter(sizes[1], sizes[0]) > 0.5
+
+
 def has_slopes(problem: Problem) -> bool:
     """Whether a problem was corrected with slopes of the reference (`with_slopes`)."""
     return any(isinstance(one, _Linear) for one in problem.changes)

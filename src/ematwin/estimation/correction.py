@@ -36,7 +36,7 @@ from functools import cached_property
 import numpy as np
 
 from ematwin.estimation.constants import AS_GOOD
-from ematwin.estimation.corrected_problem import corrected_at, has_slopes, with_slopes
+from ematwin.estimation.corrected_problem import corrected_at, has_slopes, is_smooth, with_slopes
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.laplace import Laplace, laplace, principal, step_lengths
 from ematwin.estimation.noise import with_channels_reweighed, with_discrepancy
@@ -64,6 +64,7 @@ class Corrected:
         last few, where rounds came to no end
     model_error : (d, d) array, covariance from the model error elsewhere within the width
     scatter : float, relative misfit by which answers of the reference differ within the width
+    cost_scatter : float, standard deviation of the cost of the data among these
     """
 
     peak: Laplace
@@ -71,6 +72,7 @@ class Corrected:
     left: np.ndarray
     model_error: np.ndarray | float = 0.0
     scatter: float = 0.0
+    cost_scatter: float = 0.0
 
     @property
     def covariance(self) -> np.ndarray:
@@ -122,18 +124,19 @@ def corrected(
         return Corrected(laplace(problem, start, descent, steps=steps), 0, np.zeros((1, len(z))))
     closer = near and problem.lacks_forms and not has_slopes(here)
     visited = _rounds(problem, here, z, descent, steps, 1 if closer else rounds)
-    last, spent = visited[-1], sum(one.peak.evaluations for one in visited)
-    first = _lowest(visited) if problem.lacks_forms else last
-    if has_slopes(here):
-        last = first
-    elif closer or (problem.lacks_forms and _leaves_more_than_noise(first)):
-        ways = principal(first.peak.data + first.peak.priors)
-        here = with_slopes(problem, first.here, first.z, ways)
-        again, steps = descent.afresh(settled=np.inf), step_lengths(first.peak.covariance)
-        runs = last.runs + len(ways)  # the first round has its answer already
-        visited = _rounds(problem, here, first.z, again, steps, rounds)
-        last = _lowest(visited)
-        last = replace(last, runs=runs + last.runs)
+    if closer and not is_smooth(here, z, _ways(visited[0])):
+        closer = False
+        visited = _rounds(problem, here, z, descent, steps, rounds)
+    last = _lowest(visited) if problem.lacks_forms else visited[-1]
+    spent = sum(one.peak.evaluations for one in visited)
+    unexplained = problem.lacks_forms and not has_slopes(here) and _leaves_more_than_noise(last)
+    if closer or (unexplained and is_smooth(last.here, last.z, _ways(last))):
+        ways = _ways(last)
+        here = with_slopes(problem, last.here, last.z, ways)
+        again, steps = descent.afresh(settled=np.inf), step_lengths(last.peak.covariance)
+        visited = _rounds(problem, here, last.z, again, steps, rounds)
+        # the first round has its answer already
+        last = replace(_lowest(visited), runs=last.runs + len(ways) + visited[-1].runs)
         spent += sum(one.peak.evaluations for one in visited)
     return Corrected(replace(last.peak, evaluations=spent), last.runs, last.left)
 
@@ -162,6 +165,11 @@ class _Round:
         """Of the data where it began, by the reference."""
         point = self.here.chart.to_values(self.z[None])
         return self.here.data_cost(self.here.residuals(point)[0])
+
+
+def _ways(one: _Round) -> np.ndarray:
+    """(d, d) principal directions of the width, one standard deviation long, a row each."""
+    return principal(one.peak.data + one.peak.priors)
 
 
 def _lowest(visited: list[_Round]) -> _Round:
@@ -264,8 +272,11 @@ def with_model_error(found: Corrected, threads: int | None = None) -> Corrected:
     nearer = replace(peak, problem=with_discrepancy(problem, peak.cost, scatter))
     # with the slopes of the fast model alone, much of a change is no scatter
     share = problem.relative_misfit(scatter) if problem.lacks_forms else 0.0
-    runs = found.rounds + len(moved)
-    return replace(found, peak=nearer, model_error=error, scatter=share, rounds=runs)
+    costs = [problem.data_cost(peak.residuals + change) for change in changes]
+    return replace(
+        found, peak=nearer, model_error=error, scatter=share,
+        cost_scatter=float(np.std(costs)), rounds=found.rounds + len(moved),
+    )  # fmt: skip
 
 
 def _combined(known: list[tuple[np.ndarray, np.ndarray]], errors: np.ndarray) -> np.ndarray:

@@ -16,7 +16,14 @@ import numpy as np
 from ematwin.estimation.along_motion import informed
 from ematwin.estimation.assess import Assessment
 from ematwin.estimation.baseline import Baseline, uncertain, with_all_free, with_nuisances
-from ematwin.estimation.constants import AS_GOOD, DECIDES, EXPLAINED, HOPELESS, SMALLEST
+from ematwin.estimation.constants import (
+    AS_GOOD,
+    DECIDES,
+    EXPLAINED,
+    HOPELESS,
+    SIGMAS,
+    SMALLEST,
+)
 from ematwin.estimation.correction import corrected
 from ematwin.estimation.descent import Descent, TooFarError
 from ematwin.estimation.laplace import Laplace, step_lengths
@@ -45,7 +52,7 @@ class Rival:
     present : names of the faults that are there: with the form, and those it may be mistaken for
     said : str, the same with their values
     rise : float, how much further it is from recording and priors than the first answer, squared
-        standard deviations; negative where it is nearer
+        standard deviations or, if more, the scatter of the reference; negative where it is nearer
     """
 
     form: OtherForm
@@ -89,10 +96,14 @@ def rivals_of(
 
     # each may use all cores: the other one often ends at once
     ends = side_by_side(compared, forms, threads)
+    # where answers of the reference scatter, two of one form differ by so much
+    peak = assessed.joint.peaks[0]
+    noise = peak.problem.comparisons[0].model_error * peak.problem.noise
+    unit = max(1.0, SIGMAS * assessed.cost_scatter / noise**2 / DECIDES)
     return [
-        _rival(model, form, problem, *one)
+        _rival(model, form, problem, one[0], one[1] / unit)
         for form, one in zip(forms, ends, strict=True)
-        if one is not None and one[1] < DECIDES
+        if one is not None and one[1] < DECIDES * unit
     ]
 
 

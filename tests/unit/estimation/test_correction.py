@@ -166,7 +166,7 @@ def test_rounds_end_where_answers_of_the_reference_only_scatter():
     end = corrected(problem, np.array([0.5, 0.5]), descent)
     assert end.unsettled
     assert len(end.left) > 1  # and the intervals hold how far they go
-    assert comparison.asked == end.rounds < 10
+    assert comparison.asked == end.rounds < 12  # of 20
     assert end.peak.point == pytest.approx([WEAR, GAP], abs=0.1)
 
 

@@ -46,7 +46,9 @@ from ematwin.recordings.recording import Recording
 
 _LONGEST = 0.4  # s of a recording, of which a controller is simulated
 _FASTER = 1.3  # than the step of the reference: the ripple is another then
-_MODULATED = 2.5e-6  # s, of steps at most: estimates move by a tenth of a standard error
+# s, of steps at most, behind a current loop: estimates move by a tenth of a standard error; where a
+# first sample is known it is met more exactly
+_MODULATED, _KNOWN = 5e-6, 2.5e-6
 LEAST = 0.001  # of the recorded current: what simulators of other make differ by
 _FINE_STEP = 1e-9  # rad: of an encoder whose counts do not show
 _THIRD = 2.0 * math.pi / 3.0
@@ -235,15 +237,16 @@ class Controller:
         grid, motion, given = self._grid, self._motion, values or {}
         command = np.interp(grid.time + given.get("skew", 0.0), motion.time, motion.command)
         own, step = actuator.current_loop, grid.step
+        first = given.get(FIRST_SAMPLE, motion.first_sample)
         if own is None:  # a comparator overshoots by what the current moves in a step
             substeps = max(1, round(faster * step / actuator.steps.reference))
         else:
-            substeps = steps_within(step, own.sample_time, _MODULATED, actuator.steps.reference)
+            longest = _KNOWN if first else _MODULATED
+            substeps = steps_within(step, own.sample_time, longest, actuator.steps.reference)
         truer = truer_constants(actuator)
         if truer.motor_step > 0.0 and not counts:
             truer = truer._replace(motor_step=_FINE_STEP, output_step=0.0)
         angle, speed, _ = self._states[:, 0]
-        first = given.get(FIRST_SAMPLE, motion.first_sample)
         currents = currents_along(
             fault_vector(given), command, self._states, kernel_constants(actuator),
             grid.substeps * grid.step / substeps, substeps, grid.decimation,
