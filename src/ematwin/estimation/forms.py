@@ -196,12 +196,13 @@ class _Selection:
                 share = (fit.cost - together.cost) / plain.cost
                 gains += [Explained(first.name, len(new), share)] if new else []
                 absent = [form for form in absent if form not in new]
-                found, self.equations = [*found, *new], equations
-                fit = self._chosen(together, found)
+                found, self.equations, fit = [*found, *new], equations, together
         if first.first_samples(fit.actuator) and not any(self.equations.first_samples):
             equations, other = self.equations.with_first_samples(fit, fit.actuator)
             if other.cost < fit.cost - DECIDES * fit.weight:
                 fit, self.equations = other, equations
+        if any(self.equations.first_samples):  # which other choices suit, now that these are known
+            fit = self._chosen(fit, found)
         told = self._told(plain, fit, found, absent)
         told = replace(told, explained=(*self._known.explained, *gains))
         return told, replace(fit, alike=self.equations.alike(fit.actuator))
