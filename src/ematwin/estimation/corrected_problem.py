@@ -88,7 +88,8 @@ def corrected_at(
         moved = [_missed(problem, point, one) for one in (near, *({n: far[n]} for n in far))]
         if any(one is None for one in moved):
             return None
-        steps = [_change(other, _without(problem, one), point) for one in moved if one is not None]
+        before = _residuals(other, point)
+        steps = [_change(before, _without(problem, one), point) for one in moved if one is not None]
         scatter = _size(other, steps[0])
         for one, moves in zip(new, steps[1:], strict=True):
             step = coordinate(one, far[one.name]) - coordinate(one, values[one.name])
@@ -117,11 +118,12 @@ def with_slopes(problem: Problem, here: Problem, z: np.ndarray, ways: np.ndarray
     z : (d,) array, coordinates
     ways : (d, d) array, steps to other points, a row each
     """
-    chart, point = problem.chart, problem.chart.to_values(z[None])
+    chart, point = problem.chart, problem.chart.to_values(z[None])[0]
     there = chart.project(z + np.vstack([_NEARLY * ways.sum(axis=0), ways]))
     others = side_by_side(lambda one: corrected_at(problem, one, here), chart.to_values(there))
-    nothing = [np.zeros(len(one)) for one in _change(here, here, point[0])]
-    changes = [nothing if one is None else _change(here, one, point[0]) for one in others]
+    before = _residuals(here, point)
+    nothing = [np.zeros_like(one) for one in before]
+    changes = [nothing if one is None else _change(before, one, point) for one in others]
     sizes = [_size(here, change) for change in changes]
     counted = [_beyond_scatter(size, sizes[0]) for size in sizes[1:]]
     size = np.linalg.norm(ways, axis=0)
@@ -143,7 +145,8 @@ def is_smooth(here: Problem, z: np.ndarray, ways: np.ndarray) -> bool:
     along = ways.sum(axis=0) / np.sqrt(len(ways))
     points = chart.to_values(chart.project(z + np.outer((_NEARLY, 1.0), along)))
     there = [corrected_at(here, one, here) for one in points]
-    sizes = [math.inf if one is None else _size(here, _change(here, one, point)) for one in there]
+    before = _residuals(here, point)
+    sizes = [math.inf if one is None else _size(here, _change(before, one, point)) for one in there]
     return _beyond_scatter(sizes[1], sizes[0]) > 0.5
 
 
@@ -225,12 +228,14 @@ def _without(problem: Problem, missed: Sequence[Mapping[str, np.ndarray]]) -> Pr
     return other.with_noise(other.comparisons[0].noise, model_error=1.0)
 
 
-def _change(here: Problem, there: Problem, point: np.ndarray) -> list[np.ndarray]:
-    """Change of residuals (K,) of each recording at a point (d,), from one problem to another."""
-    return [
-        (there.residuals_of(n, point[None]) - here.residuals_of(n, point[None]))[0]
-        for n in range(len(here.comparisons))
-    ]
+def _residuals(problem: Problem, point: np.ndarray) -> list[np.ndarray]:
+    """Residuals (K,) of each recording at a point (d,)."""
+    return [problem.residuals_of(n, point[None])[0] for n in range(len(problem.comparisons))]
+
+
+def _change(before: Sequence[np.ndarray], there: Problem, point: np.ndarray) -> list[np.ndarray]:
+    """Change of residuals (K,) of each recording at a point (d,), to those of another problem."""
+    return [now - then for now, then in zip(_residuals(there, point), before, strict=True)]
 
 
 def _size(problem: Problem, change: Sequence[np.ndarray]) -> float:
