@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ematwin.benchmarking.table import RunTable
-from ematwin.showing.frames import frame_of_rows
+from ematwin.showing.results import frame_of_rows
 
 TARGETS = np.geomspace(0.5, 0.003, 31)
 STATED_MISFITS = (0.1, 0.02, 0.005)

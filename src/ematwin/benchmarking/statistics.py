@@ -20,7 +20,7 @@ import numpy as np
 from scipy.stats import bootstrap, friedmanchisquare, rankdata, wilcoxon
 
 from ematwin.benchmarking.table import RunTable
-from ematwin.showing.frames import frame
+from ematwin.showing.results import frame
 
 ALPHA = 0.05
 METRICS = ("err", "err_wrapped", "evaluations", "seconds", "cpu_seconds")

@@ -161,7 +161,7 @@ def print_findings(found: "Identification") -> None:
     """The verdict, then the table for people."""
     from ematwin.estimation.findings import fault_cells
     from ematwin.report.page import Row, Table
-    from ematwin.showing.numbers import with_interval
+    from ematwin.showing.text import with_interval
 
     typer.echo(f"{found.verdict.sentence}\n")
     shown = Table(

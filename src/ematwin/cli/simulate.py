@@ -59,7 +59,7 @@ def simulate(
     from ematwin.models.simulating import simulate as run
     from ematwin.models.unknown import table_of
     from ematwin.recordings.noise import Noise
-    from ematwin.showing.numbers import said
+    from ematwin.showing.text import said
 
     chosen = load_actuator(actuator)
     kind = model_of(chosen)

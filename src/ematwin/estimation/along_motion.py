@@ -28,7 +28,7 @@ from ematwin.models.base import Model
 from ematwin.models.comparison import correlation_time
 from ematwin.models.optional import FIRST_SAMPLE, Equation
 from ematwin.models.parameter_set import ParameterSet
-from ematwin.numerics.bounded_squares import bounded_squares
+from ematwin.numerics.linear_algebra import bounded_squares
 from ematwin.numerics.side_by_side import side_by_side
 
 _ROUNDS = 20  # at most: mostly four, as the equations are nearly linear

@@ -27,8 +27,15 @@ from ematwin.models.registry import model_of
 from ematwin.models.unknown import Unknown
 from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording
-from ematwin.showing.numbers import in_unit, number_of, plain, said, said_between, with_interval
-from ematwin.showing.words import listed
+from ematwin.showing.text import (
+    in_unit,
+    listed,
+    number_of,
+    plain,
+    said,
+    said_between,
+    with_interval,
+)
 
 if TYPE_CHECKING:
     from ematwin.estimation.identification import Identification

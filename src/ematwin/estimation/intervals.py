@@ -15,7 +15,7 @@ from ematwin.estimation.constants import COVERAGE, LEVEL
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
-from ematwin.numerics.symmetric import eigen
+from ematwin.numerics.linear_algebra import eigen
 
 if TYPE_CHECKING:
     from ematwin.estimation.spike_and_slab import FaultSets

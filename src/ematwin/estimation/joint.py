@@ -27,7 +27,7 @@ import numpy as np
 
 from ematwin.estimation.laplace import Laplace
 from ematwin.estimation.problem import Problem
-from ematwin.numerics.symmetric import inverse
+from ematwin.numerics.linear_algebra import inverse
 
 _EDGE = 1e-9
 

@@ -31,8 +31,7 @@ from ematwin.estimation.levenberg_marquardt import LARGEST_BATCH
 from ematwin.estimation.noise import with_shown_noise
 from ematwin.estimation.problem import Problem
 from ematwin.models.chart import Chart
-from ematwin.numerics.bounded_squares import bounded_squares
-from ematwin.numerics.symmetric import eigen, inverse
+from ematwin.numerics.linear_algebra import bounded_squares, eigen, inverse
 
 _JOINT = 2  # steps of everything together, where evidence decides what data do not see
 _STEPS = 8  # of everything together at the end, at most

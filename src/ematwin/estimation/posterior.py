@@ -29,7 +29,7 @@ from ematwin.estimation.uncertainty import (
     strained,
     uninformed,
 )
-from ematwin.numerics.symmetric import eigen
+from ematwin.numerics.linear_algebra import eigen
 
 EFFECTIVE = 400.0  # Vehtari et al. (2021), section 4: enough for quantiles of 95 %
 MOST = 200_000  # simulations

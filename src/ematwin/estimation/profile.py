@@ -30,7 +30,7 @@ from ematwin.estimation.uncertainty import (
     tells_nothing,
 )
 from ematwin.models.unknown import Unknown
-from ematwin.showing.words import listed
+from ematwin.showing.text import listed
 
 LIMIT = 3.841  # quantile of the chi-squared distribution of one degree, 95 %
 NEAR = 16.0  # rise of points to which a parabola is fitted

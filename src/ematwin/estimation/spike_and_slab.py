@@ -28,8 +28,7 @@ from ematwin.estimation.constants import ANYTHING, BEFOREHAND, CERTAIN, SMALLEST
 from ematwin.estimation.intervals import Draws, conditional
 from ematwin.models.chart import Chart
 from ematwin.models.unknown import Unknown
-from ematwin.numerics.bounded_squares import bounded_squares
-from ematwin.numerics.symmetric import eigen
+from ematwin.numerics.linear_algebra import bounded_squares, eigen
 
 WINDOW = 7.0  # logarithm of the ratio of probabilities: sets below 0.1 % of the best are left out
 _MOST = 300  # sets

@@ -22,7 +22,7 @@ from ematwin.estimation.thresholds import Threshold
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
-from ematwin.showing.words import listed
+from ematwin.showing.text import listed
 
 Report = Callable[[int, int], None]
 """Called with simulations and how many there may be; may raise to end the work."""

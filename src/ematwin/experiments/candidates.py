@@ -12,7 +12,7 @@ import numpy as np
 from ematwin.models.base import Model
 from ematwin.models.history import Chirp, Component, Profile, Sine, Step
 from ematwin.models.scenario import Scenario
-from ematwin.showing.numbers import said
+from ematwin.showing.text import said
 
 _SIZES = (0.95, 0.6, 0.3)  # shares of the travel; motion overshoots its command
 _PERIODS = (1, 2, 4, 8)  # of reversals and constant speed, in the duration

@@ -38,7 +38,7 @@ from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Scenario
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
-from ematwin.showing.drawing import drawn
+from ematwin.showing.results import drawn
 
 DRAWS = 6
 FRESH = 16  # fault vectors on which the best commands are compared anew

@@ -34,7 +34,7 @@ from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Scenario
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
-from ematwin.showing.frames import plain
+from ematwin.showing.results import plain
 
 BUDGET = 200
 _ITERATIONS = 4  # of the fit of an explanation to the other: they start near

@@ -22,12 +22,11 @@ from ematwin.experiments.experiment import UNANSWERED, Expected, Experiment
 from ematwin.files import check_target
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Scenario
+from ematwin.numerics.linear_algebra import eigen, inverse
 from ematwin.numerics.side_by_side import cores, side_by_side
-from ematwin.numerics.symmetric import eigen, inverse
 from ematwin.recordings.noise import Noise
-from ematwin.showing.drawing import drawn
-from ematwin.showing.frames import frame_of_rows, plain
-from ematwin.showing.words import counted
+from ematwin.showing.results import drawn, frame_of_rows, plain
+from ematwin.showing.text import counted
 
 TESTS = 3
 _NAMED = 3  # parameters that a test is said to improve most

@@ -31,7 +31,7 @@ from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import Unknown
 from ematwin.numerics.sobol import Sobol
 from ematwin.recordings.noise import Noise
-from ematwin.showing.frames import plain
+from ematwin.showing.results import plain
 
 SAMPLES = 256  # a power of two; an answer is simulated for each and each unknown
 _AT_A_TIME = 512  # answers that are held whole

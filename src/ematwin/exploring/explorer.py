@@ -24,8 +24,7 @@ from ematwin.monitoring.identify import identify
 from ematwin.plots.style import BLUE, GREEN, GREY, ORANGE
 from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording
-from ematwin.showing.numbers import said
-from ematwin.showing.words import capital
+from ematwin.showing.text import capital, said
 
 _SHOWN = 1500  # points of a trace: more than a screen has columns for it
 _PROFILE = 64  # points of a profile, full lanes; a bound at either end

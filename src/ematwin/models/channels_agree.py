@@ -24,7 +24,7 @@ import numpy as np
 from ematwin.errors import RecordError
 from ematwin.numerics.signals import white_noise
 from ematwin.recordings.recording import Recording
-from ematwin.showing.words import listed
+from ematwin.showing.text import listed
 
 if TYPE_CHECKING:
     from ematwin.models.base import Model

@@ -18,7 +18,7 @@ from ematwin.recordings.motions import Choice
 from ematwin.recordings.read import read_file
 from ematwin.recordings.recording import Recording
 from ematwin.recordings.tables import write_recording, write_recordings
-from ematwin.showing.frames import is_frame
+from ematwin.showing.results import is_frame
 
 WRITTEN = (".parquet", ".csv")  # endings that `write` knows
 Paths = list[str] | list[Path] | list[str | Path] | tuple[str | Path, ...]

@@ -18,7 +18,7 @@ from ematwin.models.unknown import Unknown
 from ematwin.recordings.channel import Channel, Derivation
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
-from ematwin.showing.numbers import apart
+from ematwin.showing.text import apart
 
 _SUM = 0.05  # of the RMS of the phases: their sensors and converters differ by less
 _BROKEN = 0.2  # of it: no gains of sensors leave as much once the best is taken off

@@ -13,7 +13,7 @@ from typing import Any, Literal, NamedTuple
 
 from ematwin.errors import InputError
 from ematwin.showing import markup
-from ematwin.showing.numbers import said
+from ematwin.showing.text import said
 
 _FACTOR = 3.0  # a nominal parameter may be so much smaller or larger than its file says
 _REACH = 4.0  # standard deviations of its prior that it may be off in any case

@@ -27,7 +27,7 @@ from ematwin.monitoring.measure import Measured, reported_values, statistics_of
 from ematwin.monitoring.population import nearest_fault
 from ematwin.monitoring.population_calibration import PopulationCalibration
 from ematwin.recordings.recording import Recording
-from ematwin.showing.numbers import plain
+from ematwin.showing.text import plain
 
 _ENDS = np.array([-1.0, 1.0])
 _CHANGED = 6.0  # healthy standard deviations of a statistic

@@ -14,7 +14,7 @@ from ematwin.monitoring.calibration_report import CalibrationReport
 from ematwin.plots.style import BLUE, GREY, ORANGE, PALE, line, stacked, styled
 from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording
-from ematwin.showing.words import capital
+from ematwin.showing.text import capital
 
 _ROW = 26  # px of a parameter
 _SIDES = 1.96  # standard errors to both sides: 95 %

@@ -12,7 +12,7 @@ from ematwin.experiments.healthy_tests import HealthyTests
 from ematwin.models.registry import model_of
 from ematwin.plots.style import BLUE, GREEN, GREY, ORANGE, PALE, line, stacked, styled
 from ematwin.quantities import preferred
-from ematwin.showing.words import capital
+from ematwin.showing.text import capital
 
 _POINTS = 2000  # of a curve
 _ROW = 26  # px of a parameter

@@ -9,7 +9,7 @@ from ematwin.monitoring.calibration_report import CalibrationReport
 from ematwin.monitoring.population_calibration import PopulationCalibration
 from ematwin.plots.calibration import plot_before_and_after, plot_learnt, plot_residuals
 from ematwin.report.page import Row, Section, Table, render
-from ematwin.showing.numbers import in_unit, number_of, plain, said_between
+from ematwin.showing.text import in_unit, number_of, plain, said_between
 
 _ON_FIGURE = "Lines are 95 % intervals. Pale: not determined by these recordings."
 _SIDES = 1.96  # standard errors to both sides: 95 %

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ematwin.errors import ParameterError
-from ematwin.numerics.stability import largest_share, spectral_radius
+from ematwin.numerics.linear_algebra import largest_share, spectral_radius
 
 _MARGIN = 1e-9  # of the unit circle
 _SHORTEST = 1e-6  # of a sample time: a limit below is none
