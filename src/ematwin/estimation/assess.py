@@ -41,7 +41,6 @@ from ematwin.models.unknown import Unknown
 
 _REACHES = (2.0,)  # standard errors at which the misfit along a fault is looked at
 _APART = 0.05  # share of a range by which another minimum differs
-_ANEW = 3  # rounds in which a best point is looked for without the faults that it names
 _NOWHERE = 0.3  # length of the mean of unit vectors: directions all round
 
 
@@ -116,7 +115,8 @@ def assess(
     best = with_model_error(found.best, threads)
     errors, held = np.ones(len(full.names)), set[str]()
     again = found.descent.afresh(settled=math.inf, least_noise=full.least_noise)
-    for left in reversed(range(_ANEW)):
+    # up to three times the best point is looked for without the faults that it names
+    for left in reversed(range(3)):
         sets = _sets(best, own, baseline, errors, held)
         improbable = _improbable(sets, best.peak)
         # values are those of the best explanation in which improbable faults are healthy

@@ -39,7 +39,6 @@ from ematwin.recordings.read import assumptions
 
 _SECOND = 0.1  # probability that a faulty actuator has a second fault
 _SLAB = 2.0  # standard deviations of the slab from healthy to the far end of a range
-_SCANNED = 9  # values of a fault at which a descent may start
 _DRAWS, _SEED = 2000, 20_201
 
 
@@ -137,7 +136,7 @@ def _scanned(
 ) -> float:
     """The value of a fault alone at which the misfit is least."""
     low, high = coordinate(slab, np.array([slab.lower, slab.upper]))
-    z = np.linspace(low, high, _SCANNED)
+    z = np.linspace(low, high, 9)  # values of a fault at which a descent may start
     tried = np.r_[slab.healthy, np.exp(z) if slab.logarithmic else z]
     known = {**held, **{one.name: one.healthy for one in effects}}
     values = {name: np.full(len(tried), value) for name, value in known.items()}

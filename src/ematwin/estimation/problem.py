@@ -23,8 +23,6 @@ from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.unknown import Unknown
 from ematwin.recordings.recording import Recording
 
-_ROUNDING = 1e-12
-
 
 class Residuals(NamedTuple):
     """Residuals (..., K) by where they come from.
@@ -177,7 +175,7 @@ class Problem:
             else:
                 # what the others leave of the limit, and a little more: their sum is rounded
                 with np.errstate(invalid="ignore"):  # infinite cost, infinite limit
-                    rest = limits * (1.0 + _ROUNDING) - cost
+                    rest = limits * (1.0 + 1e-12) - cost
                 part = comparison.costs_within(candidates, len(points), rest)
             cost = cost + part
         return np.asarray(cost)

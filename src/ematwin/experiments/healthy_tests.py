@@ -29,7 +29,6 @@ from ematwin.showing.results import drawn, frame_of_rows, plain
 from ematwin.showing.text import counted
 
 TESTS = 3
-_NAMED = 3  # parameters that a test is said to improve most
 _ADDS = 0.9  # ratio of standard errors: a further test has to lower one so far
 
 Progress = Callable[[float], object]
@@ -106,7 +105,7 @@ class HealthyTests:
         before = self.tests[test - 1].errors if test else self.known
         ratios = {place: error / before[place] for place, error in self.tests[test].errors.items()}
         found = sorted((place for place in ratios if ratios[place] < _ADDS), key=ratios.__getitem__)
-        return found[:_NAMED]
+        return found[:3]  # parameters that a test is said to improve most
 
     @property
     def sentence(self) -> str:

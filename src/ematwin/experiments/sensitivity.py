@@ -35,8 +35,6 @@ from ematwin.showing.results import plain
 
 SAMPLES = 256  # a power of two; an answer is simulated for each and each unknown
 _AT_A_TIME = 512  # answers that are held whole
-_KEPT = 200  # samples of an answer
-_RESAMPLES = 100  # of a bootstrap
 _RANGE = 2.0  # standard deviations of a prior that are drawn from, to both sides: 95 %
 
 
@@ -135,7 +133,7 @@ def sensitivity(
             raise InputError(
                 f"The twin of {chosen.name} diverged in most of its range; narrow its tolerances."
             )
-        picks = [np.arange(kept), *rng.integers(kept, size=(_RESAMPLES, kept))]
+        picks = [np.arange(kept), *rng.integers(kept, size=(100, kept))]  # of a bootstrap
         drawn = np.array([indices(rows[:, pick]) for pick in picks])
         found["first"][name], found["total"][name] = drawn[0]
         found["first_error"][name], found["total_error"][name] = drawn[1:].std(axis=0)
@@ -155,7 +153,7 @@ def _answers(
 ) -> dict[str, np.ndarray]:
     """Answers (N, S) by channel at points (N, d), thinned to some samples."""
     comparison = problem.comparisons[0]
-    thin = slice(None, None, max(1, len(comparison.recording) // _KEPT))
+    thin = slice(None, None, max(1, len(comparison.recording) // 200))  # samples of an answer
     found: dict[str, list[np.ndarray]] = {}
     for begin in range(0, len(points), _AT_A_TIME):
         some = points[begin : begin + _AT_A_TIME]

@@ -24,7 +24,6 @@ from ematwin.monitoring.population import HealthyRuns, Population, Signature, ba
 from ematwin.monitoring.population_calibration import PopulationCalibration, Thresholds
 
 _MOST_MEANS = 24  # mean recordings that the nominal parameters are fitted to
-_ROUNDS = 2  # of discrepancy and values in turn
 _OUTLIER = 4.0  # robust standard deviations of the logarithm of a run's index
 _LEAST_SCATTER = 0.2  # of that logarithm: few runs may agree by chance
 _ODD = 8.0  # robust standard deviations of what is reported
@@ -127,7 +126,7 @@ def with_discrepancy(bench: Bench) -> tuple[Fit, np.ndarray, float | None]:
     if Monitoring.of(bench.model).covariate is not None:
         scale = float(np.sqrt((fit.covariate**2).mean())) or 1.0
     discrepancy = np.zeros(1)
-    for _ in range(_ROUNDS):
+    for _ in range(2):  # of discrepancy and values in turn
         left = fit.residuals.reshape(len(fit.found), -1)
         discrepancy = discrepancy + fit_mean(fit.covariate, scale, left)
         fit = bench.fit(discrepancy, scale, fit)

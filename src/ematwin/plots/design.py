@@ -15,7 +15,6 @@ from ematwin.quantities import preferred
 from ematwin.showing.text import capital
 
 _POINTS = 2000  # of a curve
-_ROW = 26  # px of a parameter
 
 
 def plot_command(found: Design | Discrimination) -> Any:
@@ -119,6 +118,6 @@ def plot_learnt_errors(found: HealthyTests) -> Any:
             hovertemplate="%{y}: %{x:.2g} %",
         )  # fmt: skip
     figure.update_xaxes(title_text="standard error, %", type="log")
-    figure = styled(figure, 130 + _ROW * len(places))
+    figure = styled(figure, 130 + 26 * len(places))  # px of a parameter
     figure.update_layout(hovermode="closest", margin_l=20)
     return figure

@@ -20,7 +20,6 @@ _COHERENT = 0.85  # of the mean square current, on the right EMF shapes
 _BETTER = 1.05  # times the share as it is: another order or zero explains the currents
 _DOUBTFUL = 1.03  # likewise, for a warning; faulty actuators reach 1.01
 _NEARLY = 0.995  # an order as good as that beside the best zero of the angle is the simpler cause
-_MOST = 5_000  # samples looked at
 
 
 def check_order(record: Recording, actuator: BldcActuator) -> list[str]:
@@ -34,7 +33,7 @@ def check_order(record: Recording, actuator: BldcActuator) -> list[str]:
     currents = phase_currents(record)
     if currents is None or record.motor_position is None:
         return []
-    every = max(1, len(record) // _MOST)
+    every = max(1, len(record) // 5_000)  # samples looked at
     currents = currents[::every]
     angle = actuator.motor.pole_pairs * record.motor_position[::every]
     if np.ptp(angle) < 2.0 * np.pi:  # too little of a turn to tell the phases apart
