@@ -14,6 +14,7 @@ import numpy as np
 from ematwin.estimation.baseline import Baseline
 from ematwin.estimation.constants import (
     ANYTHING,
+    APART,
     CERTAIN,
     COVERAGE,
     SIGMAS,
@@ -40,7 +41,6 @@ from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
 
 _REACHES = (2.0,)  # standard errors at which the misfit along a fault is looked at
-_APART = 0.05  # share of a range by which another minimum differs
 _NOWHERE = 0.3  # length of the mean of unit vectors: directions all round
 
 
@@ -319,6 +319,6 @@ def _apart(best: Corrected, others: Sequence[Corrected], own: int) -> list[Corre
     found: list[Corrected] = []
     for one in others:
         away = [np.abs(one.peak.z - it.peak.z)[:own].max() for it in (best, *found)]
-        if min(away) > _APART and risen(best.peak, one.peak) < 2.0 * WINDOW:
+        if min(away) > APART and risen(best.peak, one.peak) < 2.0 * WINDOW:
             found.append(one)
     return found

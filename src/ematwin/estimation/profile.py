@@ -32,7 +32,7 @@ from ematwin.estimation.uncertainty import (
 from ematwin.models.unknown import Unknown
 from ematwin.showing.text import listed
 
-LIMIT = 3.841  # quantile of the chi-squared distribution of one degree, 95 %
+LIMIT = COVERAGE**2  # of the rise: chi-squared distribution of one degree
 NEAR = 16.0  # rise of points to which a parabola is fitted
 ROUGH = 0.5  # root mean square of the rise about it; 0.1 to 0.4 of what impacts hardly touch
 _AT_BOUND = 2e-3  # share of the range

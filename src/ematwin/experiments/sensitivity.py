@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from ematwin.errors import InputError
+from ematwin.estimation.constants import TWO_SIGMA
 from ematwin.estimation.problem import Problem
 from ematwin.experiments.command_errors import SEVEREST
 from ematwin.experiments.experiment import Experiment
@@ -35,7 +36,6 @@ from ematwin.showing.results import plain
 
 SAMPLES = 256  # a power of two; an answer is simulated for each and each unknown
 _AT_A_TIME = 512  # answers that are held whole
-_RANGE = 2.0  # standard deviations of a prior that are drawn from, to both sides: 95 %
 
 
 @dataclass(frozen=True)
@@ -190,7 +190,7 @@ def _drawn_from(full: Problem, one: Unknown) -> Unknown:
         low = one.healthy - SEVEREST * (one.healthy - one.lower)
         return replace(one, lower=low, upper=one.healthy + SEVEREST * (one.upper - one.healthy))
     n = names.index(one.name)
-    mean, reach = full.prior.mean[n], _RANGE * math.sqrt(full.prior.covariance[n, n])
+    mean, reach = full.prior.mean[n], TWO_SIGMA * math.sqrt(full.prior.covariance[n, n])
     low, high = mean - reach, mean + reach
     if one.logarithmic:
         low, high = math.exp(low), math.exp(high)

@@ -29,7 +29,7 @@ from ematwin.showing.text import listed
 if TYPE_CHECKING:
     from ematwin.models.base import Model
 
-_LATEST = 0.02  # s: later than the filter of any sensor and the cycle of any field bus
+LATEST = 0.02  # s: later than the filter of any sensor and the cycle of any field bus
 _OF_RECORD = 0.05  # of the recording: the longest lateness looked for
 _FALSE = 0.02  # of the samples do not count: false reads, ends, corners of a command
 _IN_MS = 300.0  # times the interval of a kind's simulations: less may be a slow logger
@@ -309,7 +309,7 @@ class _Trial:
     def _latest(self) -> tuple[str, int]:
         """The channel and the delay, in samples, with which least is left; 0 if there is none."""
         recording = self._recording
-        most = int(min(_LATEST * recording.sample_rate, _OF_RECORD * len(recording)))
+        most = int(min(LATEST * recording.sample_rate, _OF_RECORD * len(recording)))
         if most < 1:
             return "", 0
         here = self._early(most)

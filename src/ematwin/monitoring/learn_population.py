@@ -22,6 +22,7 @@ from ematwin.monitoring.index import health_index, single_reach
 from ematwin.monitoring.measure import Bench, Fit, Measured, statistics_of
 from ematwin.monitoring.population import HealthyRuns, Population, Signature, basis, fit_mean
 from ematwin.monitoring.population_calibration import PopulationCalibration, Thresholds
+from ematwin.numerics.signals import spread_of
 
 _MOST_MEANS = 24  # mean recordings that the nominal parameters are fitted to
 _OUTLIER = 4.0  # robust standard deviations of the logarithm of a run's index
@@ -215,7 +216,7 @@ def _shown(one: Reported, away: float) -> str:
 
 def _robust_spread(values: np.ndarray) -> float:
     """Standard deviation by the median absolute deviation."""
-    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
+    return float(spread_of(np.abs(values - np.median(values))))
 
 
 def _odd_one(run: str, count: int, how: str) -> RecordError:

@@ -41,6 +41,7 @@ from ematwin.models.bldc.zeros import counted
 from ematwin.models.optional import FIRST_SAMPLE, Values
 from ematwin.numerics.compile import loop
 from ematwin.numerics.lanes import columns
+from ematwin.numerics.scalar import THIRD_TURN
 from ematwin.numerics.signals import LowPass, white_noise
 from ematwin.recordings.recording import Recording
 
@@ -145,7 +146,7 @@ class Motion:
         self.output = spline_through(self.time, output, self.steps[1], cutoff)
         # a mean belongs to the middle of its interval
         electrical = self._pole_pairs * self.motor(self.time - 0.5 / self.rate)
-        self.angles = electrical[:, None] - 2.0 * math.pi / 3.0 * np.arange(3)
+        self.angles = electrical[:, None] - THIRD_TURN * np.arange(3)
         self.trapezoids = trapezoid_shape(self.angles)
 
     def shapes(self, actuator: Any) -> np.ndarray:

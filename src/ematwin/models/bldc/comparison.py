@@ -30,7 +30,7 @@ from ematwin.models.bldc.stretches import (
 from ematwin.models.bldc.unknowns import MODEL_ERROR, POWER, SENSOR, UNKNOWNS
 from ematwin.models.bldc.zeros import counted, turned
 from ematwin.models.comparison import Candidates, Comparison, Placed
-from ematwin.models.servo import check_enough, check_moves
+from ematwin.models.sizes import check_enough, check_moves
 from ematwin.numerics.filters import advanced
 from ematwin.numerics.side_by_side import cores
 from ematwin.numerics.signals import LowPass, SlopeWeighting, filtered, means, white_noise

@@ -18,13 +18,13 @@ from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import phase_sensors
 from ematwin.models.bldc.wiring import check_order
 from ematwin.models.bldc.zeros import zeros
-from ematwin.models.servo import check_motion, check_sizes, little_motion
+from ematwin.models.servo import check_motion, little_motion
+from ematwin.models.sizes import FEWEST, check_sizes
 from ematwin.numerics.signals import LowPass
 from ematwin.recordings.recording import Recording
 
 _CUTOFF = LowPass().cutoff  # Hz, before the misfit
 _RATE = 4.0  # times the cutoff: the least rate at which that low-pass acts as one
-_FEWEST = 100  # samples
 _SHORTEST = 10.0  # periods of the cutoff
 _FASTEST = 5e6  # Hz: no current of a motor is sampled faster
 _OVER_LIMIT = 3.0  # times the current limit
@@ -101,10 +101,10 @@ def _check_rate(record: Recording) -> None:
 
 def _check_length(record: Recording) -> None:
     duration, shortest = float(record.time[-1] - record.time[0]), _SHORTEST / _CUTOFF
-    if duration < shortest or len(record) < _FEWEST:
+    if duration < shortest or len(record) < FEWEST:
         raise RecordError(
             f"The record is too short: {len(record)} samples in {duration:.4g} s; at least "
-            f"{_FEWEST} samples and {shortest:g} s are needed. Record a whole movement."
+            f"{FEWEST} samples and {shortest:g} s are needed. Record a whole movement."
         )
 
 

@@ -20,7 +20,8 @@ from ematwin.models.pmsm.channels import (
 )
 from ematwin.models.pmsm.comparison import MOVING
 from ematwin.models.pmsm.parameters import PmsmActuator
-from ematwin.models.servo import check_motion, check_sizes, little_motion
+from ematwin.models.servo import check_motion, little_motion
+from ematwin.models.sizes import check_sizes
 from ematwin.recordings.recording import Recording
 
 _OVER_LIMIT = 3.0  # times the current limit
