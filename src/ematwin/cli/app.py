@@ -22,7 +22,6 @@ from ematwin.cli import (
     design,
     detect,
     explore,
-    export_fmu,
     fleet,
     identifiability,
     identify,
@@ -69,7 +68,7 @@ app.command("explore")(explore.explore)
 app.command("identifiability")(identifiability.identifiability)
 app.command("design")(design.design)
 app.command("simulate")(simulate.simulate)
-app.command("export-fmu")(export_fmu.export_fmu)
+app.command("export-fmu")(simulate.export_fmu)
 app.command("channels")(channels.channels)
 app.command("actuators")(actuators.actuators)
 app.command("scenarios")(actuators.scenarios)
