@@ -101,12 +101,12 @@ def root(
 
 def run() -> int:
     """Run the command that the process was called with; gives its exit code."""
+    from ematwin import numerics
     from ematwin.cli.wording import for_shell
     from ematwin.errors import EmatwinError
-    from ematwin.numerics import notice
 
     if sys.stderr.isatty():
-        notice.listener = _say_compiling
+        numerics.compile_listener = _say_compiling
     try:
         answer = app(prog_name="ematwin", standalone_mode=False)
         sys.stdout.flush()

@@ -40,7 +40,7 @@ import numba
 from numba.core import event
 from numba.core.caching import FunctionCache
 
-from ematwin.numerics import notice
+from ematwin import numerics
 from ematwin.numerics.content import content_of, signature_of
 
 RELAXED = {"contract", "nsz", "arcp"}
@@ -86,7 +86,7 @@ class Kept:
         """Machine code for a signature, or None."""
         found = self._found(signature, context)
         if found is None:
-            notice.compiling()
+            numerics.compiling()
             with suppress(OSError, _NoFolderError):
                 self._wait_for_others(signature)
                 found = self._found(signature, context)
