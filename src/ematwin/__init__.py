@@ -78,14 +78,10 @@ _FURTHER = {
     "error_percent_wrapped": "ematwin.models.bldc.faults",
     "healthy_tests": "ematwin.experiments.healthy_tests",
     "minimize": "ematwin.optimizers.loop",
-    "read_motions": "ematwin.models.reading",
     "register": "ematwin.optimizers.registry",
     "register_model": "ematwin.models.registry",
     "sensitivity": "ematwin.experiments.sensitivity",
 }
-# Names of version 0.1 and what they are called now.
-_RENAMED = {"Actuator": "BldcActuator", "Motion": "Recording", "Record": "Recording"}
-
 __all__ = [
     "EmatwinError",
     "Fleet",
@@ -111,7 +107,6 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    name = _RENAMED.get(name, name)
     if home := _HOMES.get(name) or _FURTHER.get(name):
         return getattr(import_module(home), name)
     raise AttributeError(f"module 'ematwin' has no attribute {name!r}")

@@ -162,15 +162,6 @@ def read(
     return found[0]
 
 
-def read_motions(
-    paths: Paths | str | Path,
-    columns: Columns = None,
-    where: Choice | Sequence[Choice] | None = None,
-) -> list[Recording]:
-    """Motions of a ball-screw actuator: ``read(paths, columns, actuator="rm1605", split=True)``."""
-    return read(paths, columns, actuator="rm1605", split=True, where=where)
-
-
 def write(recording: Recording | Sequence[Recording], path: str | Path) -> None:
     """Write one recording, or several as a table of motions, to a Parquet or CSV file.
 
