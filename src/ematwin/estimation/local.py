@@ -6,11 +6,11 @@ import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.estimation.levenberg_marquardt import LONGEST_DIFFERENCE, LevenbergMarquardt
+from ematwin.estimation.multistart import DEFAULT_BUDGET
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found, Report, Tally, by_slopes
 
 ITERATIONS = 12
-_PLANNED = 10_000  # simulations: an upper limit, and the budget of the population methods
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class LocalDescent:
     iterations: int = ITERATIONS
     name: str = "levenberg-marquardt"
     smallest_budget: int = 1
-    planned: int = _PLANNED
+    planned: int = DEFAULT_BUDGET
 
     def run(self, problem: Problem, *, budget: int | None, seed: int, report: Report) -> Found:
         """Descend; after an interruption with the best found until then."""
@@ -63,7 +63,7 @@ class ScipyLeastSquares:
 
     name: str = "scipy-trf"
     smallest_budget: int = 32  # one Jacobian of up to 31 unknowns
-    planned: int = _PLANNED
+    planned: int = DEFAULT_BUDGET
 
     def run(self, problem: Problem, *, budget: int | None, seed: int, report: Report) -> Found:
         """Descend from start after start; after an interruption with the best until then.

@@ -28,6 +28,7 @@ from ematwin.estimation.levenberg_marquardt import LevenbergMarquardt
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import BudgetSpentError, Found, Report, Tally, by_slopes
 from ematwin.numerics.sobol import Sobol
+from ematwin.optimizers.base import ITERATIONS, POPULATION
 
 SAMPLES = 256
 THINNING = ((10, 2), (5, 2), (3, 3))  # descents and their iterations, smooth misfit
@@ -37,7 +38,7 @@ AGREEMENT = 0.02  # largest difference of two ends that agree, in any coordinate
 ALIKE = 1.02  # ratio of costs of two ends that fit alike: no search to come is likely to fit better
 SMALLEST_BUDGET = 64
 HOPEFUL = 2.0  # times a good fit by stretches, beyond which no other search by them finds one
-DEFAULT_BUDGET = 10_000  # an upper limit: most records need a tenth of it
+DEFAULT_BUDGET = POPULATION * ITERATIONS  # an upper limit: most records need a tenth of it
 
 End = tuple[float, np.ndarray]  # cost and point of a finished descent
 

@@ -11,20 +11,25 @@ FEWEST = 100  # samples
 
 
 def check_sizes(
-    traces: Mapping[str, np.ndarray], names: Iterable[str], limit: float, unit: str, said: str
+    traces: Mapping[str, np.ndarray],
+    names: Iterable[str],
+    limit: float,
+    unit: str,
+    said: str,
+    times: float = 3.0,
 ) -> None:
-    """Raise `RecordError` if one of some traces (S,), SI, by name, is ever above a limit.
+    """Raise `RecordError` if one of some traces (S,), SI, by name, is ever ``times`` its limit.
 
-    ``said`` names the actuator and what its limit is.
+    No fault does that. ``said`` names the actuator and its limit.
     """
     smaller, factor = {"A": ("mA", 1e-3), "V": ("mV", 1e-3), "rad/s": ("rpm", np.pi / 30.0)}[unit]
     for name in (name for name in names if name in traces):
         largest = float(np.abs(traces[name]).max())
-        if largest <= limit:
+        if largest <= times * limit:
             continue
         hint = (
             f'It looks like {smaller}: give unit = "{smaller}" in the map.'
-            if largest * factor <= limit
+            if largest * factor <= times * limit
             else "Check its unit and scale, or the actuator."
         )
         raise RecordError(f"{name} reaches {largest:.4g} {unit}; {said}. {hint}")
