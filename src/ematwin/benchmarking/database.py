@@ -209,7 +209,7 @@ def _engine(url: URL) -> Engine:
             pool_pre_ping=True,
             connect_args={"connect_timeout": 10},  # s
         )
-    # s that SQLite itself waits for a lock
+    # SQLite itself waits so many seconds for a lock
     engine = create_engine(url, connect_args={"timeout": 5.0})
 
     @event.listens_for(engine, "connect")

@@ -115,7 +115,7 @@ def assess(
     best = with_model_error(found.best, threads)
     errors, held = np.ones(len(full.names)), set[str]()
     again = found.descent.afresh(settled=math.inf, least_noise=full.least_noise)
-    # up to three times the best point is looked for without the faults that it names
+    # the best point is looked for again, at most three times, without the faults that it names
     for left in reversed(range(3)):
         sets = _sets(best, own, baseline, errors, held)
         improbable = _improbable(sets, best.peak)

@@ -82,7 +82,7 @@ def _across(
     least = NOTHING * small.noise**2
     low, high = (np.tile(end, (along.valleys, 1)) for end in (chart.lower, chart.upper))
     low[:, place] = high[:, place] = z[:, place]
-    stages = [(small.smoothed(), 5)] if wide else []  # with iterations
+    stages = [(small.smoothed(), 5)] if wide else []  # problem and iterations
     for seen, iterations in (*stages, (small.coarse(), 8)):
 
         def residuals(at: np.ndarray, seen: Problem = seen) -> np.ndarray:

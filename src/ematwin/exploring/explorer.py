@@ -106,7 +106,7 @@ class Explorer:
             if one.name in searched or (one.marginal and one.name not in self._comparison.ignores)
         }
         self._fitted: dict[str, float] = {}
-        # more points than a screen has columns for a trace
+        # a trace needs no more points than a screen has columns
         self._shown = slice(None, None, max(1, -(-len(recording) // 1500)))
         self._healthy = self._comparison.responses(self._batch({}, 1), 1)
         self._target = self._comparison.measured()
@@ -269,7 +269,7 @@ class Explorer:
     def _misfits(self, batch: Mapping[str, np.ndarray], count: int) -> list[float | None]:
         """Relative misfits; None where the twin diverged."""
         found: list[float | None] = []
-        # residuals, 8 bytes each
+        # so many residuals at a time, 8 bytes each
         most = max(1, 20_000_000 // (len(self.recording) * len(self._target)))
         for start in range(0, count, most):
             part = {name: values[start : start + most] for name, values in batch.items()}
