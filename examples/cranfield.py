@@ -20,7 +20,7 @@ import numpy as np
 
 import ematwin
 from ematwin.models.ball_screw.motions import simulate_motion
-from ematwin.models.reading import read_motions
+from ematwin.models.reading import read
 from ematwin.monitoring.calibration_report import CalibrationReport
 from ematwin.monitoring.detection import Detection
 from ematwin.monitoring.diagnosis import Diagnosis
@@ -60,7 +60,7 @@ def main() -> None:
             "bring them into one table."
         )
         return
-    motions = read_motions(given.recordings)
+    motions = read(given.recordings, actuator="rm1605", split=True)
     if given.rotate:
         rotate(motions)
         return
@@ -73,7 +73,7 @@ def main() -> None:
         folds = [(tuple(run for run in RUNS if run != out), (out,)) for out in RUNS]
     else:
         print("learnt from healthy and faulty runs 1 to 5, judged on others\n")
-        judged = read_motions(given.judge)
+        judged = read(given.judge, actuator="rm1605", split=True)
         folds = [(RUNS, tuple(dict.fromkeys(motion.run for motion in judged)))]
     found, ways = [], {"model only": [], "statistics": []}
     order: Motions = []

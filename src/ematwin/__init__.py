@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from ematwin.benchmarking.compare import compare
     from ematwin.errors import EmatwinError
     from ematwin.experiments.design import design
-    from ematwin.experiments.discriminate import discriminate
-    from ematwin.experiments.healthy_tests import healthy_tests
     from ematwin.experiments.identifiability import identifiability
     from ematwin.exploring.explore import explore
     from ematwin.fleet.fleet import Fleet
@@ -27,20 +25,16 @@ if TYPE_CHECKING:
     from ematwin.models.base import Model
     from ematwin.models.proposing import propose_map
     from ematwin.models.reading import read, write
-    from ematwin.models.registry import load_actuator, register_model
+    from ematwin.models.registry import load_actuator
     from ematwin.models.scenario import Scenario
     from ematwin.models.simulating import simulate
     from ematwin.monitoring.calibrate import calibrate
-    from ematwin.monitoring.calibration import Calibration
     from ematwin.monitoring.identify import detect, identify
-    from ematwin.optimizers.loop import minimize
-    from ematwin.optimizers.registry import register
     from ematwin.quantities import use_units
     from ematwin.recordings.noise import Noise
     from ematwin.recordings.recording import Recording
 
 _HOMES = {
-    "Calibration": "ematwin.monitoring.calibration",
     "EmatwinError": "ematwin.errors",
     "Fleet": "ematwin.fleet.fleet",
     "Model": "ematwin.models.base",
@@ -51,26 +45,22 @@ _HOMES = {
     "compare": "ematwin.benchmarking.compare",
     "design": "ematwin.experiments.design",
     "detect": "ematwin.monitoring.identify",
-    "discriminate": "ematwin.experiments.discriminate",
     "explore": "ematwin.exploring.explore",
     "export_fmu": "ematwin.fmu.export",
-    "healthy_tests": "ematwin.experiments.healthy_tests",
     "identifiability": "ematwin.experiments.identifiability",
     "identify": "ematwin.monitoring.identify",
     "load_actuator": "ematwin.models.registry",
-    "minimize": "ematwin.optimizers.loop",
     "propose_map": "ematwin.models.proposing",
     "read": "ematwin.models.reading",
-    "register": "ematwin.optimizers.registry",
-    "register_model": "ematwin.models.registry",
     "simulate": "ematwin.models.simulating",
     "use_units": "ematwin.quantities",
     "write": "ematwin.models.reading",
 }
-# Names that a user seldom needs; their modules are their place, and these go on working.
-_FORMER = {
+# Names that fewer users need: of extensions, results and particular kinds.
+_FURTHER = {
     "BallScrew": "ematwin.models.ball_screw.parameters",
     "BldcActuator": "ematwin.models.bldc.parameters",
+    "Calibration": "ematwin.monitoring.calibration",
     "Channel": "ematwin.recordings.channel",
     "Design": "ematwin.experiments.design",
     "Discrimination": "ematwin.experiments.discriminate",
@@ -83,16 +73,16 @@ _FORMER = {
     "Sensitivity": "ematwin.experiments.sensitivity",
     "StudyAnalysis": "ematwin.benchmarking.analysis",
     "Unknown": "ematwin.models.unknown",
+    "discriminate": "ematwin.experiments.discriminate",
     "error_percent": "ematwin.models.bldc.faults",
     "error_percent_wrapped": "ematwin.models.bldc.faults",
-    "read_motions": "ematwin.models.reading",
+    "healthy_tests": "ematwin.experiments.healthy_tests",
+    "minimize": "ematwin.optimizers.loop",
+    "register": "ematwin.optimizers.registry",
+    "register_model": "ematwin.models.registry",
     "sensitivity": "ematwin.experiments.sensitivity",
 }
-# Names of version 0.1 and what they are called now.
-_RENAMED = {"Actuator": "BldcActuator", "Motion": "Recording", "Record": "Recording"}
-
 __all__ = [
-    "Calibration",
     "EmatwinError",
     "Fleet",
     "Model",
@@ -103,18 +93,13 @@ __all__ = [
     "compare",
     "design",
     "detect",
-    "discriminate",
     "explore",
     "export_fmu",
-    "healthy_tests",
     "identifiability",
     "identify",
     "load_actuator",
-    "minimize",
     "propose_map",
     "read",
-    "register",
-    "register_model",
     "simulate",
     "use_units",
     "write",
@@ -122,8 +107,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    name = _RENAMED.get(name, name)
-    if home := _HOMES.get(name) or _FORMER.get(name):
+    if home := _HOMES.get(name) or _FURTHER.get(name):
         return getattr(import_module(home), name)
     raise AttributeError(f"module 'ematwin' has no attribute {name!r}")
 

@@ -13,7 +13,6 @@ from pydantic import ValidationError
 from ematwin.errors import FileError, ParameterError
 
 _LISTED = 12  # problems of a file that one message lists; more would hide the first ones
-_SHOWN = 160  # characters of what was received
 
 
 def load_toml(path: Path, kind: str) -> dict[str, Any]:
@@ -98,7 +97,7 @@ def _finding(finding: Any, what: str) -> tuple[str, str]:
 def shortened(received: object) -> str:
     """A received value as Python writes it; cut where it is longer than a line or two."""
     text = repr(received)
-    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
+    return text if len(text) <= 160 else f"{text[:160]}..."  # characters of what was received
 
 
 def unknown_name(place: str, what: str, meant: str = "") -> str:

@@ -56,21 +56,6 @@ def test_the_kernel_gets_the_parameters_on_the_motor_shaft():
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        ('lead = { value = 5, unit = "mm"', 'lead = { value = 5, unit = "deg"', "screw.lead"),
-        ("lead = { value = 5", "lead = { value = -5", "received -0.005"),
-        ("efficiency_aiding = { value = 0.9", "efficiency_aiding = { value = 1.1", "1.1"),
-        ('value = 4.5, unit = "1/s"', 'value = 4.5, unit = "Hz"', "controller.position_gain"),
-        ("lead = {", "pitch = {", "screw.pitch is not a name"),
-        ("[drive]", "[motor]", "motor is not a name"),
-    ],
-)
-def test_an_impossible_value_is_refused(tmp_path, old, new, said):
-    assert said in refusal(lambda: BallScrew.load(written(tmp_path, old, new)))
-
-
-@pytest.mark.parametrize(
     ("change", "longest"),
     [
         ({"steps.twin": 0.021}, "0.02 s"),

@@ -9,7 +9,6 @@ import pytest
 
 import ematwin
 from ematwin.errors import InputError, MissingExtraError
-from ematwin.exploring import explorer as module
 from ematwin.exploring.door import answered
 from ematwin.exploring.explorer import Explorer, StoppedError
 from ematwin.models.registry import load_actuator, model_of
@@ -72,12 +71,6 @@ def test_a_profile_is_what_single_answers_are_and_lowest_where_the_fault_was_inj
     assert profile["position"][np.argmin(profile["misfit"])] == pytest.approx(2.0, rel=0.05)
     assert profile["unit"] == "N"
     assert np.all(np.diff(profile["x"]) > 0.0)
-
-
-def test_a_profile_of_a_long_recording_is_made_in_parts(explorer, monkeypatch):
-    whole = ask(explorer, "profile", values={}, along="friction")
-    monkeypatch.setattr(module, "_AT_ONCE", 5 * 2 * len(explorer.recording))
-    assert ask(explorer, "profile", values={}, along="friction") == whole
 
 
 def test_fit_descends_from_the_sliders_to_the_injected_faults(explorer):

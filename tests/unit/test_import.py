@@ -71,7 +71,6 @@ def test_every_public_name_can_be_had_and_is_listed():
         assert member.__name__ == name
         assert member.__doc__, name
     assert ematwin.Faults.__module__ == "ematwin.models.bldc.faults"  # of version 0.2
-    assert ematwin.Record is ematwin.Recording  # of version 0.1
     assert set(ematwin.__all__) <= set(dir(ematwin))
     with pytest.raises(AttributeError, match="no attribute 'simulat'"):
         _ = ematwin.simulat

@@ -13,7 +13,7 @@ from asammdf import MDF, Signal
 from nptdms import ChannelObject, TdmsWriter
 
 import ematwin
-from ematwin import Recording, read, read_motions, write
+from ematwin import Recording, read, write
 from ematwin.errors import InputError, RecordError
 from ematwin.testing.reader_contract import bench_channels
 
@@ -67,7 +67,7 @@ def test_a_record_of_version_0_1_is_read(suffix: str) -> None:
 
 
 def test_a_table_of_motions_of_version_0_1_is_read() -> None:
-    found = read_motions(OLD / "motions.csv")
+    found = read(OLD / "motions.csv", actuator="rm1605", split=True)
     assert [one.labels for one in found] == [
         {"run": str(run), "motion": str(n)} for run in range(1, 5) for n in (1, 2)
     ]

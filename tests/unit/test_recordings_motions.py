@@ -13,10 +13,11 @@ import pytest
 
 from ematwin.errors import EmatwinError, RecordError
 from ematwin.models.ball_screw.plausibility import check_spans
-from ematwin.models.reading import read, read_motions, write
+from ematwin.models.reading import read, write
 from ematwin.recordings.recording import Recording
 from refusals import refusal_of
 
+read_motions = partial(read, actuator="rm1605", split=True)
 refusal = partial(refusal_of, kind=RecordError)
 
 SAMPLES, INTERVAL = 60, 0.04

@@ -17,7 +17,7 @@ from ematwin.estimation.identification import Identification
 from ematwin.monitoring.detection import Detection
 from ematwin.recordings.survey import survey
 from ematwin.showing import bars, markup
-from ematwin.showing.numbers import apart, plain, with_interval
+from ematwin.showing.text import apart, plain, with_interval
 from ematwin.testing.reader_contract import bench_channels
 
 BENCH = bench_channels()

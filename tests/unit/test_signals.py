@@ -153,17 +153,6 @@ def test_misfit_is_equation_2_of_the_paper(measured, seed, scale):
     assert seen == pytest.approx(expected, rel=1e-9)
 
 
-@given(signals)
-def test_misfit_of_equal_currents_is_zero(signal):
-    assert misfit(signal, signal, 1.0 / RATE) == 0.0
-
-
-def test_misfit_of_a_constant_offset_is_its_square_over_the_scale():
-    flat = np.full(100, 2.0)
-    assert misfit(flat, flat + 0.1, 1e-3, SlopeWeighting(1.0)) == pytest.approx(100 * 0.01)
-    assert misfit(flat, flat + 0.1, 1e-3, SlopeWeighting(500.0)) == pytest.approx(100 * 0.01 / 500)
-
-
 def test_a_shift_in_time_counts_less_where_the_current_is_steep():
     """The point of total least squares: a lag costs by slope squared, the weight takes one back."""
     time = np.arange(2000) / RATE

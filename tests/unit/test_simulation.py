@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ematwin
-from ematwin import BldcActuator, Noise, Record, Scenario, simulate
+from ematwin import BldcActuator, Noise, Recording, Scenario, simulate
 from ematwin.errors import DivergedError, InputError
 from ematwin.models.bldc import simulate as simulation
 from ematwin.models.bldc.channels import phase_currents
@@ -22,7 +22,7 @@ SHORT = Scenario(
 )
 
 
-def equal(one: Record, other: Record) -> bool:
+def equal(one: Recording, other: Recording) -> bool:
     """Whether all columns agree bit for bit."""
     columns, others = dict(one.columns()), dict(other.columns())
     return columns.keys() == others.keys() and all(

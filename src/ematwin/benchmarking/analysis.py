@@ -21,8 +21,7 @@ from ematwin.benchmarking.statistics import (
 from ematwin.benchmarking.table import RunTable, collect
 from ematwin.errors import InputError
 from ematwin.showing import markup
-from ematwin.showing.drawing import drawn
-from ematwin.showing.frames import plain
+from ematwin.showing.results import drawn, plain
 
 
 @dataclass(frozen=True, repr=False)

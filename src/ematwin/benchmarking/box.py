@@ -14,6 +14,7 @@ end inside. Methods meet a cliff there where the plain box has a wall. For a dir
 a rotation, without any cliff.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from itertools import chain, count, islice
 
@@ -28,7 +29,6 @@ BOXES = ("plain", "remapped")
 # where the first eight healthy values come to lie: not in a corner, nor in the centre, nor on a
 # diagonal
 _FIRST = (0.31, 0.64, 0.42, 0.73, 0.27, 0.58, 0.69, 0.37)
-_GOLDEN = 0.6180339887498949
 
 
 def check_box(box: str) -> str:
@@ -44,7 +44,8 @@ def places(dimension: int) -> np.ndarray:
     Eight are given. Any further one, the n-th, is the fractional part g of n golden ratios, brought
     into 0.25 to 0.45 (g < 0.5) or 0.55 to 0.75.
     """
-    golden = ((n * _GOLDEN) % 1.0 for n in count(len(_FIRST) + 1))
+    ratio = 0.5 * (math.sqrt(5.0) - 1.0)
+    golden = ((n * ratio) % 1.0 for n in count(len(_FIRST) + 1))
     further: Iterator[float] = (0.25 + 0.4 * g + (0.1 if g >= 0.5 else 0.0) for g in golden)
     return np.array(list(islice(chain(_FIRST, further), dimension)))
 

@@ -14,10 +14,8 @@ from ematwin.validation import load_toml
 Cases = dict[str, tuple[float, ...]]
 
 PAPER_KIND = "bldc"  # whose own cases are Table 1 of the paper (ESREL 2020)
-DEFAULT_COUNT = 50
 _FEWEST, _MOST = 2, 4  # faults at once
 _ROOM = 0.1  # share of the range beside healthy, below which no fault lies on that side
-_DIGITS = 3  # of a random fault, as a share of its range
 
 
 def cases_of(
@@ -57,7 +55,7 @@ def cases_of(
     if given in ("own", "paper"):
         return _checked(subject.cases(), subject)
     if given == "multi":
-        count = DEFAULT_COUNT if count is None else count
+        count = 50 if count is None else count
         if count < 1:
             raise InputError(f"The number of cases must be at least 1, received {count}.")
         return {f"Multi {n + 1:03d}": _random_vector(subject, seed, n) for n in range(count)}
@@ -117,5 +115,6 @@ def _random_vector(subject: Subject, seed: int, n: int) -> tuple[float, ...]:
 
 def _value(unknown: Any, share: float) -> float:
     """The value at a share of a range, rounded to a readable one."""
-    value = unknown.lower + round(share, _DIGITS) * unknown.width
+    # three digits of the range
+    value = unknown.lower + round(share, 3) * unknown.width
     return float(min(max(value, unknown.lower), unknown.upper))

@@ -8,7 +8,7 @@ import numpy as np
 
 from ematwin.benchmarking.statistics import ALPHA, RankComparison
 from ematwin.benchmarking.table import RunTable
-from ematwin.showing.words import counted, listed
+from ematwin.showing.text import counted, listed
 
 ENOUGH = 5  # runs of a case and algorithm, below which nothing is claimed
 _TO_ZERO = {"gwo", "woa", "da"}  # families whose moves scale the coordinates themselves

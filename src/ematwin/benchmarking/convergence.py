@@ -15,15 +15,12 @@ from typing import Any
 
 import numpy as np
 
+from ematwin.benchmarking.statistics import RESAMPLES
 from ematwin.benchmarking.table import RunTable
-from ematwin.showing.frames import frame_of_rows
+from ematwin.showing.results import frame_of_rows
 
 TARGETS = np.geomspace(0.5, 0.003, 31)
 STATED_MISFITS = (0.1, 0.02, 0.005)
-_GRID = 60
-_RESAMPLES = 999
-_RESAMPLES_OF_MANY = 199
-_MANY = 20_000  # runs of a study, above which fewer resamples are drawn
 
 
 def bands(table: RunTable) -> Any:
@@ -70,7 +67,6 @@ def evaluations_to_target(
     # targets fall: those before the first one below the run's own misfit are met
     met = np.searchsorted(-TARGETS, -misfit, "right").astype(float)
     each = np.hstack([met, *_to_misfits(table, scales, misfits)])  # a row for each run
-    resamples = _RESAMPLES if len(table) <= _MANY else _RESAMPLES_OF_MANY
     curves: list[dict[str, Any]] = []
     times: list[dict[str, Any]] = []
     for a, algorithm in enumerate(table.algorithms):
@@ -78,7 +74,7 @@ def evaluations_to_target(
         parts = [rows for case in table.cases if len(rows := table.cells[case, algorithm])]
         runs = sum(map(len, parts))
         once = sum(each[rows].sum(axis=0) for rows in parts)
-        again = sum(_drawn_anew(each[rows], resamples, rng) for rows in parts)
+        again = sum(_drawn_anew(each[rows], RESAMPLES, rng) for rows in parts)
         (share, hits, spent), (shares, *others) = (
             np.split(sums, [met.shape[1], -len(misfits)], axis=-1) for sums in (once, again)
         )
@@ -142,7 +138,7 @@ def _grid(table: RunTable) -> np.ndarray:
     spent = spent[spent > 0]
     if not len(spent):
         return np.empty(0)
-    return np.unique(np.geomspace(spent.min(), spent.max(), _GRID).round())
+    return np.unique(np.geomspace(spent.min(), spent.max(), 60).round())
 
 
 def _scales(table: RunTable) -> np.ndarray:

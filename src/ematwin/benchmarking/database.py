@@ -22,8 +22,6 @@ Answer = TypeVar("Answer")
 
 _LOG = logging.getLogger("ematwin")
 _MAGIC = b"SQLite format 3\0"
-_BUSY = 5.0  # s that SQLite itself waits for a lock
-_CONNECT = 10  # s
 _PASSING = ("locked", "busy")  # words of SQLite for what another moment may change
 _DAMAGE = ("malformed", "not a database", "decode", "unsupported file", "no such column", "corrupt")
 
@@ -206,9 +204,13 @@ def _check_file(path: Path) -> None:
 def _engine(url: URL) -> Engine:
     if url.get_backend_name() == "postgresql":
         return create_engine(
-            url, pool_size=1, pool_pre_ping=True, connect_args={"connect_timeout": _CONNECT}
+            url,
+            pool_size=1,
+            pool_pre_ping=True,
+            connect_args={"connect_timeout": 10},  # s
         )
-    engine = create_engine(url, connect_args={"timeout": _BUSY})
+    # SQLite itself waits so many seconds for a lock
+    engine = create_engine(url, connect_args={"timeout": 5.0})
 
     @event.listens_for(engine, "connect")
     def _connected(connection: Any, _: Any) -> None:

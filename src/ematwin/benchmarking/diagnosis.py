@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ematwin.benchmarking.table import RunTable
-from ematwin.showing.frames import frame
+from ematwin.showing.results import frame
 
 THRESHOLD = 0.05
 _SLACK = 1e-12  # 0.55 - 0.5 is a little less than 0.05

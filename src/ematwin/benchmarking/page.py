@@ -14,7 +14,7 @@ from ematwin.files import folder_written_whole, write_text
 from ematwin.plots.study import MOST_CASES
 from ematwin.recordings.tables import no_formula
 from ematwin.report.page import Row, Section, Table, render
-from ematwin.showing.words import counted, listed
+from ematwin.showing.text import counted, listed
 
 MOST_ROWS = 600  # of a table on the page; the files hold all
 _NONE = "–"

@@ -20,13 +20,12 @@ import numpy as np
 from scipy.stats import bootstrap, friedmanchisquare, rankdata, wilcoxon
 
 from ematwin.benchmarking.table import RunTable
-from ematwin.showing.frames import frame
+from ematwin.showing.results import frame
 
 ALPHA = 0.05
 METRICS = ("err", "err_wrapped", "evaluations", "seconds", "cpu_seconds")
 TARGETS = (0.5, 1.0, 2.0, 5.0)  # Err%
 RESAMPLES = 999
-_ELEMENTS = 200_000  # of a resampled block: 1.6 MB, so that it stays in the cache
 _SPREAD = (
     "mean", "median", "q1", "q3", "mean_low_95", "mean_high_95", "median_low_95", "median_high_95",
 )  # fmt: skip
@@ -83,7 +82,8 @@ def spreads(samples: list[np.ndarray], seed: int = 1) -> np.ndarray:
         found[members, :4] = np.stack([block.mean(axis=1), median, q1, q3], axis=1)
         if length > 1:
             ends = bootstrap(
-                (block,), middles, n_resamples=RESAMPLES, batch=max(1, _ELEMENTS // block.size),
+                # blocks of 1.6 MB stay in the cache
+                (block,), middles, n_resamples=RESAMPLES, batch=max(1, 200_000 // block.size),
                 axis=-1, method="percentile", vectorized=True,
                 random_state=np.random.default_rng(seed),
             ).confidence_interval  # fmt: skip

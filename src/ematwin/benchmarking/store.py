@@ -45,7 +45,6 @@ from ematwin.errors import FileError
 LEASE = 30.0  # s for which a claim holds without being renewed
 FORMAT = "ematwin study"
 SCHEMA = 3  # of the tables below
-_PAGE = 1000  # runs read at a time; between pages others may write
 _LOCK = 0x656D6174  # of PostgreSQL, for making the tables
 
 metadata = MetaData()
@@ -178,7 +177,8 @@ class Store:
         """
         settings = self.settings()
         shared = {name: settings[name] for name in SHARED}
-        query = select(_runs).order_by(_runs.c.id).limit(_PAGE)
+        # by pages: between them others may write
+        query = select(_runs).order_by(_runs.c.id).limit(1000)
         page: list[StoredRun] = []
         last = ""
         while page or not last:

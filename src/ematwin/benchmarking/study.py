@@ -16,9 +16,6 @@ from ematwin.benchmarking.run import StoredRun
 from ematwin.benchmarking.store import LEASE, Store
 from ematwin.errors import EmatwinError
 
-_TICK = 0.5  # s between two looks around while nothing comes back
-_ASK_AGAIN = 1.0  # s between two looks at runs that another process claimed
-
 
 @dataclass
 class Tally:
@@ -113,7 +110,7 @@ class _Work:
         try:
             while self._missing or self._ready or self._held or self._engine.busy:
                 self._begin_runs()
-                results = self._engine.finished(_TICK)
+                results = self._engine.finished(0.5)  # s, while nothing comes back
                 self._begin_runs(ask=False)  # before the books: no process shall wait for them
                 if results:
                     self._store.save([StoredRun(self._specs[r.id], r) for r in results])
@@ -149,7 +146,7 @@ class _Work:
 
     def _look_at_held(self) -> None:
         """Count what others finished of their claims, and ask for the rest again."""
-        if time.monotonic() - self._asked < _ASK_AGAIN:
+        if time.monotonic() - self._asked < 1.0:  # s
             return
         self._asked = time.monotonic()
         statuses = self._store.statuses()

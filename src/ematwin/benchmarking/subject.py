@@ -17,12 +17,12 @@ from ematwin.estimation.free_unknowns import unknowns_of
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import DEFAULT_KIND, load_actuator, model_of
-from ematwin.models.unknown import Unknown
+from ematwin.models.unknown import HasUnknowns, Unknown
 from ematwin.validation import one_sentence
 
 
 @dataclass(frozen=True)
-class Subject:
+class Subject(HasUnknowns):
     """An actuator and its searched unknowns.
 
     Attributes
@@ -95,26 +95,6 @@ class Subject:
     def kind(self) -> str:
         """Name of the kind of actuator."""
         return self.model.kind
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """(d,) names of the searched unknowns."""
-        return tuple(one.name for one in self.unknowns)
-
-    @cached_property
-    def healthy(self) -> np.ndarray:
-        """(d,) array."""
-        return np.array([one.healthy for one in self.unknowns])
-
-    @cached_property
-    def lower(self) -> np.ndarray:
-        """(d,) array, bounds."""
-        return np.array([one.lower for one in self.unknowns])
-
-    @cached_property
-    def upper(self) -> np.ndarray:
-        """(d,) array, bounds."""
-        return np.array([one.upper for one in self.unknowns])
 
     @cached_property
     def magnitudes(self) -> list[int]:

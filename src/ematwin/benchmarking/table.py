@@ -19,7 +19,7 @@ from ematwin.benchmarking.run import RunSpec, StoredRun, settings_of, unpack
 from ematwin.benchmarking.subject import Subject
 from ematwin.errors import InputError, MissingExtraError
 from ematwin.estimation.search import methods
-from ematwin.showing.frames import frame_of_rows
+from ematwin.showing.results import frame_of_rows
 
 HISTORY_POINTS = 100  # kept of a run: improvements, evenly thinned
 _INPUTS = ("run", "seed", "record_seed", "population", "iterations")

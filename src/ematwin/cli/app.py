@@ -22,7 +22,6 @@ from ematwin.cli import (
     design,
     detect,
     explore,
-    export_fmu,
     fleet,
     identifiability,
     identify,
@@ -69,7 +68,7 @@ app.command("explore")(explore.explore)
 app.command("identifiability")(identifiability.identifiability)
 app.command("design")(design.design)
 app.command("simulate")(simulate.simulate)
-app.command("export-fmu")(export_fmu.export_fmu)
+app.command("export-fmu")(simulate.export_fmu)
 app.command("channels")(channels.channels)
 app.command("actuators")(actuators.actuators)
 app.command("scenarios")(actuators.scenarios)
@@ -102,12 +101,12 @@ def root(
 
 def run() -> int:
     """Run the command that the process was called with; gives its exit code."""
+    from ematwin import numerics
     from ematwin.cli.wording import for_shell
     from ematwin.errors import EmatwinError
-    from ematwin.numerics import notice
 
     if sys.stderr.isatty():
-        notice.listener = _say_compiling
+        numerics.compile_listener = _say_compiling
     try:
         answer = app(prog_name="ematwin", standalone_mode=False)
         sys.stdout.flush()

@@ -11,8 +11,6 @@ from ematwin.cli.recordings import choice, known_fault, load, meant, remarks
 if TYPE_CHECKING:
     from ematwin.monitoring.calibration_report import CalibrationReport
 
-_WIDE = 110  # columns of a terminal, from which a table has room for the template
-
 
 def calibrate(
     records: Annotated[
@@ -111,7 +109,7 @@ def print_calibration(report: "CalibrationReport", out: Path) -> None:
     )
 
     shown = parameter_table(report)
-    if options.terminal_width() < _WIDE:  # what is not determined is also said below the table
+    if not options.has_room():  # what is not determined is also said below the table
         shown = shown.first(3)
     if shown.rows:
         options.print_table("Parameters", shown, width=110)

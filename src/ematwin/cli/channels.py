@@ -51,7 +51,7 @@ def channels(
     from ematwin.models.registry import load_actuator
     from ematwin.recordings.survey import survey
     from ematwin.report.channels import channels_page, channels_table
-    from ematwin.showing.words import capital
+    from ematwin.showing.text import capital
 
     if write is not None:
         check_target(write, (".toml",), replace=force)

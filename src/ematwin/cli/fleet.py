@@ -179,7 +179,7 @@ def reached(fleet: "Fleet", fail_on: str | None) -> bool:
 
 def plain_rows(fleet: "Fleet") -> list[dict[str, object]]:
     """Rows of `Fleet.table` for JSON, which knows no infinity."""
-    from ematwin.showing.frames import plain
+    from ematwin.showing.results import plain
 
     return [plain(row) for row in fleet.table()]
 

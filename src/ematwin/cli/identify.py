@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from ematwin.estimation.uncertainty import Uncertainty
     from ematwin.recordings.cleaning import Policy
 
-_WIDE = 110  # columns of a terminal, from which a table has room for what a fault means
-
 
 def identify(
     records: Annotated[
@@ -161,7 +159,7 @@ def print_findings(found: "Identification") -> None:
     """The verdict, then the table for people."""
     from ematwin.estimation.findings import fault_cells
     from ematwin.report.page import Row, Table
-    from ematwin.showing.numbers import with_interval
+    from ematwin.showing.text import with_interval
 
     typer.echo(f"{found.verdict.sentence}\n")
     shown = Table(
@@ -173,8 +171,7 @@ def print_findings(found: "Identification") -> None:
         last_is_text=True,
     )
     title, values = f"Faults of {found.actuator.name}", shown.first(5)
-    wide = options.terminal_width() >= _WIDE
-    options.print_table(title, shown if wide else values, whole=values.header)
+    options.print_table(title, shown if options.has_room() else values, whole=values.header)
     for one in found.model.contrasts(found.actuator):
         if one.name in found.contrasts:
             value, (low, high) = found.contrasts[one.name]

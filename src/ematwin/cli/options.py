@@ -109,8 +109,6 @@ NoBrowserOption = Annotated[
     bool, typer.Option("--no-browser", help="Print the address and open nothing.")
 ]
 
-_FILE = 200  # columns where the answer goes to a file
-
 
 def pairs(texts: list[str], what: str) -> dict[str, str]:
     """``["friction=0.25"]`` as a mapping.
@@ -193,9 +191,9 @@ def answer(
         raise typer.Exit(1)
 
 
-def terminal_width() -> int:
-    """Columns of the terminal; a file has room for whole tables."""
-    return shutil.get_terminal_size().columns if sys.stdout.isatty() else _FILE
+def has_room() -> bool:
+    """Whether the terminal has room for whole tables; a file has."""
+    return not sys.stdout.isatty() or shutil.get_terminal_size().columns >= 110
 
 
 def print_table(

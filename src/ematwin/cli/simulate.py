@@ -1,11 +1,11 @@
-"""``ematwin simulate``: an actuator of any kind, a scenario and faults in, a recording out."""
+"""``ematwin simulate``: an actuator as a recording; ``ematwin export-fmu``: as an FMU."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from ematwin.cli import options
+from ematwin.cli import complete, options
 
 
 def simulate(
@@ -59,7 +59,7 @@ def simulate(
     from ematwin.models.simulating import simulate as run
     from ematwin.models.unknown import table_of
     from ematwin.recordings.noise import Noise
-    from ematwin.showing.numbers import said
+    from ematwin.showing.text import said
 
     chosen = load_actuator(actuator)
     kind = model_of(chosen)
@@ -109,3 +109,34 @@ def simulate(
         f"{len(record)} samples at {record.sample_rate:g} Hz, {numbers}"
     )
     options.answer(json, lambda: plain, lambda: typer.echo(told), out, plot)
+
+
+def export_fmu(
+    actuator: Annotated[
+        str,
+        typer.Argument(
+            help="A shipped parameter set of any kind, a TOML file, or a calibration.",
+            autocompletion=complete.actuators,
+        ),
+    ],
+    out: Annotated[Path, typer.Option(help="Write the archive here (.fmu).")],
+    fidelity: Annotated[
+        str | None,
+        typer.Option(help="reference or monitor, where a kind has both; its first if not given."),
+    ] = None,
+    fmi: Annotated[int, typer.Option(help="Version of the standard: 3 or 2.")] = 3,
+    json: options.JsonOption = False,
+) -> None:
+    """Export an actuator for co-simulation elsewhere: an FMU that needs no Python."""
+    from ematwin.fmu.export import export_fmu as export
+    from ematwin.models.registry import load_actuator, model_of
+
+    chosen = load_actuator(actuator)
+    written = export(chosen, out, fidelity=fidelity, fmi=fmi)
+    form = fidelity or model_of(chosen).fidelities[0]
+    plain = {
+        "out": written, "actuator": chosen.name, "kind": chosen.kind, "fidelity": form, "fmi": fmi,
+        "fingerprint": chosen.fingerprint,
+    }  # fmt: skip
+    told = f"{form} model of {chosen.name} as FMI {fmi}.0 co-simulation"
+    options.answer(json, lambda: plain, lambda: typer.echo(told), written)

@@ -19,7 +19,6 @@ from ematwin.models.unknown import Alias, Unknown
 
 Aliases = Callable[[Mapping[str, float]], Sequence[Alias]]
 _FACTOR = 1.02  # by which a parameter grows
-_SAME = 1e-6  # of the change by the parameter alone: rounding
 
 
 def aliases_of(
@@ -105,7 +104,8 @@ def _shown_by_twin(
         return []
     left = problem.split(problem.residuals(np.array(rows))).data
     alone, together = np.linalg.norm(left[1:] - left[0], axis=1).reshape(-1, 2).T
-    return [pair for pair, a, b in zip(asked, alone, together, strict=True) if b < _SAME * a]
+    # less than a millionth of the change by the parameter alone is rounding
+    return [pair for pair, a, b in zip(asked, alone, together, strict=True) if b < 1e-6 * a]
 
 
 class Direction(NamedTuple):

@@ -28,11 +28,9 @@ from ematwin.models.base import Model
 from ematwin.models.comparison import correlation_time
 from ematwin.models.optional import FIRST_SAMPLE, Equation
 from ematwin.models.parameter_set import ParameterSet
-from ematwin.numerics.bounded_squares import bounded_squares
+from ematwin.numerics.linear_algebra import bounded_squares
 from ematwin.numerics.side_by_side import side_by_side
 
-_ROUNDS = 20  # at most: mostly four, as the equations are nearly linear
-_FRACTIONS = (1.0, 0.3)  # of a step that are tried
 _STEP = 1e-3  # of a coordinate: the equations are smooth
 
 
@@ -105,11 +103,11 @@ class _Fit:
         chart, free = self._problem.chart, self._free
         here = self.residuals(z)[0]
         slopes, fresh = self._slopes(z, here), True
-        for _ in range(_ROUNDS):
+        for _ in range(20):  # at most: mostly four, as the equations are nearly linear
             low, high = chart.lower - z[0], chart.upper - z[0]
             step = np.zeros(z.shape[1])
             step[free] = bounded_squares(slopes.T, -here, low[free], high[free])
-            tried = chart.project(z + np.outer(_FRACTIONS, step))
+            tried = chart.project(z + np.outer((1.0, 0.3), step))  # shares of a step
             left = self.residuals(tried)
             costs = np.einsum("bk,bk->b", left, left)
             best = int(np.argmin(costs))

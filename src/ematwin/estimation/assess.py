@@ -14,6 +14,7 @@ import numpy as np
 from ematwin.estimation.baseline import Baseline
 from ematwin.estimation.constants import (
     ANYTHING,
+    APART,
     CERTAIN,
     COVERAGE,
     SIGMAS,
@@ -40,8 +41,6 @@ from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
 
 _REACHES = (2.0,)  # standard errors at which the misfit along a fault is looked at
-_APART = 0.05  # share of a range by which another minimum differs
-_ANEW = 3  # rounds in which a best point is looked for without the faults that it names
 _NOWHERE = 0.3  # length of the mean of unit vectors: directions all round
 
 
@@ -116,7 +115,8 @@ def assess(
     best = with_model_error(found.best, threads)
     errors, held = np.ones(len(full.names)), set[str]()
     again = found.descent.afresh(settled=math.inf, least_noise=full.least_noise)
-    for left in reversed(range(_ANEW)):
+    # the best point is looked for again, at most three times, without the faults that it names
+    for left in reversed(range(3)):
         sets = _sets(best, own, baseline, errors, held)
         improbable = _improbable(sets, best.peak)
         # values are those of the best explanation in which improbable faults are healthy
@@ -319,6 +319,6 @@ def _apart(best: Corrected, others: Sequence[Corrected], own: int) -> list[Corre
     found: list[Corrected] = []
     for one in others:
         away = [np.abs(one.peak.z - it.peak.z)[:own].max() for it in (best, *found)]
-        if min(away) > _APART and risen(best.peak, one.peak) < 2.0 * WINDOW:
+        if min(away) > APART and risen(best.peak, one.peak) < 2.0 * WINDOW:
             found.append(one)
     return found

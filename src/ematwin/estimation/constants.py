@@ -8,6 +8,7 @@ where they are used.
 LEVEL, COVERAGE = 0.95, 1.96  # of intervals, and standard deviations to both sides
 CERTAIN = 0.95  # probability from which a fault is named
 SIGMAS = 3.0  # standard errors from which a value stands out: by chance once in 740 cases
+APART = 0.05  # share of a range by which two explanations differ
 DECIDES = SIGMAS**2  # squared standard deviations by which another form beats that of the file
 WORTH = 4.0  # the same by which a step of a descent has to gain: two standard deviations
 IMPLAUSIBLE = 4.0  # standard deviations of a prior: once in 16,000 cases

@@ -103,7 +103,7 @@ class Descent:
                 return weighed.residuals(chart.to_values(points))
 
             least = self.least * weighed.noise**2
-            descent = LevenbergMarquardt.start(z, residuals, 1e-2, least=least)
+            descent = LevenbergMarquardt.start(z, residuals, least=least)
             first_cost = float(descent.costs[0])
             first_data = weighed.data_cost(descent.residuals[0])
             for _ in range(self.iterations if near and stage == _LEAST_STAGES else _ITERATIONS):

@@ -13,7 +13,7 @@ import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.showing import markup
-from ematwin.showing.frames import frame
+from ematwin.showing.results import frame
 
 FORMAT = 1
 

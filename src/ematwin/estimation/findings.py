@@ -21,20 +21,27 @@ from ematwin.estimation.search import Found
 from ematwin.estimation.spike_and_slab import FaultSets
 from ematwin.estimation.verdict import INTERVAL, Verdict, judged, most_misfit
 from ematwin.models.base import Model
+from ematwin.models.channels_agree import LATEST
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.proposing import in_other_units
 from ematwin.models.registry import model_of
 from ematwin.models.unknown import Unknown
 from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording
-from ematwin.showing.numbers import in_unit, number_of, plain, said, said_between, with_interval
-from ematwin.showing.words import listed
+from ematwin.showing.text import (
+    in_unit,
+    listed,
+    number_of,
+    plain,
+    said,
+    said_between,
+    with_interval,
+)
 
 if TYPE_CHECKING:
     from ematwin.estimation.identification import Identification
 
 _DISTRUSTED = 0.33  # share of its weight with which evidence counts
-_LATEST = 0.02  # s: later than the filter of any sensor and the cycle of any field bus
 _FITS_EARLIER = 0.5  # of what is left of a channel, RMS, once a delay is taken off it
 _FITS = 0.3  # times the misfit in SI: other units are what was meant
 _SATURATED = 0.01  # share of the samples of a current
@@ -156,7 +163,7 @@ def late_channel(problem: Problem, values: Mapping[str, float]) -> list[str]:
     tried = []
     for name, target in one.measured().items():
         fitted = answers[name][0]
-        most = min(round(_LATEST / interval), len(target) // 20)
+        most = min(round(LATEST / interval), len(target) // 20)
         left = [
             float(np.sqrt(np.mean((target[lag:] - fitted[: len(fitted) - lag]) ** 2)))
             for lag in range(most + 1)

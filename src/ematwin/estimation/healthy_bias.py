@@ -26,6 +26,7 @@ from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
 from ematwin.numerics.side_by_side import side_by_side
+from ematwin.numerics.signals import spread_of
 
 _LEAST_ODD = 0.05  # share of a range by which a healthy recording may differ from the others
 _ODD = 6.0  # standard deviations
@@ -122,7 +123,7 @@ def _odd(faults: Sequence[Unknown], found: Sequence[_Judged]) -> tuple[int, str]
     values, errors = (np.array(each) for each in list(zip(*found, strict=True))[:2])
     width = np.array([one.width + one.slack for one in faults])
     away = np.abs(values - np.median(values, axis=0)) / width
-    scatter = np.hypot(1.4826 * np.median(away, axis=0), errors / width)
+    scatter = np.hypot(spread_of(away, axis=0), errors / width)
     usual = np.maximum(scatter, _LEAST_ODD / _ODD)
     n, k = (int(x) for x in np.unravel_index(np.argmax(away / usual), away.shape))
     if away[n, k] <= _ODD * usual[n, k]:

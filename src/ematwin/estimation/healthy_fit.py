@@ -37,10 +37,8 @@ Progress = Callable[[float], None]
 
 _SEARCHES = 8  # at most: of one actuator in sixty six of them end in the same wrong valley
 _EQUALLY_DEEP = 1.1  # ratio of misfits
-_BUDGET = 20_000  # an upper limit: a search takes 1,300
 _TRIED = 2  # ends of searches from which all recordings are fitted together
 _WITHOUT = 0.5  # times the misfit with it that recordings leave without an odd one
-_ROUNDS = 5  # at most, where equations have said where: each takes 4 s of CPU for three recordings
 _COMMANDS = 2  # different ones that the search looks at
 _LOAD_GAIN = 0.01  # while calibrating the load is taken as a load cell states it
 
@@ -152,7 +150,8 @@ class HealthyFit:
         if self.prior is not None:  # what is left is alike throughout, and equations know better
             noise *= problem.model_error
         near = Descent(self._aliases, settled=np.inf, least_noise=noise)
-        rounds = ROUNDS if self.prior is None else _ROUNDS
+        # fewer where equations have said where: each takes 4 s of CPU for three recordings
+        rounds = ROUNDS if self.prior is None else 5
         end = corrected(problem.refined(), point, near, rounds=rounds, near=self.prior is not None)
         left = end.peak.problem.relative_misfit(end.peak.cost)
         return Fitted(with_model_error(reweighed(end, near)), left, alone, scatter)
@@ -217,7 +216,7 @@ class HealthyFit:
                 chosen.append(one)
         problem = Problem(chosen, [*(searched_range(one) for one in self.nominals), *clocks])
         problem = as_searched(problem)
-        search = MultistartDescent(problem, budget=_BUDGET, seed=1)
+        search = MultistartDescent(problem, budget=20_000, seed=1)  # it takes 1,300
         ends: list[tuple[float, np.ndarray]] = []
         for n, end in enumerate(search.searches(_SEARCHES)):
             ends.append(end)

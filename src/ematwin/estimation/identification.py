@@ -18,8 +18,7 @@ from ematwin.models.registry import model_of
 from ematwin.models.unknown import PhysicalValue
 from ematwin.recordings.recording import Recording
 from ematwin.showing import markup
-from ematwin.showing.drawing import drawn, page_written
-from ematwin.showing.frames import frame_of_rows
+from ematwin.showing.results import drawn, frame_of_rows, page_written
 
 if TYPE_CHECKING:
     from ematwin.estimation.uncertainty import Uncertainty

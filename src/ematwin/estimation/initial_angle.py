@@ -13,7 +13,6 @@ from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found, Progress, Search, find
 from ematwin.recordings.recording import Recording
 
-_ROUNDS = 4  # at most; one or two are usual
 _UNSETTLED = (
     "Where the rotor stands could not be told from the phases that conduct, so no fault can be put "
     "to a phase: record motor_position."
@@ -56,7 +55,7 @@ def estimate_initial_angle(
     if not problem.comparisons[0].unplaced:
         return InitialAngle(recording, problem)
     said: tuple[str, ...] = ()
-    for _ in range(_ROUNDS):
+    for _ in range(4):  # at most; one or two are usual
         found = find(problem, search, seed=seed, progress=progress)
         if found.stopped == "interrupted":
             break

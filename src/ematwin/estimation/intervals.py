@@ -15,13 +15,12 @@ from ematwin.estimation.constants import COVERAGE, LEVEL
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
-from ematwin.numerics.symmetric import eigen
+from ematwin.numerics.linear_algebra import eigen
 
 if TYPE_CHECKING:
     from ematwin.estimation.spike_and_slab import FaultSets
 
 _NEAR = 0.15  # of an interval: so close to a bound it begins there
-_ALIKE = 1e-6  # logarithms so near that their mean slope is the slope
 _WIDE = 12.0  # sharp standard errors: an interval that others than noise make
 
 
@@ -214,4 +213,5 @@ def deviations(one: Unknown, drawn: np.ndarray, value: float) -> np.ndarray:
 def mean_slope(value: float, healthy: float) -> float:
     """The logarithmic mean of two values: their difference per difference of logarithms."""
     away = math.log(value / healthy)
-    return (value - healthy) / away if abs(away) > _ALIKE else healthy
+    # logarithms so near that their mean slope is the slope
+    return (value - healthy) / away if abs(away) > 1e-6 else healthy

@@ -27,9 +27,7 @@ import numpy as np
 
 from ematwin.estimation.laplace import Laplace
 from ematwin.estimation.problem import Problem
-from ematwin.numerics.symmetric import inverse
-
-_EDGE = 1e-9
+from ematwin.numerics.linear_algebra import inverse
 
 
 @dataclass(frozen=True)
@@ -128,7 +126,7 @@ class Joint:
 
     def inside(self, z: np.ndarray) -> np.ndarray:
         """(B,) of bool: which z (B, d) lie within the bounds."""
-        return np.asarray(np.abs(self.problem.chart.project(z) - z).max(axis=1) < _EDGE)
+        return np.asarray(np.abs(self.problem.chart.project(z) - z).max(axis=1) < 1e-9)
 
     def nearest(self, z: np.ndarray) -> np.ndarray:
         """The maximum (B,) to which points z (B, d) are nearest, in its standard deviations."""

@@ -31,12 +31,8 @@ from ematwin.estimation.levenberg_marquardt import LARGEST_BATCH
 from ematwin.estimation.noise import with_shown_noise
 from ematwin.estimation.problem import Problem
 from ematwin.models.chart import Chart
-from ematwin.numerics.bounded_squares import bounded_squares
-from ematwin.numerics.symmetric import eigen, inverse
+from ematwin.numerics.linear_algebra import bounded_squares, eigen, inverse
 
-_JOINT = 2  # steps of everything together, where evidence decides what data do not see
-_STEPS = 8  # of everything together at the end, at most
-_FRACTIONS = (1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.08)  # of such a step that are tried
 _ROUGH = 1.02  # ratio of costs that is mere roughness
 _SHORTEST, _LONGEST = 1e-3, 2e-2  # steps of the last Jacobian, shares of a range
 
@@ -145,7 +141,8 @@ def laplace(
     tells = frozenset().union(*(one.tells for one in problem.comparisons))
     pivots = held_pivots(problem, directions(problem, point, aliases))
     still = pivots - tells | set(held)
-    for _ in range(_JOINT if problem.has_evidence else 0):
+    # everything together, where evidence decides what data do not see
+    for _ in range(2 if problem.has_evidence else 0):
         # what evidence alone tells, the descent has left where it was
         first = chart.to_values((z + _bounded_step(slopes, z, chart, still))[None])[0]
         point, more = descent.afresh(settled=np.inf).end(problem, first)
@@ -291,9 +288,10 @@ def _stepped(
     determine the pivot, and its held value has been forced on others.
     """
     chart = problem.chart
-    for _ in range(_STEPS if np.isfinite(slopes.jacobian).all() else 0):
+    for _ in range(8 if np.isfinite(slopes.jacobian).all() else 0):
         step = _bounded_step(slopes, z, chart, held)
-        tried = chart.project(z + np.outer(_FRACTIONS, step))
+        # shares of the step are tried
+        tried = chart.project(z + np.outer((1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.08), step))
         left = seen(tried)
         costs = np.einsum("bk,bk->b", left, left)
         best = int(np.argmin(np.where(np.isfinite(costs), costs, np.inf)))

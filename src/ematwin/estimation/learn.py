@@ -43,7 +43,7 @@ from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
-from ematwin.showing.numbers import said
+from ematwin.showing.text import said
 
 _TOGETHER = 3.0  # times the misfit of one recording alone that several leave together
 _REACHES = (4.0,)  # standard errors at which the misfit along a parameter is looked at

@@ -17,8 +17,6 @@ Residuals = Callable[[np.ndarray], np.ndarray]
 DAMPINGS = np.array([0.1, 1.0, 10.0])
 LONGEST_DIFFERENCE = 5e-3  # impacts make the misfit rough: shorter differences see only that
 _SHORTEST_DIFFERENCE = 2e-4
-_STALLED = 1e-4  # relative gain of an iteration below which a point is left alone
-_HOPELESS = 1e5  # damping at which no step helps
 NOTHING = 0.5  # squared standard deviations, of nine that decide: `least` where minima are chosen
 LARGEST_BATCH = 2_000_000  # residuals that are held at a time
 
@@ -45,7 +43,12 @@ class LevenbergMarquardt:
 
     @classmethod
     def start(
-        cls, points: np.ndarray, residuals: Residuals, damping: float, least: float = 0.0
+        cls,
+        points: np.ndarray,
+        residuals: Residuals,
+        *,
+        damping: float = 1e-2,
+        least: float = 0.0,
     ) -> "LevenbergMarquardt":
         """A descent from points (M, d); costs M evaluations."""
         count = len(points)
@@ -139,7 +142,7 @@ class LevenbergMarquardt:
         if not after < before:
             self.damping[n] *= 30.0
             self.difference[n] = max(0.4 * self.difference[n], 0.5 * _SHORTEST_DIFFERENCE)
-            self.finished[n] = self.damping[n] > _HOPELESS
+            self.finished[n] = self.damping[n] > 1e5  # damping at which no step helps
             return
         if probed[p] < stepped[t]:  # a rough stretch: the differences did better than the model
             self.points[n], self.residuals[n] = shifted[p], beside[p]
@@ -149,7 +152,8 @@ class LevenbergMarquardt:
             self.points[n], self.residuals[n] = trials[t], tried[t]
             self.damping[n] = max(self.damping[n] * DAMPINGS[t], 1e-7)
             self.difference[n] = np.clip(0.2 * moved, _SHORTEST_DIFFERENCE, LONGEST_DIFFERENCE)
-        self.finished[n] = (before - after) < max(_STALLED * before, self.least)
+        # a point that gains less is left alone
+        self.finished[n] = (before - after) < max(1e-4 * before, self.least)
 
 
 def _cost(residuals: np.ndarray) -> np.ndarray:

@@ -6,14 +6,11 @@ import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.estimation.levenberg_marquardt import LONGEST_DIFFERENCE, LevenbergMarquardt
+from ematwin.estimation.multistart import DEFAULT_BUDGET
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found, Report, Tally, by_slopes
 
 ITERATIONS = 12
-_DAMPING = 1e-3
-_PLANNED = 10_000  # simulations: an upper limit, and the budget of the population methods
-_JACOBIANS = 50  # of one descent of SciPy
-_DIVERGED = 1e6  # residual where the twin diverged: far from the recording in every sample
 
 
 @dataclass(frozen=True)
@@ -33,7 +30,7 @@ class LocalDescent:
     iterations: int = ITERATIONS
     name: str = "levenberg-marquardt"
     smallest_budget: int = 1
-    planned: int = _PLANNED
+    planned: int = DEFAULT_BUDGET
 
     def run(self, problem: Problem, *, budget: int | None, seed: int, report: Report) -> Found:
         """Descend; after an interruption with the best found until then."""
@@ -43,7 +40,7 @@ class LocalDescent:
         def work() -> None:
             starts = problem.starts if self.starts is None else np.atleast_2d(self.starts)
             points = chart.project(chart.from_values(starts[: tally.budget]))
-            descent = LevenbergMarquardt.start(points, tally.residuals, damping=_DAMPING)
+            descent = LevenbergMarquardt.start(points, tally.residuals, damping=1e-3)
             for iteration in range(self.iterations + 1):
                 if iteration:
                     descent.iterate(tally.residuals, chart.lower, chart.upper, chart.project)
@@ -66,7 +63,7 @@ class ScipyLeastSquares:
 
     name: str = "scipy-trf"
     smallest_budget: int = 32  # one Jacobian of up to 31 unknowns
-    planned: int = _PLANNED
+    planned: int = DEFAULT_BUDGET
 
     def run(self, problem: Problem, *, budget: int | None, seed: int, report: Report) -> Found:
         """Descend from start after start; after an interruption with the best until then.
@@ -97,7 +94,8 @@ class ScipyLeastSquares:
                 found = tally.residuals(np.concatenate([z[None], z + np.diag(step)]))
                 cost = float(found[0] @ found[0])
                 tally.offer(z, cost if np.isfinite(cost) else np.inf)
-                found = np.where(np.isfinite(found), found, _DIVERGED)
+                # where the twin diverged it is far from the recording in every sample
+                found = np.where(np.isfinite(found), found, 1e6)
                 known = z.copy(), found[0], ((found[1:] - found[0]) / step[:, None]).T
             return known
 
@@ -109,7 +107,7 @@ class ScipyLeastSquares:
                     chart.from_values(chart.from_unit(rng.random((1, size))))[0],
                     lambda z: slopes(z)[2],
                     (chart.lower, chart.upper),
-                    max_nfev=_JACOBIANS,
+                    max_nfev=50,  # of one descent of SciPy
                 )
 
         return by_slopes(self.name, tally, seed, work)

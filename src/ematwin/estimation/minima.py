@@ -15,7 +15,7 @@ import numpy as np
 from ematwin.estimation.aliases import aliases_of
 from ematwin.estimation.along_motion import informed
 from ematwin.estimation.baseline import Baseline, frees_parameters, with_all_free
-from ematwin.estimation.constants import AS_GOOD, HOPELESS, IMPLAUSIBLE
+from ematwin.estimation.constants import APART, AS_GOOD, HOPELESS, IMPLAUSIBLE
 from ematwin.estimation.correction import Corrected, corrected, reweighed
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.laplace import Laplace
@@ -27,10 +27,8 @@ from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.numerics.side_by_side import side_by_side
 
-_APART = 0.05  # share of a range by which another start differs
 _RATIO = 4.0  # of costs, up to which another end of the search is descended from
 _KNOWN, _BY_SHEET = 5, 10  # iterations from there: parameters have yet to leave the sheet's
-_RIVALS = 2  # other ends that are descended from
 _FAR = 100.0  # squared standard deviations by which a minimum is no rival any more
 
 
@@ -135,13 +133,13 @@ def _worth_a_look(full: Problem, found: Found, problem: Problem) -> list[np.ndar
     costs = judged.costs(points)
     if judged.relative_misfit(costs[0]) > HOPELESS:
         return []
-    near = 1 + np.argsort(costs[1:], kind="stable")[:_RIVALS]
+    near = 1 + np.argsort(costs[1:], kind="stable")[:2]  # other ends that are descended from
     points, costs = points[np.r_[0, near]], costs[np.r_[0, near]]
     apart = np.abs(judged.chart.from_values(points) - judged.chart.from_values(points[:1]))
     return [
         point
         for point, cost, away in zip(points[1:], costs[1:], apart[1:].max(axis=1), strict=True)
-        if away > _APART and cost < _RATIO * costs[0]
+        if away > APART and cost < _RATIO * costs[0]
     ]
 
 

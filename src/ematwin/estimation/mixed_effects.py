@@ -30,7 +30,7 @@ from ematwin.estimation.intervals import Interval, deviations, physical_of
 from ematwin.estimation.prior import Prior, coordinate
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.random_effects import Peak, effects_of, fit
-from ematwin.estimation.spike_and_slab import FaultSet, FaultSets
+from ematwin.estimation.spike_and_slab import SEED, FaultSet, FaultSets
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import model_of
@@ -39,8 +39,7 @@ from ematwin.recordings.read import assumptions
 
 _SECOND = 0.1  # probability that a faulty actuator has a second fault
 _SLAB = 2.0  # standard deviations of the slab from healthy to the far end of a range
-_SCANNED = 9  # values of a fault at which a descent may start
-_DRAWS, _SEED = 2000, 20_201
+_DRAWS = 2000
 
 
 def assessed_sets(
@@ -96,7 +95,7 @@ def _drawn(
     faults: Sequence[Unknown], names: Sequence[str], peak: Peak, covariance: np.ndarray
 ) -> np.ndarray:
     """Draws (N, f) of all faults around the peak of a set; those that are not in it are healthy."""
-    rng = np.random.default_rng(_SEED)
+    rng = np.random.default_rng(SEED)
     found = np.tile([one.healthy for one in faults], (_DRAWS, 1))
     count = len(names)
     root = np.linalg.cholesky(covariance[:count, :count])
@@ -137,7 +136,7 @@ def _scanned(
 ) -> float:
     """The value of a fault alone at which the misfit is least."""
     low, high = coordinate(slab, np.array([slab.lower, slab.upper]))
-    z = np.linspace(low, high, _SCANNED)
+    z = np.linspace(low, high, 9)  # values of a fault at which a descent may start
     tried = np.r_[slab.healthy, np.exp(z) if slab.logarithmic else z]
     known = {**held, **{one.name: one.healthy for one in effects}}
     values = {name: np.full(len(tried), value) for name, value in known.items()}

@@ -28,6 +28,7 @@ from ematwin.estimation.levenberg_marquardt import LevenbergMarquardt
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import BudgetSpentError, Found, Report, Tally, by_slopes
 from ematwin.numerics.sobol import Sobol
+from ematwin.optimizers.base import ITERATIONS, POPULATION
 
 SAMPLES = 256
 THINNING = ((10, 2), (5, 2), (3, 3))  # descents and their iterations, smooth misfit
@@ -35,11 +36,9 @@ POLISH = ((2, 4), (1, 12))  # the same with the full bandwidth
 CLEARLY_BETTER = 3.0  # ratio of misfits by stretches; 3.6 to 160 where a search was misled
 AGREEMENT = 0.02  # largest difference of two ends that agree, in any coordinate
 ALIKE = 1.02  # ratio of costs of two ends that fit alike: no search to come is likely to fit better
-IN_VAIN = 2  # searches in a row that fit no better than one before
 SMALLEST_BUDGET = 64
 HOPEFUL = 2.0  # times a good fit by stretches, beyond which no other search by them finds one
-STRETCH_BUDGET = 2000  # an upper limit: mostly 900
-DEFAULT_BUDGET = 10_000  # an upper limit: most records need a tenth of it
+DEFAULT_BUDGET = POPULATION * ITERATIONS  # an upper limit: most records need a tenth of it
 
 End = tuple[float, np.ndarray]  # cost and point of a finished descent
 
@@ -144,7 +143,7 @@ class MultistartDescent:
         elif len(ends) > 1 and ends[1][0] < ALIKE * ends[0][0]:
             self.state.stopped = "two searches fit alike"
             self.state.others.append(self._chart.to_values(ends[1][1][None])[0])
-        elif self._in_vain >= IN_VAIN or (
+        elif self._in_vain >= 2 or (  # searches in a row that fit no better than one before
             ends and self._problem.relative_misfit(ends[0][0]) > self.worth
         ):
             self.state.stopped = "no search fits better"
@@ -155,7 +154,7 @@ class MultistartDescent:
     def _search_restarted(self, ends: list[End]) -> bool:
         """Search by stretches; the answer, or one more end. False if the record has no states."""
         whole, state = self._problem, self.state
-        budget = min(STRETCH_BUDGET, state.budget - state.evaluations)
+        budget = min(2000, state.budget - state.evaluations)  # an upper limit: mostly 900
         restarted = whole.restarted()
         if restarted is None:
             return False
@@ -198,7 +197,7 @@ class MultistartDescent:
         self, x: np.ndarray, residuals: Callable[[np.ndarray], np.ndarray]
     ) -> LevenbergMarquardt:
         """The end of a last descent from a point (d,)."""
-        fine = LevenbergMarquardt.start(self._chart.from_values(x[None]), residuals, damping=1e-2)
+        fine = LevenbergMarquardt.start(self._chart.from_values(x[None]), residuals)
         for _ in range(POLISH[-1][1]):
             self._iterate(fine, residuals)
         return fine
@@ -217,7 +216,7 @@ class MultistartDescent:
             self._note(descent.best(1).points[0])
         self._rate_noted()
         points = descent.best(POLISH[0][0]).points
-        fine = LevenbergMarquardt.start(points, self.state.residuals, damping=1e-2)
+        fine = LevenbergMarquardt.start(points, self.state.residuals)
         for count, iterations in POLISH:
             if count < len(fine.points):
                 left = fine.best(len(fine.points)).points[count:]

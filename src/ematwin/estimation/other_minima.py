@@ -24,9 +24,7 @@ from ematwin.estimation.levenberg_marquardt import NOTHING, LevenbergMarquardt
 from ematwin.estimation.problem import Problem
 from ematwin.models.unknown import Unknown
 
-_SMOOTH, _SHARP = 5, 8  # iterations of a descent
 _FAR = 4.0  # times the least cost: a start so far behind does not win, 1.7 times did
-_DAMPING = 1e-2
 
 
 def other_minima(peak: Laplace, descent: Descent, anew: bool = False) -> list[Laplace]:
@@ -84,15 +82,15 @@ def _across(
     least = NOTHING * small.noise**2
     low, high = (np.tile(end, (along.valleys, 1)) for end in (chart.lower, chart.upper))
     low[:, place] = high[:, place] = z[:, place]
-    stages = [(small.smoothed(), _SMOOTH)] if wide else []
-    for seen, iterations in (*stages, (small.coarse(), _SHARP)):
+    stages = [(small.smoothed(), 5)] if wide else []  # problem and iterations
+    for seen, iterations in (*stages, (small.coarse(), 8)):
 
         def residuals(at: np.ndarray, seen: Problem = seen) -> np.ndarray:
             nonlocal spent
             spent += len(at)
             return seen.residuals(chart.to_values(at))
 
-        descent = LevenbergMarquardt.start(z, residuals, _DAMPING, least)
+        descent = LevenbergMarquardt.start(z, residuals, least=least)
         for _ in range(iterations):
             descent.iterate(residuals, low, high, chart.project)
             costs = descent.costs

@@ -29,10 +29,8 @@ from ematwin.estimation.uncertainty import (
     strained,
     uninformed,
 )
-from ematwin.numerics.symmetric import eigen
+from ematwin.numerics.linear_algebra import eigen
 
-EFFECTIVE = 400.0  # Vehtari et al. (2021), section 4: enough for quantiles of 95 %
-MOST = 200_000  # simulations
 GROUPS = 4  # of walkers
 # 1.01 is for one quantity; the largest of some thirty is more where each has 400 effective samples
 RHAT = 1.02
@@ -40,8 +38,6 @@ _LONG_ENOUGH = 10.0  # autocorrelation times that a chain must last for its own 
 _LEAST_WALKERS, _LANES = 64, 32
 _FIRST, _GROWTH = 150, 1.5  # steps until chains are looked at, and how many times more then
 _BURN_IN = 1.0 / 3.0  # share of the steps that is left out
-_KEPT = 8000  # draws
-_HALVINGS = 8  # of the distance to the maximum, for walkers that start too far away
 _TOO_FAR = 4.0  # standard deviations of a chi-squared distribution
 
 
@@ -170,8 +166,8 @@ class Posterior:
         If emcee is not installed.
     """
 
-    effective: float = EFFECTIVE
-    most: int = MOST
+    effective: float = 400.0  # Vehtari et al. (2021), section 4: enough for quantiles of 95 %
+    most: int = 200_000
     walkers: int | None = None
     name: str = "posterior"
 
@@ -195,7 +191,7 @@ class Posterior:
         values = problem.chart.to_values(z)
         diagnostics = _diagnosed(joint, sampler, self.effective)
         rng = np.random.default_rng(seed)
-        chosen = np.sort(rng.permutation(len(values))[:_KEPT])
+        chosen = np.sort(rng.permutation(len(values))[:8000])
         drawn = Draws(
             problem.names,
             _with_scatter(joint, values[chosen], rng),
@@ -300,7 +296,7 @@ def _starts(joint: Joint, count: int, rng: Any) -> np.ndarray:
         size = len(one.z)
         likely = 0.5 * (size + _TOO_FAR * np.sqrt(2.0 * size))
         least = joint.log_density(joint.to_even(one.z[None])) - likely
-        for _ in range(_HALVINGS):
+        for _ in range(8):  # halvings of the distance to the maximum
             far = joint.log_density(joint.to_even(z)) < least
             if not far.any():
                 break

@@ -20,10 +20,8 @@ from ematwin.estimation.prior import Information, Prior
 from ematwin.models.chart import Chart
 from ematwin.models.comparison import Comparison
 from ematwin.models.registry import load_actuator, model_of
-from ematwin.models.unknown import Unknown
+from ematwin.models.unknown import HasUnknowns, Unknown
 from ematwin.recordings.recording import Recording
-
-_ROUNDING = 1e-12
 
 
 class Residuals(NamedTuple):
@@ -45,7 +43,7 @@ class ResidualChange(Protocol):
         """(B, K), of a recording, at values (B,) of all unknowns by name."""
 
 
-class Problem:
+class Problem(HasUnknowns):
     """Free unknowns to be estimated from one or several recordings.
 
     Parameters
@@ -137,26 +135,6 @@ class Problem:
         starts = model.starts(chosen, recording)
         return cls([comparison], free, held=fixed, start=fixed, starts=starts)
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the free unknowns."""
-        return tuple(one.name for one in self.unknowns)
-
-    @property
-    def lower(self) -> np.ndarray:
-        """(d,) lower bounds."""
-        return np.array([one.lower for one in self.unknowns])
-
-    @property
-    def upper(self) -> np.ndarray:
-        """(d,) upper bounds."""
-        return np.array([one.upper for one in self.unknowns])
-
-    @property
-    def healthy(self) -> np.ndarray:
-        """(d,) healthy values."""
-        return np.array([one.healthy for one in self.unknowns])
-
     def costs(self, points: np.ndarray, limits: np.ndarray | None = None) -> np.ndarray:
         """Sums of squares (B,) of points (B, d), priors included; infinite where one diverged.
 
@@ -177,7 +155,7 @@ class Problem:
             else:
                 # what the others leave of the limit, and a little more: their sum is rounded
                 with np.errstate(invalid="ignore"):  # infinite cost, infinite limit
-                    rest = limits * (1.0 + _ROUNDING) - cost
+                    rest = limits * (1.0 + 1e-12) - cost
                 part = comparison.costs_within(candidates, len(points), rest)
             cost = cost + part
         return np.asarray(cost)

@@ -30,12 +30,11 @@ from ematwin.estimation.uncertainty import (
     tells_nothing,
 )
 from ematwin.models.unknown import Unknown
-from ematwin.showing.words import listed
+from ematwin.showing.text import listed
 
-LIMIT = 3.841  # quantile of the chi-squared distribution of one degree, 95 %
+LIMIT = COVERAGE**2  # of the rise: chi-squared distribution of one degree
 NEAR = 16.0  # rise of points to which a parabola is fitted
 ROUGH = 0.5  # root mean square of the rise about it; 0.1 to 0.4 of what impacts hardly touch
-_FEWEST = 5  # points that the parabola needs
 _AT_BOUND = 2e-3  # share of the range
 _MOVED = 0.7  # standard errors by which others move to each side that are named
 _LONGER = 1.25  # ratio of Laplace's interval to that of the profile from which that is said
@@ -232,7 +231,7 @@ def smoothed(u: np.ndarray, rise: np.ndarray) -> tuple[np.ndarray, float]:
     that began there would be too short.
     """
     near = rise < NEAR
-    if near.sum() < _FEWEST:
+    if near.sum() < 5:  # points that the parabola needs
         return rise, 0.0
     at = u[near] - u[near].mean()
     at /= float(np.abs(at).max()) or 1.0

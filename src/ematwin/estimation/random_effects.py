@@ -29,8 +29,6 @@ from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
 from ematwin.numerics.side_by_side import side_by_side
 
-_ITERATIONS = 20  # at most, of noise and point in turn
-_DAMPING = 1e-2
 _GAIN = 0.02  # squared standard deviations: a step that gains less ends a descent
 _SETTLED = 0.1  # share by which the noise of a recording may change at the end
 _SHARE, _DIFFERENCE = 0.3, 0.02  # of a spread, and of a logarithm: differences for slopes
@@ -38,7 +36,6 @@ _DRAWS, _SEARCHED, _STARTS = 300, 6, 3  # points, recordings and best points of 
 _ROUNDS = 12  # of expectation and maximisation
 _STATED = 4.0  # recordings that the stated drift counts for
 _LITTLE = 0.002  # in a logarithm, of what is stated not to drift
-_SEED = 1
 
 
 class Peak(NamedTuple):
@@ -119,7 +116,7 @@ def fit(
     chart, least, spent = problem.chart, comparisons[0].model_error, 0
     z = chart.project(chart.from_values(problem.start[None]))
     noises = np.zeros(len(comparisons))
-    for _ in range(_ITERATIONS):
+    for _ in range(20):  # at most, of noise and point in turn
         points = chart.to_values(z)
         left = [problem.residuals_of(n, points)[0] for n in range(len(comparisons))]
         before, noises = noises, np.array([max(least, _noise(one)) for one in left])
@@ -133,7 +130,7 @@ def fit(
             spent += len(z) * len(comparisons)
             return weighed.residuals(chart.to_values(z))
 
-        descent = LevenbergMarquardt.start(z, residuals, _DAMPING)
+        descent = LevenbergMarquardt.start(z, residuals)
         cost = float(descent.costs[0])
         descent.iterate(residuals, chart.lower, chart.upper, chart.project)
         z = descent.points
@@ -260,7 +257,7 @@ def _first(
     """Coordinates (d,) at which one set of parameters explains all recordings best."""
     chosen = np.unique(np.linspace(0, len(comparisons) - 1, _SEARCHED).astype(int))
     some = [comparisons[n] for n in chosen]
-    rng = np.random.default_rng(_SEED)
+    rng = np.random.default_rng(1)
     prior = Prior.independent(known)
     draws = rng.standard_normal((_DRAWS, len(known))) @ np.sqrt(prior.covariance) + prior.mean
     draws[0] = prior.mean

@@ -36,7 +36,7 @@ from ematwin.models.base import Model, OtherForm
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
 from ematwin.numerics.side_by_side import side_by_side
-from ematwin.showing.numbers import said
+from ematwin.showing.text import said
 
 _FAR = 5.0  # times the misfit of the first answer: a start, or a smooth descent, not worth more
 _FAR_BETTER = 0.7  # times the misfit of the first answer; 0.42 at most where the form was right

@@ -28,14 +28,13 @@ from ematwin.estimation.constants import ANYTHING, BEFOREHAND, CERTAIN, SMALLEST
 from ematwin.estimation.intervals import Draws, conditional
 from ematwin.models.chart import Chart
 from ematwin.models.unknown import Unknown
-from ematwin.numerics.bounded_squares import bounded_squares
-from ematwin.numerics.symmetric import eigen
+from ematwin.numerics.linear_algebra import bounded_squares, eigen
 
 WINDOW = 7.0  # logarithm of the ratio of probabilities: sets below 0.1 % of the best are left out
 _MOST = 300  # sets
 _JITTER = 1e-9  # of variances, so that what goes together to the last digit can be factorised
 _TRIED, _DRAWS = 4000, 8000
-_SEED = 20_201
+SEED = 20_201  # of draws
 _FEWEST = 20.0  # draws that all together must be worth
 
 
@@ -192,7 +191,7 @@ class FaultSets:
 
     def _resampled(self, sets: Sequence[FaultSet]) -> Draws:
         total = sum(s.probability for s in sets)
-        rng = np.random.default_rng(_SEED)
+        rng = np.random.default_rng(SEED)
         picked = [
             s.values[rng.choice(len(s.values), round(_DRAWS * s.probability / total))] for s in sets
         ]
@@ -254,7 +253,7 @@ def fault_sets(
     # those with a fault more or less tell how large each fault is, if it is there
     kept = sorted(near, key=lambda names: -logs[names])[:_MOST]
     kept += [best ^ {name} for name in space.faults if best ^ {name} not in kept]
-    rng = np.random.default_rng(_SEED)
+    rng = np.random.default_rng(SEED)
     found = []
     for names in kept:
         share, z = space.drawn(names, rng)

@@ -21,12 +21,9 @@ from ematwin.models.unknown import Unknown
 
 BETTER = 1.0  # fall of the deviance that shows that the search had not converged
 _STRIDE = 0.9  # of the root of the rise
-_STEPS, _DESCENTS = 16, 4  # at most
+_STEPS = 16  # at most
 _TOO_STEEP = 2.5  # strides that one may climb; else it is repeated at half its length
 _SHORTEST = 0.1  # of the first stride: what is still too steep there is a step of the misfit
-_FIRST_DESCENTS = 10  # iterations at the best point
-_RESTARTS = 3  # from a lower point that a trace found, at most
-_DAMPING = 1e-2
 
 
 @dataclass
@@ -133,7 +130,7 @@ class Tracer:
         starts = np.stack([normal.z, normal.mean])
         with noting_interrupts() as interrupts:
             try:
-                for _ in range(_RESTARTS):
+                for _ in range(3):  # from a lower point that a trace found, at most
                     self.traces = self._begun(starts)
                     for step in range(_STEPS):
                         for chart in (self.chart, self.polar):
@@ -156,7 +153,7 @@ class Tracer:
         """
         starts = self.chart.project(starts)
         low, high = (np.tile(end, (len(starts), 1)) for end in (self.chart.lower, self.chart.upper))
-        points, deviances = self._descended(starts, self.chart, low, high, _FIRST_DESCENTS)
+        points, deviances = self._descended(starts, self.chart, low, high, 10)
         best = int(np.argmin(deviances))
         z, least = points[best], float(deviances[best])
         traces = []
@@ -183,7 +180,7 @@ class Tracer:
         low, high = (np.tile(end, (len(going), 1)) for end in (chart.lower, chart.upper))
         for m, one in enumerate(going):
             low[m, one.place] = high[m, one.place] = points[m, one.place]
-        found = self._descended(points, chart, low, high, _DESCENTS)
+        found = self._descended(points, chart, low, high, 4)
         for one, u, deviance in zip(going, *found, strict=True):
             one.path.append((u, float(deviance)))
         for one in going:
@@ -198,7 +195,7 @@ class Tracer:
             self.evaluations += len(u)
             return self.joint.residuals(self._z(u, chart))
 
-        descent = LevenbergMarquardt.start(points, residuals, damping=_DAMPING)
+        descent = LevenbergMarquardt.start(points, residuals)
         for _ in range(iterations):
             descent.iterate(residuals, low, high, chart.project)
         return descent.points, self.joint.deviance(descent.residuals)

@@ -22,13 +22,12 @@ from ematwin.estimation.thresholds import Threshold
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
-from ematwin.showing.words import listed
+from ematwin.showing.text import listed
 
 Report = Callable[[int, int], None]
 """Called with simulations and how many there may be; may raise to end the work."""
 
 METHODS = ("laplace", "profile", "posterior")
-_PREDICTED = 80  # draws of a band
 _UNINFORMED = 0.9  # share of its prior's width that a value still has
 
 
@@ -199,7 +198,10 @@ def by_sets(question: Question, sets: FaultSets, drawn: Draws) -> dict[str, Any]
 
 
 def predicted(
-    drawn: Draws, held: Mapping[str, float], comparison: Comparison, count: int = _PREDICTED
+    drawn: Draws,
+    held: Mapping[str, float],
+    comparison: Comparison,
+    count: int = 80,
 ) -> dict[str, np.ndarray]:
     """Bands of the model's answers by compared channel: (3, S), 2.5 %, 50 % and 97.5 % of draws.
 

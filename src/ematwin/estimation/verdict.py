@@ -23,7 +23,7 @@ from ematwin.estimation.constants import (
     WORST,
 )
 from ematwin.showing import markup
-from ematwin.showing.words import listed
+from ematwin.showing.text import listed
 
 Grade = Literal["healthy", "changed", "fault", "none"]
 INTERVAL = f"{100 * LEVEL:.0f} % interval"

@@ -12,12 +12,10 @@ import numpy as np
 from ematwin.models.base import Model
 from ematwin.models.history import Chirp, Component, Profile, Sine, Step
 from ematwin.models.scenario import Scenario
-from ematwin.showing.numbers import said
+from ematwin.showing.text import said
 
 _SIZES = (0.95, 0.6, 0.3)  # shares of the travel; motion overshoots its command
-_PERIODS = (1, 2, 4, 8)  # of reversals and constant speed, in the duration
 _RISES = (1e-3, 0.05)  # shares of the duration that a step takes: a profile has no jumps
-_FASTEST = (4, 8, 16)  # periods in the duration, were the end of a chirp as fast throughout
 
 
 def candidates(model: Model, given: Scenario, limits: Mapping[str, float]) -> Iterator[Scenario]:
@@ -63,7 +61,7 @@ def _motions(
     size: float, speed: float, duration: float, unit: str
 ) -> Iterator[tuple[str, list[Component]]]:
     """Yield motions of a size, or less where they would be faster, with a phrase on each."""
-    for n in _PERIODS:
+    for n in (1, 2, 4, 8):  # of reversals and constant speed, in the duration
         hertz = n / duration
         reach = _rounded(min(size, speed / (2.0 * math.pi * hertz)))
         told = f"{said(reach, unit, 2)} at {hertz:.3g} Hz"
@@ -89,7 +87,7 @@ def _motions(
             f"steps, {said(reach, unit, 2)} both ways within {within}",
             [Profile(time=time, value=value)],
         )
-    for n in _FASTEST:
+    for n in (4, 8, 16):  # periods in the duration, were the end of a chirp as fast throughout
         reach = _rounded(min(size, speed * duration / (2.0 * math.pi * n)))
         yield (
             f"chirp, {said(reach, unit, 2)} up to {n / duration:.3g} Hz",

@@ -25,7 +25,7 @@ from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import Unknown
 from ematwin.numerics.side_by_side import cores, side_by_side
 from ematwin.numerics.sobol import Sobol
-from ematwin.showing.frames import plain
+from ematwin.showing.results import plain
 
 SEVEREST = 0.5  # share of the way from healthy to a bound: a test is for faults that begin
 

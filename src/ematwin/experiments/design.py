@@ -38,14 +38,10 @@ from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Scenario
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
-from ematwin.showing.drawing import drawn
+from ematwin.showing.results import drawn
 
 DRAWS = 6
-FRESH = 16  # fault vectors on which the best commands are compared anew
-TRIALS = 8  # recordings of each command: its root mean square error is known to a fifth
 CLEARLY = 1.1  # ratio of errors, expected and of `identify`, from which another command is chosen
-_FINALISTS = 5  # commands that are compared anew
-_OTHERS = 7919  # seeds of trials lie so far from those of a search and of `Design.check`
 
 
 @dataclass(frozen=True)
@@ -222,8 +218,8 @@ def design(
     exact: bool = False,
     sample_rate: float | None = None,
     draws: int = DRAWS,
-    fresh: int = FRESH,
-    trials: int = TRIALS,
+    fresh: int = 16,  # fault vectors on which the best commands are compared anew
+    trials: int = 8,  # recordings of each command: its root mean square error is known to a fifth
     budget: int | None = None,
     seed: int = 1,
     threads: int | None = None,
@@ -313,7 +309,8 @@ def design(
     both = [default] if best is default else [best, default]
     asked = trials if len(both) > 1 and search.stopped != "interrupted" else 0
     errors = identified_errors(
-        experiment, [one.scenario for one in both], asked, seed=_OTHERS + seed, progress=trying,
+        # seeds of trials lie so far from those of a search and of `Design.check`
+        experiment, [one.scenario for one in both], asked, seed=7919 + seed, progress=trying,
         seconds=SECONDS / 2.0 if budget is None else math.inf,
     )  # fmt: skip
     if len(errors) < asked:
@@ -370,7 +367,8 @@ def _finalists(
     least = math.inf if default.obstacle else default.worst(fault) / CLEARLY
     with noting_interrupts() as interrupts:
         try:
-            for one in search.best(1 if search.stopped == "interrupted" else _FINALISTS):
+            # commands that are compared anew
+            for one in search.best(1 if search.stopped == "interrupted" else 5):
                 interrupts.check()
                 errors = judged(one, limits)
                 if not errors.obstacle and errors.worst(fault) < least:

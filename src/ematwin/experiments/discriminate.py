@@ -34,13 +34,11 @@ from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Scenario
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
-from ematwin.showing.frames import plain
+from ematwin.showing.results import plain
 
 BUDGET = 200
 _ITERATIONS = 4  # of the fit of an explanation to the other: they start near
 _WHOLE = 16  # of a fit that is followed to its end
-_FINALISTS = 3
-_DIFFERENT = 1e-12  # share of a range
 
 Explanation = Mapping[str, float]
 """Values by name: faults, load and sensors, parameters by place; what is not named is healthy."""
@@ -160,7 +158,7 @@ def discriminate(
     search.run(budget, seed, lambda n, cost, total: progress and progress(n, -cost, total), BUDGET)
     # fits of a search stop early: the given command and the best few are fitted to the end
     found = []
-    for command in [given, *search.best(_FINALISTS)]:
+    for command in [given, *search.best(3)]:
         with suppress(*UNANSWERED):
             healthy = experiment.move(command, within)
             demands = experiment.model.demanded(healthy)
@@ -200,7 +198,7 @@ class Pair:
         # with what only the other names at its healthy value
         self._whole = tuple({**healthy, **values} for values in self.values)
         a, b = self._whole
-        if all(abs(a[n] - b[n]) <= _DIFFERENT * one.width for n, one in self._named.items()):
+        if all(abs(a[n] - b[n]) <= 1e-12 * one.width for n, one in self._named.items()):
             raise InputError(
                 "The two explanations are one and the same; give values in which they differ."
             )
@@ -257,7 +255,7 @@ class Pair:
             return found
 
         first = chart.from_values(np.array([start]))
-        fit = LevenbergMarquardt.start(first, residuals, damping=1e-2)
+        fit = LevenbergMarquardt.start(first, residuals)
         for _ in range(iterations):
             fit.iterate(residuals, chart.lower, chart.upper, chart.project)
         return float(np.sqrt(fit.best(1).costs[0])) / noise

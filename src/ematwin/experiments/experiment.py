@@ -48,9 +48,6 @@ from ematwin.models.unknown import Unknown, no_unknown
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 
-_SLACK = 1e-3  # share of a limit: motions that differ by rounding keep it alike
-
-
 BEYOND = "The command is beyond its limits."
 
 
@@ -346,5 +343,6 @@ def excess(demands: Mapping[str, float], limits: Mapping[str, float]) -> float:
     return sum(
         demands[name] / limit - 1.0
         for name, limit in limits.items()
-        if demands.get(name, 0.0) > limit * (1.0 + _SLACK)
+        # motions that differ by rounding keep a limit alike
+        if demands.get(name, 0.0) > 1.001 * limit
     )

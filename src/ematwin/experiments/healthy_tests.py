@@ -22,15 +22,13 @@ from ematwin.experiments.experiment import UNANSWERED, Expected, Experiment
 from ematwin.files import check_target
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Scenario
+from ematwin.numerics.linear_algebra import eigen, inverse
 from ematwin.numerics.side_by_side import cores, side_by_side
-from ematwin.numerics.symmetric import eigen, inverse
 from ematwin.recordings.noise import Noise
-from ematwin.showing.drawing import drawn
-from ematwin.showing.frames import frame_of_rows, plain
-from ematwin.showing.words import counted
+from ematwin.showing.results import drawn, frame_of_rows, plain
+from ematwin.showing.text import counted
 
 TESTS = 3
-_NAMED = 3  # parameters that a test is said to improve most
 _ADDS = 0.9  # ratio of standard errors: a further test has to lower one so far
 
 Progress = Callable[[float], object]
@@ -107,7 +105,7 @@ class HealthyTests:
         before = self.tests[test - 1].errors if test else self.known
         ratios = {place: error / before[place] for place, error in self.tests[test].errors.items()}
         found = sorted((place for place in ratios if ratios[place] < _ADDS), key=ratios.__getitem__)
-        return found[:_NAMED]
+        return found[:3]  # parameters that a test is said to improve most
 
     @property
     def sentence(self) -> str:

@@ -20,8 +20,7 @@ from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import PhysicalValue, Unknown
 from ematwin.recordings.noise import Noise
 from ematwin.showing import markup
-from ematwin.showing.drawing import drawn
-from ematwin.showing.frames import frame_of_rows, plain
+from ematwin.showing.results import drawn, frame_of_rows, plain
 
 FALSE_ALARM, MISS = 1.0 - NormalDist().cdf(SIGMAS), 0.1
 HEADINGS = (

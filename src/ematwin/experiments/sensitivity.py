@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from ematwin.errors import InputError
+from ematwin.estimation.constants import TWO_SIGMA
 from ematwin.estimation.problem import Problem
 from ematwin.experiments.command_errors import SEVEREST
 from ematwin.experiments.experiment import Experiment
@@ -31,13 +32,10 @@ from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import Unknown
 from ematwin.numerics.sobol import Sobol
 from ematwin.recordings.noise import Noise
-from ematwin.showing.frames import plain
+from ematwin.showing.results import plain
 
 SAMPLES = 256  # a power of two; an answer is simulated for each and each unknown
 _AT_A_TIME = 512  # answers that are held whole
-_KEPT = 200  # samples of an answer
-_RESAMPLES = 100  # of a bootstrap
-_RANGE = 2.0  # standard deviations of a prior that are drawn from, to both sides: 95 %
 
 
 @dataclass(frozen=True)
@@ -135,7 +133,7 @@ def sensitivity(
             raise InputError(
                 f"The twin of {chosen.name} diverged in most of its range; narrow its tolerances."
             )
-        picks = [np.arange(kept), *rng.integers(kept, size=(_RESAMPLES, kept))]
+        picks = [np.arange(kept), *rng.integers(kept, size=(100, kept))]  # of a bootstrap
         drawn = np.array([indices(rows[:, pick]) for pick in picks])
         found["first"][name], found["total"][name] = drawn[0]
         found["first_error"][name], found["total_error"][name] = drawn[1:].std(axis=0)
@@ -155,7 +153,7 @@ def _answers(
 ) -> dict[str, np.ndarray]:
     """Answers (N, S) by channel at points (N, d), thinned to some samples."""
     comparison = problem.comparisons[0]
-    thin = slice(None, None, max(1, len(comparison.recording) // _KEPT))
+    thin = slice(None, None, max(1, len(comparison.recording) // 200))  # samples of an answer
     found: dict[str, list[np.ndarray]] = {}
     for begin in range(0, len(points), _AT_A_TIME):
         some = points[begin : begin + _AT_A_TIME]
@@ -192,7 +190,7 @@ def _drawn_from(full: Problem, one: Unknown) -> Unknown:
         low = one.healthy - SEVEREST * (one.healthy - one.lower)
         return replace(one, lower=low, upper=one.healthy + SEVEREST * (one.upper - one.healthy))
     n = names.index(one.name)
-    mean, reach = full.prior.mean[n], _RANGE * math.sqrt(full.prior.covariance[n, n])
+    mean, reach = full.prior.mean[n], TWO_SIGMA * math.sqrt(full.prior.covariance[n, n])
     low, high = mean - reach, mean + reach
     if one.logarithmic:
         low, high = math.exp(low), math.exp(high)

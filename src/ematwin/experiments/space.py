@@ -19,7 +19,6 @@ from ematwin.models.scenario import Component, Scenario
 _OCTAVES = 2.5  # that a frequency may be moved, to both sides
 _LATEST = 0.95  # share of the duration: what comes later hardly shows
 _MOST_POINTS = 24  # of a profile: a longer one is a recording, and stays as it is
-_GRID = 1001  # times at which a history is measured
 
 
 class Number(NamedTuple):
@@ -107,7 +106,7 @@ class DesignSpace:
                 table[one.name] = value
             else:
                 table[one.name][one.point] = value
-        time = np.linspace(0.0, self._base.duration, _GRID)
+        time = np.linspace(0.0, self._base.duration, 1001)  # times at which a history is measured
         parts = {}
         for history, bound in (("command", self._size), ("load", "load")):
             made = [

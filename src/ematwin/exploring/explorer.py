@@ -24,13 +24,9 @@ from ematwin.monitoring.identify import identify
 from ematwin.plots.style import BLUE, GREEN, GREY, ORANGE
 from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording
-from ematwin.showing.numbers import said
-from ematwin.showing.words import capital
+from ematwin.showing.text import capital, said
 
-_SHOWN = 1500  # points of a trace: more than a screen has columns for it
 _PROFILE = 64  # points of a profile, full lanes; a bound at either end
-_DIGITS = 5  # of a trace's largest value
-_AT_ONCE = 20_000_000  # residuals, 8 bytes each
 
 
 class StoppedError(Exception):
@@ -110,7 +106,8 @@ class Explorer:
             if one.name in searched or (one.marginal and one.name not in self._comparison.ignores)
         }
         self._fitted: dict[str, float] = {}
-        self._shown = slice(None, None, max(1, -(-len(recording) // _SHOWN)))
+        # a trace needs no more points than a screen has columns
+        self._shown = slice(None, None, max(1, -(-len(recording) // 1500)))
         self._healthy = self._comparison.responses(self._batch({}, 1), 1)
         self._target = self._comparison.measured()
         if not self.recorded:  # its noise and its sensors are of no interest here
@@ -272,7 +269,8 @@ class Explorer:
     def _misfits(self, batch: Mapping[str, np.ndarray], count: int) -> list[float | None]:
         """Relative misfits; None where the twin diverged."""
         found: list[float | None] = []
-        most = max(1, _AT_ONCE // (len(self.recording) * len(self._target)))
+        # so many residuals at a time, 8 bytes each
+        most = max(1, 20_000_000 // (len(self.recording) * len(self._target)))
         for start in range(0, count, most):
             part = {name: values[start : start + most] for name, values in batch.items()}
             costs = self._comparison.costs(part, min(most, count - start))
@@ -345,5 +343,6 @@ def _plain(values: np.ndarray, exact: bool = False) -> list[float | None]:
     if not exact and finite.any():
         largest = float(np.abs(values[finite]).max())
         if largest > 0.0:
-            values = np.round(values, _DIGITS - math.ceil(math.log10(largest)))
+            # five digits of the largest value
+            values = np.round(values, 5 - math.ceil(math.log10(largest)))
     return [x if ok else None for x, ok in zip(values.tolist(), finite.tolist(), strict=True)]

@@ -24,8 +24,6 @@ from ematwin.exploring.door import answered, waits
 from ematwin.exploring.explorer import Explorer, StoppedError
 
 _HOST = "127.0.0.1"
-_LONGEST = 65_536  # bytes of a question
-_PATIENCE = 30.0  # s, for the rest of a request
 HEADERS = {
     "Cache-Control": "no-store",
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
@@ -98,7 +96,7 @@ class LocalHandler(BaseHTTPRequestHandler):
 
     server: LocalServer
     protocol_version = "HTTP/1.1"
-    timeout = _PATIENCE
+    timeout = 30.0  # s, for the rest of a request
 
     def name(self) -> str | None:
         """What follows the token in the address; None where Host or token are not ours."""
@@ -200,4 +198,4 @@ class _Handler(LocalHandler):
     def _length(self) -> int | None:
         text = self.headers.get("Content-Length", "")
         known = text.isascii() and text.isdigit() and len(text) < 9
-        return int(text) if known and int(text) <= _LONGEST else None
+        return int(text) if known and int(text) <= 65_536 else None  # bytes of a question

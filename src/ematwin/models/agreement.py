@@ -17,10 +17,8 @@ _ALIKE = 0.8  # correlation from which two columns are held for the same motion
 _OPPOSITE = 0.5  # correlation without delay from which two columns have opposite signs
 _LATEST = 0.05  # of the record: the longest delay looked for
 PHASES = ("current_a", "current_b", "current_c")
-_MOST = 4096  # samples looked at
 _CLOSE = 1.35  # a ratio is within this factor of that of the mistake
 _DEGREES = 180.0 / np.pi
-_RPM = 30.0 / np.pi
 _SUM = 0.2  # of the RMS of the currents: the sum of three good channels is less
 _FLIPPED = 0.5  # a flip explains the sum if it leaves less than this share of it
 
@@ -55,7 +53,7 @@ def _check_speed(record: Recording, side: str) -> None:
         (slope, np.gradient(position, record.interval)),
         (f"{side}_speed", speed),
         {
-            _RPM: "{} looks like rpm",
+            30.0 / np.pi: "{} looks like rpm",
             _DEGREES: "{} looks like degrees per second",
             1e3: "time looks like ms read as s",
             1e6: "time looks like us read as s",
@@ -99,7 +97,7 @@ def _near(size: float, factor: float) -> bool:
 
 def _ratio(one: np.ndarray, other: np.ndarray) -> float | None:
     """How many times as large ``other`` moves as ``one``; None if they do not move alike."""
-    every = -(-one.size // _MOST)
+    every = -(-one.size // 4096)  # samples looked at
     a, b = one[::every] - one.mean(), other[::every] - other.mean()
     norms = float(np.linalg.norm(a)), float(np.linalg.norm(b))
     if min(norms) == 0.0:

@@ -24,17 +24,15 @@ import numpy as np
 from ematwin.errors import RecordError
 from ematwin.numerics.signals import white_noise
 from ematwin.recordings.recording import Recording
-from ematwin.showing.words import listed
+from ematwin.showing.text import listed
 
 if TYPE_CHECKING:
     from ematwin.models.base import Model
 
-_LOOKED_AT = 2000  # samples of a law
-_LATEST = 0.02  # s: later than the filter of any sensor and the cycle of any field bus
+LATEST = 0.02  # s: later than the filter of any sensor and the cycle of any field bus
 _OF_RECORD = 0.05  # of the recording: the longest lateness looked for
 _FALSE = 0.02  # of the samples do not count: false reads, ends, corners of a command
 _IN_MS = 300.0  # times the interval of a kind's simulations: less may be a slow logger
-_TRIED = 40  # delays, each longer than the one before by the same share
 _EXPLAINS = 0.5  # a delay leaves at most so much of what is left without it, RMS: 1/4 of its power
 _APART = 0.1  # and standing still no more than this, where a channel that moves is sound
 _GAIN = 0.3  # a gain may be so far off 1: faults of sensors reach 0.2, and a law sees two of them
@@ -182,7 +180,7 @@ class _Trial:
     def __init__(self, model: "Model", recording: Recording, law: Law) -> None:
         self._model, self._recording, self._law = model, recording, law
         size = len(recording)
-        self._whole = np.arange(0, size, max(1, size // _LOOKED_AT))
+        self._whole = np.arange(0, size, max(1, size // 2000))  # samples of a law
         self._noise = white_noise(np.atleast_2d(law.left(law.channels))[0])
         self._plain = self._left(self._whole)
 
@@ -311,11 +309,12 @@ class _Trial:
     def _latest(self) -> tuple[str, int]:
         """The channel and the delay, in samples, with which least is left; 0 if there is none."""
         recording = self._recording
-        most = int(min(_LATEST * recording.sample_rate, _OF_RECORD * len(recording)))
+        most = int(min(LATEST * recording.sample_rate, _OF_RECORD * len(recording)))
         if most < 1:
             return "", 0
         here = self._early(most)
-        lags = sorted(set(np.geomspace(1, most, _TRIED).astype(int).tolist()))
+        # each longer than the one before by the same share
+        lags = sorted(set(np.geomspace(1, most, 40).astype(int).tolist()))
         name, lag = min(
             ((name, lag) for name in self._law.channels for lag in lags),
             key=lambda one: self._left(here, {}, *one),

@@ -17,8 +17,6 @@ import numpy as np
 from ematwin.errors import RecordError
 from ematwin.recordings.recording import Recording
 
-_AT_A_TIME = 2_000_000  # samples of traces that are held
-
 Candidates = Mapping[str, np.ndarray]
 """Values (B,) by name of the unknown; what is not named is healthy or nominal."""
 
@@ -283,7 +281,7 @@ class TraceComparison(Comparison):
 
     def costs(self, candidates: Candidates, count: int) -> np.ndarray:
         """Sums of squares (B,), of as many candidates at a time as memory should hold."""
-        many = max(1, _AT_A_TIME // len(self.recording))
+        many = max(1, 2_000_000 // len(self.recording))  # samples of traces that are held
         costs = np.empty(count)
         for n in range(0, count, many):
             some = {name: values[n : n + many] for name, values in candidates.items()}

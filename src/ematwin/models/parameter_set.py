@@ -37,7 +37,7 @@ from ematwin.models.parameter_file import (
 )
 from ematwin.quantities import as_percent, parse_share
 from ematwin.showing import markup
-from ematwin.showing.frames import frame_of_rows
+from ematwin.showing.results import frame_of_rows
 from ematwin.validation import all_at_once, findings, one_sentence
 
 UNNAMED_KIND = "bldc"  # the kind of a file that names none

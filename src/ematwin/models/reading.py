@@ -18,7 +18,7 @@ from ematwin.recordings.motions import Choice
 from ematwin.recordings.read import read_file
 from ematwin.recordings.recording import Recording
 from ematwin.recordings.tables import write_recording, write_recordings
-from ematwin.showing.frames import is_frame
+from ematwin.showing.results import is_frame
 
 WRITTEN = (".parquet", ".csv")  # endings that `write` knows
 Paths = list[str] | list[Path] | list[str | Path] | tuple[str | Path, ...]
@@ -160,15 +160,6 @@ def read(
             "recording for each."
         )
     return found[0]
-
-
-def read_motions(
-    paths: Paths | str | Path,
-    columns: Columns = None,
-    where: Choice | Sequence[Choice] | None = None,
-) -> list[Recording]:
-    """Motions of a ball-screw actuator: ``read(paths, columns, actuator="rm1605", split=True)``."""
-    return read(paths, columns, actuator="rm1605", split=True, where=where)
 
 
 def write(recording: Recording | Sequence[Recording], path: str | Path) -> None:

@@ -5,7 +5,7 @@ Normalised faults, laws of their channels, limits of travel and speed, and signa
 
 import math
 from abc import abstractmethod
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,11 +18,10 @@ from ematwin.models.unknown import Unknown
 from ematwin.recordings.channel import Channel, Derivation
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
-from ematwin.showing.numbers import apart
+from ematwin.showing.text import apart
 
 _SUM = 0.05  # of the RMS of the phases: their sensors and converters differ by less
 _BROKEN = 0.2  # of it: no gains of sensors leave as much once the best is taken off
-_FEWEST = 100  # samples
 _LOAD_OFFSET = 0.05  # of the dry friction, seen on the output
 _OVERSPEED = 20.0  # times the speed limit: no fault makes a motor so fast
 _BEYOND = 1.02  # times the travel: end stops give a little
@@ -344,41 +343,3 @@ def little_motion(recording: Recording, actuator: Any, turn: float, said: str) -
             "hardly crosses it."
         )
     return found
-
-
-def check_sizes(
-    traces: Mapping[str, np.ndarray], names: Iterable[str], limit: float, unit: str, said: str
-) -> None:
-    """Raise `RecordError` if one of some traces (S,), SI, by name, is ever above a limit.
-
-    ``said`` names the actuator and what its limit is.
-    """
-    smaller, factor = {"A": ("mA", 1e-3), "V": ("mV", 1e-3), "rad/s": ("rpm", np.pi / 30.0)}[unit]
-    for name in (name for name in names if name in traces):
-        largest = float(np.abs(traces[name]).max())
-        if largest <= limit:
-            continue
-        hint = (
-            f'It looks like {smaller}: give unit = "{smaller}" in the map.'
-            if largest * factor <= limit
-            else "Check its unit and scale, or the actuator."
-        )
-        raise RecordError(f"{name} reaches {largest:.4g} {unit}; {said}. {hint}")
-
-
-def check_enough(recording: Recording) -> None:
-    """Raise `RecordError` unless a recording has samples enough to tell faults apart."""
-    if len(recording) < _FEWEST:
-        raise RecordError(
-            f"The record has {len(recording)} samples; at least {_FEWEST} are needed to tell "
-            "faults apart. Record longer or faster."
-        )
-
-
-def check_moves(current: np.ndarray) -> None:
-    """Raise `RecordError` if a current (S,), A, never changes."""
-    if np.ptp(current) == 0.0:
-        raise RecordError(
-            f"The current of the record is constant ({current[0]:g} A): nothing moved. Check the "
-            "channel, or record a motion."
-        )

@@ -11,9 +11,11 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Any, Literal, NamedTuple
 
+import numpy as np
+
 from ematwin.errors import InputError
 from ematwin.showing import markup
-from ematwin.showing.numbers import said
+from ematwin.showing.text import said
 
 _FACTOR = 3.0  # a nominal parameter may be so much smaller or larger than its file says
 _REACH = 4.0  # standard deviations of its prior that it may be off in any case
@@ -194,6 +196,32 @@ class Unknown:
         return PhysicalValue(
             self.name, float(value), float(now), float(healthy), unit, self.meaning
         )
+
+
+class HasUnknowns:
+    """Names, bounds and healthy values of ``unknowns``, in their order."""
+
+    unknowns: tuple[Unknown, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """(d,) names."""
+        return tuple(one.name for one in self.unknowns)
+
+    @property
+    def lower(self) -> np.ndarray:
+        """(d,) lower bounds."""
+        return np.array([one.lower for one in self.unknowns])
+
+    @property
+    def upper(self) -> np.ndarray:
+        """(d,) upper bounds."""
+        return np.array([one.upper for one in self.unknowns])
+
+    @property
+    def healthy(self) -> np.ndarray:
+        """(d,) healthy values."""
+        return np.array([one.healthy for one in self.unknowns])
 
 
 @dataclass(frozen=True)

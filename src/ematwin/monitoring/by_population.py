@@ -27,7 +27,7 @@ from ematwin.monitoring.measure import Measured, reported_values, statistics_of
 from ematwin.monitoring.population import nearest_fault
 from ematwin.monitoring.population_calibration import PopulationCalibration
 from ematwin.recordings.recording import Recording
-from ematwin.showing.numbers import plain
+from ematwin.showing.text import plain
 
 _ENDS = np.array([-1.0, 1.0])
 _CHANGED = 6.0  # healthy standard deviations of a statistic
@@ -35,7 +35,6 @@ _LEAST_CHANGE = 0.05  # of its healthy mean: the standard deviation counts as no
 _STRANGE = 12.0  # root mean square of scores of residuals; seeded faults of a real rig reach 4
 _SLACK = 0.15  # of the largest healthy covariate: so far outside their range it is noted
 _FAR = 0.5  # of it: so far outside there is no verdict
-_SIGMAS = 3.0  # healthy deviations from which a magnitude counts as raised
 
 
 def by_population(
@@ -203,7 +202,7 @@ class _Judge:
             name = own[0][0].name.replace("_", " ").capitalize()
             return f"{name} is far outside what healthy runs showed ({said})", ""
         text = "It resembles the recordings that were taught as this fault"
-        raised = any((abs(m.score) if either else m.score) > _SIGMAS for m, either in own)
+        raised = any((abs(m.score) if either else m.score) > SIGMAS for m, either in own)
         if not own or raised:
             return text, ""
         most = ", ".join(at.evidence)

@@ -14,8 +14,7 @@ from ematwin.monitoring.calibration import Calibration
 from ematwin.monitoring.population_calibration import PopulationCalibration
 from ematwin.recordings.recording import Recording
 from ematwin.showing import markup
-from ematwin.showing.drawing import drawn, page_written
-from ematwin.showing.frames import frame_of_rows
+from ematwin.showing.results import drawn, frame_of_rows, page_written
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,8 @@ from ematwin.monitoring.calibration import Calibration
 from ematwin.monitoring.diagnosis import Diagnosis
 from ematwin.recordings.recording import Recording, label_text
 from ematwin.showing import markup
-from ematwin.showing.drawing import drawn, page_written
-from ematwin.showing.frames import frame_of_rows
-from ematwin.showing.words import listed
+from ematwin.showing.results import drawn, frame_of_rows, page_written
+from ematwin.showing.text import listed
 
 
 @dataclass(frozen=True)

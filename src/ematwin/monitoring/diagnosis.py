@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from ematwin.estimation.identification import Identification
 from ematwin.estimation.verdict import Grade, Verdict
 from ematwin.showing import markup
-from ematwin.showing.numbers import number_of, said, said_between
+from ematwin.showing.text import number_of, said, said_between
 
 UNNAMED = "unnamed change"
 

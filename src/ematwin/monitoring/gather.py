@@ -13,7 +13,7 @@ from ematwin.models.registry import load_actuator, model_of
 from ematwin.recordings.channel_map import Columns
 from ematwin.recordings.formats.base import known_suffixes
 from ematwin.recordings.recording import Recording
-from ematwin.showing.frames import is_frame
+from ematwin.showing.results import is_frame
 
 Given = Recording | str | Path | Iterable[Recording | str | Path]  # or a DataFrame, or several
 _GLOB = re.compile(r"[*?\[]")

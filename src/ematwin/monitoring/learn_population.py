@@ -22,9 +22,9 @@ from ematwin.monitoring.index import health_index, single_reach
 from ematwin.monitoring.measure import Bench, Fit, Measured, statistics_of
 from ematwin.monitoring.population import HealthyRuns, Population, Signature, basis, fit_mean
 from ematwin.monitoring.population_calibration import PopulationCalibration, Thresholds
+from ematwin.numerics.signals import spread_of
 
 _MOST_MEANS = 24  # mean recordings that the nominal parameters are fitted to
-_ROUNDS = 2  # of discrepancy and values in turn
 _OUTLIER = 4.0  # robust standard deviations of the logarithm of a run's index
 _LEAST_SCATTER = 0.2  # of that logarithm: few runs may agree by chance
 _ODD = 8.0  # robust standard deviations of what is reported
@@ -127,7 +127,7 @@ def with_discrepancy(bench: Bench) -> tuple[Fit, np.ndarray, float | None]:
     if Monitoring.of(bench.model).covariate is not None:
         scale = float(np.sqrt((fit.covariate**2).mean())) or 1.0
     discrepancy = np.zeros(1)
-    for _ in range(_ROUNDS):
+    for _ in range(2):  # of discrepancy and values in turn
         left = fit.residuals.reshape(len(fit.found), -1)
         discrepancy = discrepancy + fit_mean(fit.covariate, scale, left)
         fit = bench.fit(discrepancy, scale, fit)
@@ -216,7 +216,7 @@ def _shown(one: Reported, away: float) -> str:
 
 def _robust_spread(values: np.ndarray) -> float:
     """Standard deviation by the median absolute deviation."""
-    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
+    return float(spread_of(np.abs(values - np.median(values))))
 
 
 def _odd_one(run: str, count: int, how: str) -> RecordError:

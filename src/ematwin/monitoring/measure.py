@@ -27,7 +27,6 @@ from ematwin.monitoring.population import basis
 from ematwin.recordings.recording import Recording
 
 _SAME_RATE = 0.01
-_SEED = 1
 _DIFFERENCE = 2e-3  # share of a range, over which slopes are taken: as long as motions determine it
 
 
@@ -151,7 +150,7 @@ class Bench:
             chosen = named(self.model.default_search) if search is None else search
             if before is not None:
                 chosen = LocalDescent(before.found[n].point)
-            end = chosen.run(problem, budget=None, seed=_SEED, report=lambda *_: None)
+            end = chosen.run(problem, budget=None, seed=1, report=lambda *_: None)
             if end.stopped == "interrupted":
                 raise KeyboardInterrupt
             problems.append(problem)

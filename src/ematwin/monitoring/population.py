@@ -19,9 +19,7 @@ from typing import Any
 import numpy as np
 
 _RIDGE = 0.05  # of the number of recordings: holds the parabola down where one load was recorded
-_LEAST_SPREAD = 1e-12
 _SAME = 0.05  # standard deviations of a feature: what one recording may differ by if fitted again
-_DIGITS = 9  # of numbers in files
 # Share of the squared mean scores, for a name from a signature. Chosen on runs 1 to 5 of
 # docs/real-recordings.md, each judged by the signatures of the others, and with drift made up on
 # the healthy ones: at 0.15 up to a fifth of drifting motions are named, at 0.2 up to 7 %, at 0.25
@@ -32,7 +30,7 @@ _REACH = 15.0  # standard deviations, the most that one feature counts
 
 def plain(values: np.ndarray) -> Any:
     """Numbers for a file."""
-    return np.vectorize(lambda x: float(f"{x:.{_DIGITS}g}"))(values).tolist()
+    return np.vectorize(lambda x: float(f"{x:.9g}"))(values).tolist()
 
 
 def basis(covariate: np.ndarray, scale: float | None) -> np.ndarray:
@@ -98,7 +96,7 @@ class Population:
         members = [rest[groups == g] for g in np.unique(groups)]
         inner = sum(((m - m.mean(0)) ** 2).sum(0) for m in members)
         freedom = len(rest) - len(members)
-        within = np.sqrt(np.maximum(inner / max(1, freedom), _LEAST_SPREAD**2))
+        within = np.sqrt(np.maximum(inner / max(1, freedom), 1e-24))
         if errors is not None:
             stand_in = np.full(errors.shape, freedom == 0) if cut is None else cut | (freedom == 0)
             within = np.where(stand_in, np.maximum(within, errors), within)

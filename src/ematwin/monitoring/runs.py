@@ -23,7 +23,7 @@ from ematwin.monitoring.gather import files_of
 from ematwin.recordings.channel_map import Columns
 from ematwin.recordings.formats.clock import Clock
 from ematwin.recordings.recording import Recording
-from ematwin.showing.frames import is_frame
+from ematwin.showing.results import is_frame
 
 PATH = "path"
 _OWN = (PATH, "actuator", "serial", "time")

@@ -40,7 +40,7 @@ import numba
 from numba.core import event
 from numba.core.caching import FunctionCache
 
-from ematwin.numerics import notice
+from ematwin import numerics
 from ematwin.numerics.content import content_of, signature_of
 
 RELAXED = {"contract", "nsz", "arcp"}
@@ -48,8 +48,6 @@ if sys.platform != "win32":
     import fcntl
 
 _POSIX = os.name == "posix"
-_STALE = 30 * 86_400.0  # s, after which machine code of other sources is dropped
-_PATIENCE = 60.0  # s to wait for a process that compiles the same: it may have been stopped
 
 
 def step(function: Callable[..., Any]) -> Any:
@@ -88,7 +86,7 @@ class Kept:
         """Machine code for a signature, or None."""
         found = self._found(signature, context)
         if found is None:
-            notice.compiling()
+            numerics.compiling()
             with suppress(OSError, _NoFolderError):
                 self._wait_for_others(signature)
                 found = self._found(signature, context)
@@ -119,7 +117,7 @@ class Kept:
         place = self._place(signature)
         place.parent.mkdir(parents=True, exist_ok=True)
         self._turn = turn = place.with_suffix(".lock").open("wb")
-        ends = time.monotonic() + _PATIENCE
+        ends = time.monotonic() + 60.0  # s: the other may have been stopped
         while time.monotonic() < ends:
             try:
                 fcntl.flock(turn, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -212,5 +210,5 @@ def _folder_for_caches() -> Path:
 def _drop_stale(current: Path) -> None:
     """Remove what other sources of a loop compiled to a month ago."""
     for other in current.parent.iterdir():
-        if other != current and other.stat().st_mtime < time.time() - _STALE:
+        if other != current and other.stat().st_mtime < time.time() - 30 * 86_400.0:
             shutil.rmtree(other, ignore_errors=True)

@@ -12,14 +12,12 @@ import numpy as np
 
 Answer = TypeVar("Answer")
 
-_MOST = 8
-
 
 class Remembered(Generic[Answer]):
     """The latest answers to one question."""
 
     def __init__(self) -> None:
-        self._kept: deque[tuple[bytes, Answer]] = deque(maxlen=_MOST)
+        self._kept: deque[tuple[bytes, Answer]] = deque(maxlen=8)
 
     def of(self, arrays: Iterable[np.ndarray], answer: Callable[[], Answer]) -> Answer:
         """What ``answer`` gives, which depends on the arrays alone, and in their order."""

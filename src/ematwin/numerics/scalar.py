@@ -11,6 +11,8 @@ import numpy as np
 
 from ematwin.numerics.compile import step
 
+ROOT_3 = math.sqrt(3.0)
+THIRD_TURN = 2.0 * math.pi / 3.0
 _PER_PI = 1.0 / math.pi
 # pi in two parts (Cody and Waite): a count of half turns times the first is exact
 _PI_HIGH = 3.140625

@@ -15,8 +15,6 @@ import numpy as np
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
 
-_MOST = 64  # helpers in a process; as many run as were ever wanted at the same time
-
 
 def cores() -> int:
     """How many cores this process may use: a scheduler may leave it a few of many."""
@@ -68,4 +66,5 @@ def by_candidate(values: Any, count: int) -> np.ndarray:
 
 @cache
 def _helpers(process: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(_MOST, thread_name_prefix="ematwin")
+    # at most: as many run as were ever wanted at the same time
+    return ThreadPoolExecutor(64, thread_name_prefix="ematwin")

@@ -12,7 +12,6 @@ from ematwin.errors import InputError
 
 _NOISE_BANDWIDTH = (math.pi / 4.0) / math.sin(math.pi / 4.0)  # of the cutoff
 _ORDER = 4  # a trace that is sampled well is a cubic over five samples
-_NORMAL = 0.6745  # median size of a normal variable, in standard deviations
 
 
 @dataclass(frozen=True)
@@ -103,7 +102,12 @@ def white_noise(trace: np.ndarray) -> float:
     if trace.size <= _ORDER:
         return 0.0
     gain = math.comb(2 * _ORDER, _ORDER)
-    return float(np.median(np.abs(np.diff(trace, _ORDER)))) / (_NORMAL * math.sqrt(gain))
+    return float(spread_of(np.abs(np.diff(trace, _ORDER)))) / math.sqrt(gain)
+
+
+def spread_of(sizes: np.ndarray, axis: int | None = None) -> np.ndarray:
+    """Standard deviation of normal values of these sizes, by their median (Hampel 1974)."""
+    return np.asarray(1.4826 * np.median(sizes, axis=axis))
 
 
 @dataclass(frozen=True)

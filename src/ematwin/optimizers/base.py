@@ -258,12 +258,12 @@ class Algorithm:
 class PopulationOptimizer(Optimizer):
     """The bookkeeping that every method of this package shares.
 
-    A method gives ``_start`` (first batch), ``_learn`` (take in costs) and ``_move`` (next batch),
-    and finds ``box``, ``population``, ``iterations``, ``seed``, ``iteration`` (batches told) and
-    ``rng``, the source of all chance, in place. Methods that need no more than these have no
-    ``__init__`` of their own. ``_learn`` receives costs in which everything that is not finite has
-    become +inf, for the whole batch, so that no method needs to know of NaN or of a batch cut
-    short.
+    A method gives ``_learn`` (take in costs), ``_move`` (next batch) and, where it is not uniform
+    in the box, ``_start`` (first batch). It finds ``box``, ``population``, ``iterations``,
+    ``seed``, ``iteration`` (batches told) and ``rng``, the source of all chance, in place. Methods
+    that need no more than these have no ``__init__`` of their own. ``_learn`` receives costs in
+    which everything that is not finite has become +inf, for the whole batch, so that no method
+    needs to know of NaN or of a batch cut short.
     """
 
     def __init__(
@@ -291,8 +291,8 @@ class PopulationOptimizer(Optimizer):
         self._pending = None
         self.iteration += 1
 
-    @abstractmethod
-    def _start(self) -> FloatArray: ...
+    def _start(self) -> FloatArray:
+        return self.box.sample(self.rng, self.population)
 
     @abstractmethod
     def _learn(self, points: FloatArray, costs: FloatArray) -> None: ...

@@ -158,9 +158,6 @@ class DifferentialEvolution(PopulationOptimizer):
         self.parents = np.empty((0, box.dimension))
         self.costs = np.full(self.population, np.inf)
 
-    def _start(self) -> FloatArray:
-        return self.box.sample(self.rng, self.population)
-
     def _learn(self, points: FloatArray, costs: FloatArray) -> None:
         if self.iteration == 0:
             self.parents = points

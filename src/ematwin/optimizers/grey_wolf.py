@@ -50,9 +50,6 @@ class GreyWolf(PopulationOptimizer):
         self.leader_costs = np.full(3, np.inf)
         self._wolves = np.empty((0, box.dimension))
 
-    def _start(self) -> FloatArray:
-        return self.box.sample(self.rng, self.population)
-
     def _learn(self, points: FloatArray, costs: FloatArray) -> None:
         """Run the program's wolf-by-wolf comparison, with running minima in place of the loop.
 

@@ -20,9 +20,6 @@ class RandomSearch(PopulationOptimizer):
     population, iterations, seed : int
     """
 
-    def _start(self) -> FloatArray:
-        return self.box.sample(self.rng, self.population)
-
     def _learn(self, points: FloatArray, costs: FloatArray) -> None:
         """Do nothing: the next batch depends on no cost."""
 

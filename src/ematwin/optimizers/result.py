@@ -10,8 +10,7 @@ import numpy as np
 
 from ematwin.optimizers.base import FloatArray
 from ematwin.showing import markup
-from ematwin.showing.drawing import drawn
-from ematwin.showing.frames import frame
+from ematwin.showing.results import drawn, frame
 
 
 class Stop(StrEnum):

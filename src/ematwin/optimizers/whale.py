@@ -53,9 +53,6 @@ class Whale(PopulationOptimizer):
         self.leader_cost = np.inf
         self._whales = np.empty((0, box.dimension))
 
-    def _start(self) -> FloatArray:
-        return self.box.sample(self.rng, self.population)
-
     def _learn(self, points: FloatArray, costs: FloatArray) -> None:
         self._whales = points
         best = int(np.argmin(costs))

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ematwin.errors import InputError
+from ematwin.estimation.constants import COVERAGE
 from ematwin.estimation.healthy_fit import same_command
 from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison
@@ -14,10 +15,9 @@ from ematwin.monitoring.calibration_report import CalibrationReport
 from ematwin.plots.style import BLUE, GREY, ORANGE, PALE, line, stacked, styled
 from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording
-from ematwin.showing.words import capital
+from ematwin.showing.text import capital
 
 _ROW = 26  # px of a parameter
-_SIDES = 1.96  # standard errors to both sides: 95 %
 _SHOWN = 3  # recordings, of different commands
 _PARTS = 48  # of a turn, of the speeds and of the time
 
@@ -35,7 +35,7 @@ def plot_learnt(report: CalibrationReport) -> Any:
         marker={"size": 9, "color": [BLUE if p.determined else PALE for p in shown]},
         error_x={
             "type": "data", "thickness": 1.6, "width": 4, "color": GREY,
-            "array": [abs(100.0 * _SIDES * p.standard_error / p.template) for p in shown],
+            "array": [abs(100.0 * COVERAGE * p.standard_error / p.template) for p in shown],
         },
         hovertemplate="%{y}: %{x:.2f} %<extra></extra>",
     )  # fmt: skip

@@ -7,7 +7,6 @@ from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording
 from ematwin.recordings.survey import Survey
 
-_MOST_PANELS = 24
 _PANEL = 120  # px
 
 
@@ -42,7 +41,7 @@ def plot_channels(found: Survey, taken: tuple[str, ...] = (), rate: float | None
     -------
     plotly.graph_objects.Figure
     """
-    shown = [one for one in found.channels if not one.is_text and one.samples][:_MOST_PANELS]
+    shown = [one for one in found.channels if not one.is_text and one.samples][:24]
     if not shown:
         from plotly.graph_objects import Figure
 

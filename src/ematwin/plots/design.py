@@ -12,10 +12,9 @@ from ematwin.experiments.healthy_tests import HealthyTests
 from ematwin.models.registry import model_of
 from ematwin.plots.style import BLUE, GREEN, GREY, ORANGE, PALE, line, stacked, styled
 from ematwin.quantities import preferred
-from ematwin.showing.words import capital
+from ematwin.showing.text import capital
 
 _POINTS = 2000  # of a curve
-_ROW = 26  # px of a parameter
 
 
 def plot_command(found: Design | Discrimination) -> Any:
@@ -119,6 +118,6 @@ def plot_learnt_errors(found: HealthyTests) -> Any:
             hovertemplate="%{y}: %{x:.2g} %",
         )  # fmt: skip
     figure.update_xaxes(title_text="standard error, %", type="log")
-    figure = styled(figure, 130 + _ROW * len(places))
+    figure = styled(figure, 130 + 26 * len(places))  # px of a parameter
     figure.update_layout(hovermode="closest", margin_l=20)
     return figure

@@ -20,8 +20,6 @@ from ematwin.plots.style import (
 from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording
 
-_ROW = 34  # px of a bar
-
 
 def plot_faults(found: Identification) -> Any:
     """How far each fault lies from healthy, with its interval, coloured by the verdict.
@@ -78,7 +76,7 @@ def plot_faults(found: Identification) -> Any:
     figure.update_yaxes(categoryorder="array", categoryarray=names)
     figure.update_xaxes(title_text="deviation from healthy, % of its range", zeroline=True,
                         zerolinewidth=2, ticksuffix=" %")  # fmt: skip
-    figure = styled(figure, 130 + _ROW * len(names))
+    figure = styled(figure, 130 + 34 * len(names))  # px of a bar
     figure.update_layout(hovermode="closest", barmode="overlay", margin_l=20)
     return figure
 

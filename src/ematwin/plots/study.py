@@ -14,7 +14,6 @@ PALETTE = (
     "#332288", "#882255", "#117733", "#999933", "#44aa99", "#aa4499", "#ddcc77", "#661100",
 )  # fmt: skip
 MOST_CASES = 12  # with bars or a panel of their own
-_MOST_POINTS = 30  # runs of a cell drawn one by one
 _LEAST_ERROR = 1e-6  # per cent: the axis is a logarithm
 
 
@@ -154,7 +153,7 @@ def _distributions(analysis: Any) -> Any:
                          "arrayminus": _short([median - q1]), "color": color, "width": 6},
                 hovertemplate=f"median {median:.3g}, quartiles {q1:.3g} to {q3:.3g}", **place,
             )  # fmt: skip
-            if len(rows) <= _MOST_POINTS:
+            if len(rows) <= 30:  # runs of a cell drawn one by one
                 err = np.maximum(errors[rows[analysis.table.done[rows]]], _LEAST_ERROR)
                 figure.add_scatter(
                     x=[name] * len(err), y=_short(err), mode="markers", showlegend=False,

@@ -11,10 +11,7 @@ from ematwin.estimation.intervals import Draws
 from ematwin.estimation.profile import LIMIT, Profile, ProfileUncertainty
 from ematwin.plots.style import BLUE, GREEN, GREY, ORANGE, line, stacked, styled
 
-_BINS, _SHOWN = 32, 0.002  # of a histogram; share of the draws left out at each end
-_POINTS = 1000  # draws of a cloud
 _COLUMNS = 3  # of profiles
-_HIGHEST = 8.0  # rise that is shown
 
 
 def plot_posterior(found: Identification, names: Sequence[str] | None = None) -> Any:
@@ -81,7 +78,7 @@ def corner_figure(
         rows=size, cols=size, shared_xaxes=True, horizontal_spacing=0.012, vertical_spacing=0.012
     )
     edges = {name: _edges(drawn.of(name)) for name in names}
-    thin = slice(None, None, max(1, len(drawn.values) // _POINTS))
+    thin = slice(None, None, max(1, len(drawn.values) // 1000))  # draws of a cloud
     points = {name: drawn.of(name)[thin].astype(np.float32) for name in names}
     for row, across in enumerate(names):
         for column, along in enumerate(names[: row + 1]):
@@ -112,8 +109,9 @@ def corner_figure(
 
 
 def _edges(x: np.ndarray) -> np.ndarray:
-    low, high = np.quantile(x, [_SHOWN, 1.0 - _SHOWN])
-    return np.linspace(low, high if high > low else low + 1e-12, _BINS + 1)
+    # without the outermost draws
+    low, high = np.quantile(x, [0.002, 0.998])
+    return np.linspace(low, high if high > low else low + 1e-12, 33)
 
 
 def profile_figure(profiles: Mapping[str, Profile]) -> Any:
@@ -131,7 +129,7 @@ def profile_figure(profiles: Mapping[str, Profile]) -> Any:
         )  # fmt: skip
         figure.add_hline(LIMIT, line_color=GREY, line_dash="dot", **place)
         figure.add_vrect(*one.interval, fillcolor=GREEN, opacity=0.12, line_width=0, **place)
-        figure.update_yaxes(range=[-0.2, _HIGHEST], **place)
+        figure.update_yaxes(range=[-0.2, 8.0], **place)  # rise that is shown
     figure.update_yaxes(title_text="rise", col=1)
     titles_at = [(a.x, a.xanchor) for a in figure.layout.annotations]
     figure = styled(figure, 110 + 250 * rows)

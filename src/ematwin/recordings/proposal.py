@@ -15,7 +15,7 @@ from ematwin.recordings.matching import IN_WORDS, NAMED, Candidate, Needs, candi
 from ematwin.recordings.survey import Survey, Surveyed
 from ematwin.recordings.units import unit_factor
 from ematwin.showing import markup
-from ematwin.showing.frames import frame_of_rows
+from ematwin.showing.results import frame_of_rows
 
 _SAME_SHAFT, _OTHER_SHAFT = (0.5, 2.0), 5.0  # span over that of the command
 HEADINGS = ("taken for", "channel", "unit", "because")

@@ -17,8 +17,7 @@ import numpy as np
 from ematwin.errors import RecordError
 from ematwin.recordings.channel import NAMED
 from ematwin.showing import markup
-from ematwin.showing.drawing import drawn
-from ematwin.showing.frames import frame
+from ematwin.showing.results import drawn, frame
 
 _REGULARITY = 1e-3  # of the sampling interval: more jitter than this needs resampling
 _RESERVED = {"time", "channels", "units", "labels", "start", "source", "provenance"}

@@ -9,7 +9,6 @@ of its sample, lie best between their neighbours.
 import numpy as np
 
 _CLOCKS = 0.01  # by which the clock of a device may be off, share
-_PHASES = 16  # of a period that are tried
 _SMOOTHER = 0.8  # of the roughness at the times of the reads: by chance it falls by a few per cent
 _ORDINARY = 99.0  # percentile of the roughness that counts: false reads are beyond
 
@@ -27,7 +26,7 @@ def sampled(time: np.ndarray, values: np.ndarray, period: float) -> tuple[np.nda
     None where the values do not show such a clock: they are as smooth without
     """
     count = max(1, round(2.0 * _CLOCKS * (time[-1] - time[0]) / period))
-    phases = np.linspace(0.0, 1.0, _PHASES, endpoint=False)[:, None]
+    phases = np.linspace(0.0, 1.0, 16, endpoint=False)[:, None]  # of a period that are tried
     best, found = _SMOOTHER * float(_roughness(time, values)), None
     # neighbouring periods differ by half a period at the end of the recording
     for own in period * (1.0 + np.linspace(-_CLOCKS, _CLOCKS, 2 * count + 1)):

@@ -23,11 +23,9 @@ Arrays = dict[str, np.ndarray]
 ABSURD = 1e12  # in any SI unit of a record: no recording holds that
 GAP = 4.5  # steps longer than this many ordinary ones are a gap, not jitter
 _EPOCH = 1e6  # s: later times are counted from somebody's calendar, not from the start
-_FINEST_DECIMAL = 10
 _PASS = 0.8  # of the new Nyquist frequency: passed whole; above it the filter falls
 _ATTENUATION = 80.0  # dB
 _BLOCK = 1 << 16  # samples interpolated at a time
-_OVERLAP = 128  # samples on either side
 _WHOLE = 1e-6  # a ratio of rates so close to an integer is one
 
 
@@ -96,7 +94,7 @@ def _grid_behind_rounding(time: np.ndarray) -> np.ndarray | None:
 
 def _decimal_unit(time: np.ndarray) -> float:
     """The largest power of ten that divides all times, s; 0 if there is none."""
-    for digits in range(_FINEST_DECIMAL):
+    for digits in range(10):
         scaled = time * 10.0**digits
         slack = 1e-4 + 4.0 * float(np.spacing(np.abs(scaled).max()))
         if float(np.abs(scaled - np.round(scaled)).max()) <= slack:
@@ -307,6 +305,6 @@ def _in_blocks(
         left = np.searchsorted(wanted, time[first]) if first else 0
         right = np.searchsorted(wanted, time[stop]) if stop < time.size else wanted.size
         if right > left:
-            near = slice(max(first - _OVERLAP, 0), min(stop + _OVERLAP, time.size))
+            near = slice(max(first - 128, 0), min(stop + 128, time.size))  # samples on either side
             result[left:right] = make(time[near], values[near])(wanted[left:right])
     return result

@@ -4,15 +4,15 @@ import math
 import shlex
 from itertools import islice
 
+from ematwin.estimation.constants import COVERAGE
 from ematwin.models.registry import model_of
 from ematwin.monitoring.calibration_report import CalibrationReport
 from ematwin.monitoring.population_calibration import PopulationCalibration
 from ematwin.plots.calibration import plot_before_and_after, plot_learnt, plot_residuals
 from ematwin.report.page import Row, Section, Table, render
-from ematwin.showing.numbers import in_unit, number_of, plain, said_between
+from ematwin.showing.text import in_unit, number_of, plain, said_between
 
 _ON_FIGURE = "Lines are 95 % intervals. Pale: not determined by these recordings."
-_SIDES = 1.96  # standard errors to both sides: 95 %
 _ROUNDING = 1e-9  # shares of a range: recordings without noise differ by no more
 
 
@@ -76,7 +76,7 @@ def parameter_table(report: CalibrationReport) -> Table:
     units = {place: unit for place, _, unit, _, _ in report.actuator.parameters()}
     rows = []
     for p in report.parameters:
-        reach = _SIDES * p.standard_error
+        reach = COVERAGE * p.standard_error
         unit = units[p.place]
         number, between = said_between(p.value, p.value - reach, p.value + reach, unit)
         cells = [p.place, number, between, number_of(p.template, unit)]

@@ -9,7 +9,7 @@ from ematwin.models.registry import model_of
 from ematwin.plots.simulation import plot_response
 from ematwin.recordings.recording import Recording
 from ematwin.report.page import Row, Section, Table, listed, render
-from ematwin.showing.numbers import said
+from ematwin.showing.text import said
 
 
 def fault_table(values: Mapping[str, float], actuator: Any) -> Table:

@@ -18,7 +18,7 @@ from ematwin.plots.design import (
 )
 from ematwin.report.identifiability import told_table
 from ematwin.report.page import Row, Section, Table, render
-from ematwin.showing.numbers import number_of, said
+from ematwin.showing.text import number_of, said
 
 
 def design_page(found: Design) -> str:

@@ -11,12 +11,10 @@ from ematwin.monitoring.population_calibration import PopulationCalibration
 from ematwin.plots.detection import plot_trend
 from ematwin.report.page import Row, Section, Table, listed, render
 
-_MOST_ROWS = 400  # of the table; the figures show all
-
 
 def detection_page(found: Detection) -> str:
     """HTML page: trend of the magnitudes, table of verdicts, how healthy was learnt."""
-    shown, parts = found.runs[:_MOST_ROWS], found.actuators
+    shown, parts = found.runs[:400], found.actuators  # of the table; the figures show all
     kind = "run" if found.by_run else "recording"
     told = f"A point for each {kind}, with its interval. In the band lie 95 % of healthy ones."
     if found.by_run:

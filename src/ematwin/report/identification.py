@@ -8,7 +8,7 @@ from ematwin.plots.identification import plot_convergence, plot_faults, plot_fit
 from ematwin.recordings.recording import Recording
 from ematwin.report.page import Row, Section, Table, columns_in_words, listed, render
 from ematwin.report.uncertainty import uncertainty_sections
-from ematwin.showing.numbers import number_of, said_between, with_interval
+from ematwin.showing.text import number_of, said_between, with_interval
 
 
 def identification_page(found: Identification) -> str:

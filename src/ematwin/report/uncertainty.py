@@ -7,8 +7,6 @@ from ematwin.plots.uncertainty import band_figure, corner_figure, profile_figure
 from ematwin.recordings.recording import Recording
 from ematwin.report.page import Row, Section, Table
 
-_SHOWN_POINTS = 5_000  # of a band: more make the page slow and show nothing more
-
 
 def uncertainty_sections(found: Identification, record: Recording) -> list[Section]:
     """Intervals and probabilities, then the figures of the method."""
@@ -29,7 +27,8 @@ def uncertainty_sections(found: Identification, record: Recording) -> list[Secti
     }
     comparison = found.model.compare(record, found.actuator)
     bands = predicted(sure.draws, found.estimate.held, comparison)
-    thin = slice(None, None, max(1, len(record) // _SHOWN_POINTS))
+    # more points make the page slow and show nothing more
+    thin = slice(None, None, max(1, len(record) // 5_000))
     return [
         *sections,
         Section(

@@ -15,7 +15,6 @@ from ematwin.recordings.recording import Recording
 
 PERFECT = Noise()  # a sensor without noise, where a kind would otherwise add that of a usual rig
 _SENSORS = 0.01  # noise of a usual sensor as a share of a channel's RMS about its mean
-_DRAWS = 20  # tries to find a unit whose parameters allow one another
 _CHANCE = 1e-3  # that a kind which keeps its word fails
 
 
@@ -65,7 +64,7 @@ def unit(model: Model, actuator: ParameterSet, random: np.random.Generator) -> P
         factor = model.nominal.get(place) if tolerance is None else math.sqrt(1.0 + tolerance)
         if factor is not None and value > 0.0:
             drawn[place] = value * factor ** random.standard_normal()
-    for _ in range(_DRAWS):
+    for _ in range(20):  # tries to find a unit whose parameters allow one another
         limited = {place: float(np.clip(x, *actuator.limits(place))) for place, x in drawn.items()}
         try:
             return actuator.changed(limited)

@@ -19,12 +19,12 @@ THREE = Faults(friction=0.3, short_b=0.2, eccentricity=0.4, eccentricity_phase=0
 
 
 @pytest.fixture(scope="module")
-def record() -> ematwin.Record:
+def record() -> ematwin.Recording:
     return simulate("reference", faults=THREE, noise=Noise(white=0.02, bits=12), seed=1)
 
 
 @pytest.fixture(scope="module")
-def found(record: ematwin.Record) -> Identification:
+def found(record: ematwin.Recording) -> Identification:
     return identify(record)
 
 
@@ -39,7 +39,7 @@ def test_three_faults_are_found_through_noise(found: Identification) -> None:
 
 
 def test_same_seed_gives_the_same_answer_bit_for_bit(
-    record: ematwin.Record, found: Identification
+    record: ematwin.Recording, found: Identification
 ) -> None:
     again = identify(record, threads=1)
     assert (again.faults.vector == found.faults.vector).all()
@@ -54,7 +54,7 @@ def test_each_case_of_the_paper_is_found_within_half_a_per_cent(case: str) -> No
 
 @pytest.mark.parametrize("algorithm", ["de", "random"])
 def test_stopping_candidates_early_changes_nothing(
-    record: ematwin.Record, algorithm: str, monkeypatch: pytest.MonkeyPatch
+    record: ematwin.Recording, algorithm: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     short = record.between(0.0, 0.1)
     settings: dict[str, Any] = {"algorithm": algorithm, "budget": 617, "seed": 3, "threads": 1}
@@ -70,7 +70,7 @@ def test_stopping_candidates_early_changes_nothing(
     assert (early.cost, early.stopped) == (whole.cost, whole.stopped)
 
 
-def test_population_method_spends_its_budget_exactly(record: ematwin.Record) -> None:
+def test_population_method_spends_its_budget_exactly(record: ematwin.Recording) -> None:
     seen: list[tuple[int, float, int]] = []
     found = identify(
         record, algorithm="de", budget=1_030, seed=3, progress=lambda *now: seen.append(now)
@@ -81,7 +81,7 @@ def test_population_method_spends_its_budget_exactly(record: ematwin.Record) -> 
     assert (np.diff(found.history[:, 1]) <= 0.0).all()
 
 
-def test_only_the_named_faults_are_searched(record: ematwin.Record) -> None:
+def test_only_the_named_faults_are_searched(record: ematwin.Recording) -> None:
     found = identify(record, only=["friction"], held={**THREE.as_dict(), "friction": 0.0})
     assert found.searched == ("friction",)
     assert found.faults.friction == pytest.approx(0.3, abs=0.005)
@@ -89,7 +89,7 @@ def test_only_the_named_faults_are_searched(record: ematwin.Record) -> None:
     assert list(found.standard_error) == ["friction"]
 
 
-def test_default_method_keeps_within_its_budget(record: ematwin.Record) -> None:
+def test_default_method_keeps_within_its_budget(record: ematwin.Recording) -> None:
     for budget in (64, 500):
         found = identify(record, budget=budget)
         assert found.evaluations <= budget
@@ -125,7 +125,7 @@ def test_standard_errors_cover_the_errors(found: Identification) -> None:
 
 
 @pytest.mark.parametrize("algorithm", ["multistart", "pso"])
-def test_interruption_keeps_the_best_so_far(record: ematwin.Record, algorithm: str) -> None:
+def test_interruption_keeps_the_best_so_far(record: ematwin.Recording, algorithm: str) -> None:
     calls = 0
 
     def interrupt(evaluations: int, cost: float, budget: int) -> None:
@@ -142,7 +142,7 @@ def test_interruption_keeps_the_best_so_far(record: ematwin.Record, algorithm: s
 
 
 def test_interrupted_population_run_goes_on_from_its_checkpoint(
-    record: ematwin.Record, tmp_path: Path
+    record: ematwin.Recording, tmp_path: Path
 ) -> None:
     whole = identify(record, algorithm="gwo", budget=1500, seed=2)
     state = tmp_path / "run.state"

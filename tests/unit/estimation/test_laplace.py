@@ -12,7 +12,7 @@ from ematwin.estimation.prior import Prior
 from ematwin.estimation.problem import Problem
 from ematwin.models.comparison import Comparison
 from ematwin.models.unknown import Alias, Unknown
-from ematwin.numerics.symmetric import inverse
+from ematwin.numerics.linear_algebra import inverse
 
 NOISE = 0.4
 ROUGH = 1e-4  # of the answer, where it is not smooth

@@ -179,14 +179,6 @@ def test_costs_and_residuals_show_every_nuisance(record, name) -> None:
 # Lanes
 
 
-def test_neutral_nuisances_are_the_path_that_shares_its_constants(record) -> None:
-    plain = response(record)
-    assert np.abs(response(record, **NEUTRAL) - plain).max() < 1e-12 * np.abs(plain).max()
-    subject = BldcComparison(record, ACTUATOR, threads=1)
-    one, other = batch([{}]), batch([NEUTRAL])
-    assert subject.costs(one, 1)[0] == pytest.approx(subject.costs(other, 1)[0], rel=1e-12)
-
-
 def test_each_lane_has_nuisances_of_its_own(record) -> None:
     rng = np.random.default_rng(6)
     spreads = {one.name: one.spread for one in nuisances(ACTUATOR)}

@@ -1,23 +1,15 @@
 """One table says what is unknown of an actuator; everything else is derived from it."""
 
-from dataclasses import fields
-
 import numpy as np
 import pytest
 
 from ematwin import BldcActuator, Faults
 from ematwin.errors import InputError
-from ematwin.models.bldc.faults import HEALTHY
-from ematwin.models.bldc.unknowns import FAULTS, UNKNOWNS, fault
-from ematwin.models.registry import model_of, models
+from ematwin.models.bldc.unknowns import fault
+from ematwin.models.registry import model_of
 from ematwin.models.unknown import Unknown
 
 ACTUATOR = BldcActuator.load()
-
-
-def test_faults_are_the_table_of_unknowns() -> None:
-    assert tuple(one.name for one in fields(Faults)) == FAULTS
-    assert Faults().vector.tolist() == HEALTHY.tolist() == [one.healthy for one in UNKNOWNS]
 
 
 def test_the_laws_are_those_of_the_kernel() -> None:
@@ -49,15 +41,6 @@ def test_every_parameter_of_every_kind_is_an_unknown_or_said_to_be_fixed(kind: s
         one = model.unknown(actuator, place)
         assert (one.name, one.unit, one.meaning, one.role) == (place, unit, meaning, "nominal")
         assert one.lower <= value <= one.upper
-
-
-def test_names_are_unique_and_healthy_values_lie_within_bounds() -> None:
-    for model in models().values():
-        unknowns = model.unknowns(model.parameters.load())
-        assert len({one.name for one in unknowns}) == len(unknowns)
-        for one in unknowns:
-            assert one.lower <= one.healthy <= one.upper
-            assert one.meaning
 
 
 @pytest.mark.parametrize(

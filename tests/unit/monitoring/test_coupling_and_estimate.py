@@ -147,13 +147,6 @@ def test_the_values_of_a_motion_are_recovered_under_noise(changed):
             assert 0.0 < estimate.standard_errors[name] < 3.0 * most, name
 
 
-def test_without_noise_they_are_recovered_to_a_thousandth():
-    true = {"friction": 1.3, "load": 250.0, "backlash": 5e-4, "gain": 1.1}
-    for name, value in true.items():
-        (found,) = values(motion(noise=(0.0, 0.0), **true), name=name)
-        assert found == pytest.approx(value, rel=3e-3), name
-
-
 def test_an_actuator_that_starts_off_its_place_is_no_fault():
     one = motion()
     error = one.position_error.copy()
@@ -179,13 +172,6 @@ def test_an_estimate_knows_its_motion():
 
 
 # Simulated motions
-
-
-def test_a_simulated_motion_repeats_with_its_seed():
-    for name in ("current", "position_error"):
-        first, again, other = (motion(seed, roughness=0.1).channels[name] for seed in (7, 7, 8))
-        np.testing.assert_array_equal(first, again)
-        assert np.std(first - other) > 0.0
 
 
 @pytest.mark.parametrize(

@@ -90,14 +90,6 @@ def values(current: np.ndarray, error: np.ndarray, layout: Layout) -> dict[str, 
     return dict(zip(layout.names, found, strict=True))
 
 
-def test_features_have_one_name_each_and_a_kind():
-    found = layout()
-    assert len(set(found.names)) == len(found.names) == len(found.kinds)
-    assert set(found.kinds) == {"model", "mean", "band"}
-    # three transients of four parts, three steady phases of a mean and the bands
-    assert len(found.names) == len(MODEL) + len(CHANNELS) * 3 * (4 + 1 + len(BANDS) - 1)
-
-
 def test_any_channels_and_any_faults_have_features():
     """A sine has no steady phases, and so no bands."""
     sine = np.sin(np.linspace(0.0, 20.0, 400))
@@ -140,7 +132,3 @@ def test_noise_of_every_length_has_the_level_of_its_standard_deviation():
         levels = [band_levels(0.3 * random.normal(size=size)) for _ in range(400)]
         power = np.exp(2.0 * np.array(levels)).mean(0)
         np.testing.assert_allclose(np.sqrt(power[1:]), 0.3, rtol=0.1)
-
-
-def test_a_residual_of_zeros_has_a_finite_level():
-    assert np.isfinite(band_levels(np.zeros(40))).all()

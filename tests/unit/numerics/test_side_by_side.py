@@ -19,27 +19,6 @@ def test_answers_come_in_the_order_of_the_items() -> None:
     assert side_by_side(squared, (3, 1, 2, 5), threads=2) == [9, 1, 4, 25]
 
 
-@pytest.mark.parametrize(("items", "threads"), [((1, 2), 1), ((1,), 4), ((1,), None), ((), 3)])
-def test_what_needs_no_second_thread_stays_in_this_one(items, threads) -> None:
-    def here(item: int) -> int:
-        return threading.get_ident()
-
-    assert side_by_side(here, items, threads) == [threading.get_ident()] * len(items)
-
-
-def test_the_caller_is_one_of_the_threads_and_no_more_are_used() -> None:
-    both = threading.Barrier(2, timeout=10.0)
-
-    def here(n: int) -> int:
-        if n < 2:
-            both.wait()
-        return threading.get_ident()
-
-    used = set(side_by_side(here, range(20), threads=2))
-    assert threading.get_ident() in used
-    assert len(used) == 2
-
-
 def test_work_may_share_its_own_work() -> None:
     def summed(n: int) -> int:
         return sum(side_by_side(lambda m: n * m, range(50), threads=4))

@@ -32,8 +32,6 @@ _ENVIRONMENT = {
 
 # loky replaces a process that grew by 300 MB since its first call, and warns of a memory leak. The
 # compiler takes more than that, once: the process would lose its records and kernels for nothing.
-_LEAK = 2_000_000_000
-_DEATHS = 3  # in a row, after which a process may be given up
 _PAUSES = (0.5, 10.0)  # s before the first trial after a death, and at most
 
 
@@ -109,7 +107,8 @@ class LocalEngine(Engine):
         by_watchdog = started and self._limit is not None and "SIG" not in str(error)
         overdue = by_watchdog and seconds >= hard_limit(self._limit or 0.0)
         worker.died()
-        in_vain = worker.deaths >= _DEATHS and time.monotonic() - worker.since >= self._patience
+        # three deaths in a row
+        in_vain = worker.deaths >= 3 and time.monotonic() - worker.since >= self._patience
         if spec is not None and (overdue or (started and in_vain)):
             worker.spec, worker.deaths, worker.due = None, 0, 0.0
             return [given_up(spec, self.name, self._limit, overdue)]
@@ -206,7 +205,7 @@ def _prepare_worker(
         register_model(model)
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    process_executor._MAX_MEMORY_LEAK_SIZE = _LEAK
+    process_executor._MAX_MEMORY_LEAK_SIZE = 2_000_000_000
 
     def watch() -> None:
         while os.getppid() == parent:

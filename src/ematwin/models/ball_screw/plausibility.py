@@ -3,9 +3,9 @@
 import numpy as np
 
 from ematwin.errors import RecordError
+from ematwin.models.sizes import check_travel_of
 from ematwin.recordings.recording import Recording
 
-_LONGEST = 100.0  # m: no actuator travels further; a larger span is a wrong unit
 _LARGEST = 2000.0  # A
 _AHEAD = 0.3  # of the largest position error
 
@@ -21,12 +21,7 @@ def position_error(recording: Recording) -> np.ndarray:
 
 def check_spans(recording: Recording) -> None:
     """Raise `RecordError` if set point or current are so large that their unit must be wrong."""
-    span = float(np.ptp(recording.set_point))
-    if span > _LONGEST:
-        raise RecordError(
-            f"{recording.name}: set_point spans {span:.4g} m, which no actuator travels; its unit "
-            "is probably mm. Name it set_point_mm or put [mm] into the name."
-        )
+    check_travel_of(recording, "set_point")
     largest = float(np.abs(recording.current).max())
     if largest > _LARGEST:
         raise RecordError(

@@ -41,6 +41,7 @@ from ematwin.models.bldc.zeros import counted
 from ematwin.models.optional import FIRST_SAMPLE, Values
 from ematwin.numerics.compile import loop
 from ematwin.numerics.lanes import columns
+from ematwin.numerics.scalar import THIRD_TURN
 from ematwin.numerics.signals import LowPass, white_noise
 from ematwin.recordings.recording import Recording
 
@@ -50,8 +51,6 @@ _FASTER = 1.3  # than the step of the reference: the ripple is another then
 # first sample is known it is met more exactly
 _MODULATED, _KNOWN = 5e-6, 2.5e-6
 LEAST = 0.001  # of the recorded current: what simulators of other make differ by
-_FINE_STEP = 1e-9  # rad: of an encoder whose counts do not show
-_THIRD = 2.0 * math.pi / 3.0
 _, read_more, _ = columns(TruerState)
 
 
@@ -147,7 +146,7 @@ class Motion:
         self.output = spline_through(self.time, output, self.steps[1], cutoff)
         # a mean belongs to the middle of its interval
         electrical = self._pole_pairs * self.motor(self.time - 0.5 / self.rate)
-        self.angles = electrical[:, None] - _THIRD * np.arange(3)
+        self.angles = electrical[:, None] - THIRD_TURN * np.arange(3)
         self.trapezoids = trapezoid_shape(self.angles)
 
     def shapes(self, actuator: Any) -> np.ndarray:
@@ -245,7 +244,8 @@ class Controller:
             substeps = steps_within(step, own.sample_time, longest, actuator.steps.reference)
         truer = truer_constants(actuator)
         if truer.motor_step > 0.0 and not counts:
-            truer = truer._replace(motor_step=_FINE_STEP, output_step=0.0)
+            # rad: counts of such an encoder do not show
+            truer = truer._replace(motor_step=1e-9, output_step=0.0)
         angle, speed, _ = self._states[:, 0]
         currents = currents_along(
             fault_vector(given), command, self._states, kernel_constants(actuator),

@@ -15,6 +15,7 @@ import numpy as np
 from ematwin.models.bldc.along_motion import LEAST, Motion, fault_vector, noise_of
 from ematwin.models.bldc.state import FaultState, fault_state
 from ematwin.models.optional import Values
+from ematwin.numerics.scalar import THIRD_TURN
 from ematwin.numerics.signals import LowPass, white_noise
 
 _SLOW = 200.0  # Hz: below it the acceleration of an encoder's position is known
@@ -22,7 +23,6 @@ _STEEP = 500.0  # Hz, of counts before that: an acceleration's noise grows with 
 _STANDS = 0.02  # of the largest speed: nearer to rest friction is not known
 _SETTLES = 0.01  # s after that, for the low-pass
 _SURELY = 0.5  # of the friction of the output: a torque whose sign the template knows
-_THIRD = 2.0 * math.pi / 3.0
 
 
 class TorqueBalance:
@@ -141,7 +141,7 @@ class TorqueBalance:
         """Factors (S, 3) of the torque constants by missing turns and an eccentric rotor."""
         offset = actuator.eccentricity
         turning = 1.0 if offset is None else offset.turning_share
-        phases = _THIRD * np.arange(3)
+        phases = THIRD_TURN * np.arange(3)
         turned = self._angle[:, None] - phases
         along = turning * np.cos(turned) + (1.0 - turning) * np.cos(phases)
         across = (1.0 - turning) * np.sin(phases) - turning * np.sin(turned)

@@ -28,8 +28,6 @@ from ematwin.numerics.compile import loop, step
 from ematwin.numerics.lanes import LANES, columns, lane_loop, wide_vectors
 from ematwin.numerics.scalar import biquad
 
-SEGMENT = 128  # samples after which ranks are closed; 64 saves no more, 512 less
-
 # Columns of the traces.
 REFERENCE_COLUMNS = (
     "current_a", "current_b", "current_c", "motor_position", "motor_speed", "output_position",
@@ -250,7 +248,7 @@ def monitor_scores(
     saved = np.empty((k.shape[0], _LOOPS + 4))
     for n in range(k.shape[0]):
         if not keep and limits[n] < math.inf:
-            segment = SEGMENT
+            segment = 128  # samples after which ranks are closed; 64 saves no more, 512 less
     for s in range(starts.size):
         here = starts[s]
         command, load = commands[here : here + samples], loads[here : here + samples]

@@ -30,7 +30,7 @@ from ematwin.models.bldc.stretches import (
 from ematwin.models.bldc.unknowns import MODEL_ERROR, POWER, SENSOR, UNKNOWNS
 from ematwin.models.bldc.zeros import counted, turned
 from ematwin.models.comparison import Candidates, Comparison, Placed
-from ematwin.models.servo import check_enough, check_moves
+from ematwin.models.sizes import check_enough, check_moves
 from ematwin.numerics.filters import advanced
 from ematwin.numerics.side_by_side import cores
 from ematwin.numerics.signals import LowPass, SlopeWeighting, filtered, means, white_noise
@@ -45,7 +45,6 @@ _REFERENCE_ALONE = (
     "current_loop.", "compliance.", "encoder.",
 )  # fmt: skip
 KEPT = 5_000  # samples of a response: more are thinned, as far as the low-pass allows
-_KEPT_SMOOTH = 1_000  # the same of smoothed currents
 _OVERSAMPLING = 8.0  # rate of kept samples over the cutoff, at least
 _AT_A_TIME = 4_000_000  # samples of answers that are held whole
 _COARSE = 2.0  # times the step, where only the valley is looked for
@@ -174,7 +173,7 @@ class BldcComparison(Comparison):
 
     def smoothed(self) -> "BldcComparison":
         """The coarse one through a low-pass of `SMOOTH_CUTOFF` at most."""
-        return self._coarse(LowPass(min(SMOOTH_CUTOFF, self.low_pass.cutoff)), _KEPT_SMOOTH)
+        return self._coarse(LowPass(min(SMOOTH_CUTOFF, self.low_pass.cutoff)), KEPT // 5)
 
     def _filtered_missed(self, name: str) -> np.ndarray | float:
         """Error of the twin in a channel (S,), which passed a low-pass as wide or wider."""

@@ -11,7 +11,6 @@ from ematwin.models.bldc.truer.state import Truer
 from ematwin.models.bldc.unknowns import FIXED, LOAD
 from ematwin.numerics.side_by_side import by_candidate
 
-_NO_LAG = 1e-9  # s: a filter so fast is none
 # fields of `Truer` by parameter, for each section of the file
 _STATED = {
     "emf": {"rounding": "rounding", "harmonic_5": "harmonic_5", "harmonic_7": "harmonic_7"},
@@ -102,7 +101,7 @@ def truer_constants(actuator: BldcActuator, count_offset: float = 0.5) -> Truer:
         found["link_time"] = actuator.supply.resistance * actuator.supply.capacitance
     encoder, speed = actuator.encoder, actuator.speed_loop
     if encoder is not None and speed is not None:
-        lag = np.maximum(encoder.filter_time, _NO_LAG)
+        lag = np.maximum(encoder.filter_time, 1e-9)  # s: a filter so fast is none
         found |= {
             "motor_step": encoder.motor_step, "count_offset": count_offset,
             "output_step": encoder.output_step * actuator.transmission.ratio,

@@ -15,7 +15,7 @@ from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.unknowns import FAULTS, UNKNOWNS, fault
 from ematwin.models.optional import Study, Values
 from ematwin.models.unknown import PhysicalValue, Unknown, physical_html, table_of
-from ematwin.showing.frames import frame_of_rows
+from ematwin.showing.results import frame_of_rows
 
 HEALTHY = np.array([one.healthy for one in UNKNOWNS])
 HEALTHY.flags.writeable = False

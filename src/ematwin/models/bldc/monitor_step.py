@@ -26,8 +26,6 @@ from ematwin.numerics.compile import part, step
 from ematwin.numerics.friction import dithered_static, loaded_friction
 from ematwin.numerics.scalar import clip
 
-_TOUCHING = 1e-9  # rad, on the motor shaft
-
 
 class MonitorState(NamedTuple):
     """State of the monitor model."""
@@ -62,7 +60,7 @@ def current_demand(command, theta_o, w_m, k_position, k_demand, w_max):
 @step
 def touching(state, fault):
     """1 where motor and output touch, so that the current moves both; else 0."""
-    apart = abs(abs(state.theta_m - state.theta_o) - fault.half_gap) > _TOUCHING
+    apart = abs(abs(state.theta_m - state.theta_o) - fault.half_gap) > 1e-9  # rad
     return 0.0 if apart else 1.0
 
 

@@ -18,11 +18,9 @@ import math
 import numpy as np
 
 from ematwin.numerics.compile import step
-from ematwin.numerics.scalar import clip, sincos
+from ematwin.numerics.scalar import ROOT_3, THIRD_TURN, clip, sincos
 
-_HALF_SQRT3 = 0.5 * math.sqrt(3.0)
 _SIXTH_TURN = math.pi / 3.0
-_THIRD = 2.0 * math.pi / 3.0
 
 
 @step
@@ -56,7 +54,7 @@ def gap_factors(theta_m, zeta_cos, zeta_sin, turning):
     """
     s, c = offset_turned(theta_m, turning)
     along = c * zeta_cos - s * zeta_sin  # zeta cos(theta_m + phi), where all of it turns
-    across = _HALF_SQRT3 * (s * zeta_cos + c * zeta_sin)  # times sin(2 pi/3)
+    across = 0.5 * ROOT_3 * (s * zeta_cos + c * zeta_sin)  # times sin(2 pi/3)
     return 1.0 + along, 1.0 - 0.5 * along + across, 1.0 - 0.5 * along - across
 
 
@@ -67,8 +65,8 @@ def emf_constants(theta_m, fault, c):
     gap_a, gap_b, gap_c = gap_factors(theta_m, fault.zeta_cos, fault.zeta_sin, c.turning)
     return (
         fault.h_a * c.k_e * gap_a * trapezoid(theta_e),
-        fault.h_b * c.k_e * gap_b * trapezoid(theta_e - _THIRD),
-        fault.h_c * c.k_e * gap_c * trapezoid(theta_e - 2.0 * _THIRD),
+        fault.h_b * c.k_e * gap_b * trapezoid(theta_e - THIRD_TURN),
+        fault.h_c * c.k_e * gap_c * trapezoid(theta_e - 2.0 * THIRD_TURN),
     )
 
 

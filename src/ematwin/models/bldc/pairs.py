@@ -22,11 +22,9 @@ import numpy as np
 
 from ematwin.models.bldc.motor import offset_turned, phase_inductance
 from ematwin.numerics.compile import step
-from ematwin.numerics.scalar import clip
+from ematwin.numerics.scalar import ROOT_3, clip
 
-_HALF_SQRT3 = 0.5 * math.sqrt(3.0)
 _SECTORS_PER_RAD = 3.0 / math.pi
-_THIRD = 1.0 / 3.0
 _STANDS = 1e-6  # sectors in a step
 
 
@@ -55,10 +53,10 @@ def pairs_of(fault, c):
     l_c = phase_inductance(fault.h_c, c.inductance, c.leakage)
     # zeta cos and zeta sin of phi - 2 pi k/3
     near_a, far_a = fault.zeta_cos, fault.zeta_sin
-    near_b = -0.5 * near_a + _HALF_SQRT3 * far_a
-    far_b = -0.5 * far_a - _HALF_SQRT3 * near_a
-    near_c = -0.5 * near_a - _HALF_SQRT3 * far_a
-    far_c = -0.5 * far_a + _HALF_SQRT3 * near_a
+    near_b = -0.5 * near_a + 0.5 * ROOT_3 * far_a
+    far_b = -0.5 * far_a - 0.5 * ROOT_3 * near_a
+    near_c = -0.5 * near_a - 0.5 * ROOT_3 * far_a
+    far_c = -0.5 * far_a + 0.5 * ROOT_3 * near_a
     mobility = 1.0 / (l_a + l_b)
     cosine = fault.h_a * near_a + fault.h_b * near_b
     sine = -fault.h_a * far_a - fault.h_b * far_b
@@ -88,7 +86,7 @@ def shares_off(theta_m, moved, pole_pairs):
     per_step = 1.0 / clip(abs(sectors * moved), _STANDS, 1.0)
     # from the middle of a sector without b, modulo three sectors: -1.5 to 1.5; a is next, then c
     from_b = sectors * theta_m - 2.0
-    from_b -= 3.0 * np.floor(from_b * _THIRD + 0.5)
+    from_b -= 3.0 * np.floor(from_b * (1.0 / 3.0) + 0.5)
     from_a = from_b + (2.0 if from_b < -0.5 else -1.0)
     return (
         clip(0.5 + (0.5 - abs(from_a)) * per_step, 0.0, 1.0),

@@ -21,7 +21,7 @@ import numpy as np
 
 from ematwin.models.bldc.channels import PHASES, phase_currents
 from ematwin.numerics.remembered import Remembered
-from ematwin.numerics.signals import white_noise
+from ematwin.numerics.signals import spread_of, white_noise
 from ematwin.recordings.recording import Recording
 
 _LOOKED_AT = 5_000  # samples
@@ -39,7 +39,6 @@ _OFFSET = 0.005  # of the RMS: what is less does not matter
 _GAIN = 0.003
 _LARGEST_GAIN = 0.1  # more is another scale, or a channel that is something else
 _ADDS_UP = 1e-6  # of the RMS: the third current was made of the others
-_NORMAL = 1.4826  # standard deviations in a median size
 
 
 @dataclass(frozen=True)
@@ -159,7 +158,7 @@ def _offsets(
             if seen.size < _FEWEST:
                 return None
             middle = float(np.median(seen))
-            spread = max(_NORMAL * float(np.median(np.abs(seen - middle))), steps[n])
+            spread = max(float(spread_of(np.abs(seen - middle))), steps[n])
             inside = seen[np.abs(seen - middle) <= _OUTLYING * spread]
             offsets[n], errors[n] = inside.mean(), spread / np.sqrt(inside.size)
         if np.abs(offsets - before).max() <= 0.1 * errors.max():
@@ -215,7 +214,7 @@ def _fitted(
         squares = np.linalg.pinv(slopes[inside].T @ slopes[inside])
         best = squares @ (slopes[inside].T @ seen[inside])
         left = np.abs(seen - slopes @ best)
-        before, spread = inside, _NORMAL * float(np.median(left))
+        before, spread = inside, float(spread_of(left))
         inside = left <= _OUTLYING * spread
         if (inside == before).all():
             break

@@ -18,17 +18,15 @@ from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import phase_sensors
 from ematwin.models.bldc.wiring import check_order
 from ematwin.models.bldc.zeros import zeros
-from ematwin.models.servo import check_motion, check_sizes, little_motion
+from ematwin.models.servo import check_motion, little_motion
+from ematwin.models.sizes import FEWEST, check_sizes
 from ematwin.numerics.signals import LowPass
 from ematwin.recordings.recording import Recording
 
 _CUTOFF = LowPass().cutoff  # Hz, before the misfit
 _RATE = 4.0  # times the cutoff: the least rate at which that low-pass acts as one
-_FEWEST = 100  # samples
 _SHORTEST = 10.0  # periods of the cutoff
 _FASTEST = 5e6  # Hz: no current of a motor is sampled faster
-_OVER_LIMIT = 3.0  # times the current limit
-_OVER_SUPPLY = 3.0  # times the supply
 _AT_REST = 0.01  # of the current limit, peak to peak: noise of a sensor
 
 
@@ -101,10 +99,10 @@ def _check_rate(record: Recording) -> None:
 
 def _check_length(record: Recording) -> None:
     duration, shortest = float(record.time[-1] - record.time[0]), _SHORTEST / _CUTOFF
-    if duration < shortest or len(record) < _FEWEST:
+    if duration < shortest or len(record) < FEWEST:
         raise RecordError(
             f"The record is too short: {len(record)} samples in {duration:.4g} s; at least "
-            f"{_FEWEST} samples and {shortest:g} s are needed. Record a whole movement."
+            f"{FEWEST} samples and {shortest:g} s are needed. Record a whole movement."
         )
 
 
@@ -143,7 +141,7 @@ def too_little_motion(record: Recording, actuator: BldcActuator) -> list[str]:
 def _check_currents(record: Recording, actuator: BldcActuator) -> None:
     limit = actuator.drive.current_limit
     said = f"{actuator.name} limits it to {limit:g} A"
-    check_sizes(record.channels, (*CURRENTS, "bus_current"), _OVER_LIMIT * limit, "A", said)
+    check_sizes(record.channels, (*CURRENTS, "bus_current"), limit, "A", said)
 
 
 def _check_voltages(record: Recording, actuator: BldcActuator) -> list[str]:
@@ -155,7 +153,7 @@ def _check_voltages(record: Recording, actuator: BldcActuator) -> list[str]:
                for (a, x), (b, y) in combinations(zip(known, values, strict=True), 2)}  # fmt: skip
     said = f"the supply of {actuator.name} has {supply:g} V"
     traces = {**between, **record.channels}
-    check_sizes(traces, (*between, "bus_voltage"), _OVER_SUPPLY * supply, "V", said)
+    check_sizes(traces, (*between, "bus_voltage"), supply, "V", said)
     if 0 < len(known) < len(VOLTAGES):
         missing = [name for name in VOLTAGES if name not in known]
         return [

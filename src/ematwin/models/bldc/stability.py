@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.numerics.stability import largest_share, spectral_radius
+from ematwin.numerics.linear_algebra import largest_share, spectral_radius
 
 
 def check_speed_loop(actuator: Any) -> None:

@@ -14,13 +14,12 @@ from ematwin.errors import RecordError
 from ematwin.models.bldc.channels import phase_currents
 from ematwin.models.bldc.envelope import projected
 from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.bldc.zeros import COHERENT
 from ematwin.recordings.recording import Recording
 
-_COHERENT = 0.85  # of the mean square current, on the right EMF shapes
 _BETTER = 1.05  # times the share as it is: another order or zero explains the currents
 _DOUBTFUL = 1.03  # likewise, for a warning; faulty actuators reach 1.01
 _NEARLY = 0.995  # an order as good as that beside the best zero of the angle is the simpler cause
-_MOST = 5_000  # samples looked at
 
 
 def check_order(record: Recording, actuator: BldcActuator) -> list[str]:
@@ -34,7 +33,7 @@ def check_order(record: Recording, actuator: BldcActuator) -> list[str]:
     currents = phase_currents(record)
     if currents is None or record.motor_position is None:
         return []
-    every = max(1, len(record) // _MOST)
+    every = max(1, len(record) // 5_000)  # samples looked at
     currents = currents[::every]
     angle = actuator.motor.pole_pairs * record.motor_position[::every]
     if np.ptp(angle) < 2.0 * np.pi:  # too little of a turn to tell the phases apart
@@ -66,10 +65,10 @@ def check_order(record: Recording, actuator: BldcActuator) -> list[str]:
         "for motor_position"
     )
     gain = zeros[sense, zero].share / max(given.share, 1e-9)
-    if given.share >= _COHERENT and given.sign >= 0:
+    if given.share >= COHERENT and given.sign >= 0:
         doubtful = gain > _DOUBTFUL
         return [f"The motor position may have another zero: {counted}."] * doubtful
-    if given.share >= _COHERENT and gain <= _DOUBTFUL:
+    if given.share >= COHERENT and gain <= _DOUBTFUL:
         raise RecordError(
             "All phase currents have the wrong sign against the motor angle: the motor would "
             "absorb more work than the load delivers. Give sign = -1 for the three currents, or "
@@ -78,7 +77,7 @@ def check_order(record: Recording, actuator: BldcActuator) -> list[str]:
     orders = {order: fit(currents[:, order], angle) for order in permutations(range(3))}
     order = max(orders, key=lambda key: orders[key].share)
     best = max(orders[order].share, zeros[sense, zero].share)
-    if best < _COHERENT or best < _BETTER * given.share:
+    if best < COHERENT or best < _BETTER * given.share:
         return [
             f"Only {100 * given.share:.0f} % of the current fits the EMF shapes at the recorded "
             "motor angle, and no other order of phases or zero of the angle explains it: check "

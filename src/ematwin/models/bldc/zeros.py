@@ -34,7 +34,7 @@ _MATTERS = math.radians(0.75)  # electrical
 _OF_TWIN = math.radians(2.0)  # the same beside a twin, which moves nearly as recorded
 _ONE_WAY = math.radians(6.0)  # the same where the rotor turned one way alone
 _COARSE, _NEAR, _FINE = math.radians(1.0), math.radians(3.0), math.radians(0.25)
-_COHERENT = 0.85  # of the mean square current that lies on the right shapes
+COHERENT = 0.85  # of the mean square current that lies on the right shapes
 _ACROSS = 10  # samples to both sides, over which a rotor turns
 _TREMBLES = 7.0  # times the noise of its angle: five standard deviations of a difference
 _CROSSED = 0.5  # times the healthy gap by which motor and output must have moved apart
@@ -129,7 +129,7 @@ class Turned:
 
     def placed(self, recording: Recording, actuator: BldcActuator) -> Placed | None:
         """The recording counted from where the rotor stands; None where it already is."""
-        if self.share < _COHERENT:
+        if self.share < COHERENT:
             return Placed(
                 None,
                 f"No angle of the rotor explains which phases conduct ({100 * self.share:.0f} % of "

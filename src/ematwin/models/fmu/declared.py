@@ -14,7 +14,7 @@ from ematwin.models.fmu.archive import Archive, Scale, Variable, archive_at, sca
 from ematwin.models.history import Finite, Hertz, Seconds
 from ematwin.models.unknown import Times, Unknown
 from ematwin.quantities import parse_quantity, to_si
-from ematwin.showing.numbers import in_unit
+from ematwin.showing.text import in_unit
 from ematwin.validation import all_at_once, findings
 
 TABLES = ("fmu", "inputs", "outputs", "nominal", "faults", "nuisances")

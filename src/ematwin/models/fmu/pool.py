@@ -23,7 +23,6 @@ from ematwin.models.fmu.archive import Archive
 from ematwin.numerics.side_by_side import cores, side_by_side
 
 _PROGRAM = Path(__file__).with_name("worker.py")
-_SETUP_LIMIT = 60.0  # s: licences and large libraries take their time
 
 
 class Worker:
@@ -43,7 +42,7 @@ class Worker:
                 [sys.executable, "-P", str(_PROGRAM)],
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
             )  # fmt: skip
-            self._ask(self._setup, _SETUP_LIMIT)
+            self._ask(self._setup, 60.0)  # s: licences and large libraries take their time
         known = self._drive is drive
         self._drive = drive
         found: tuple[np.ndarray, str] = self._ask((None if known else drive, settings), limit)

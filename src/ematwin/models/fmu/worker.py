@@ -23,8 +23,6 @@ from fmpy.fmi2 import (
 )
 from fmpy.fmi3 import FMU3Slave, fmi3ValueReference
 
-_FATAL = 4  # status after which an instance cannot even be freed
-
 
 class Values:
     """Variables that are set or read together, in memory that the FMU sees."""
@@ -88,7 +86,7 @@ class Instance:
             self._follow(drive, rows)
             said = ""
         except FMICallException as error:
-            if error.status == _FATAL:
+            if error.status == 4:  # status after which an instance cannot even be freed
                 raise
             said = f"{' '.join(self._said[-1:])} ({str(error).rstrip('.')})".strip()
         try:

@@ -8,10 +8,9 @@ from ematwin.errors import RecordError
 from ematwin.models.base import Law
 from ematwin.models.linear_axis.parameters import LinearAxis
 from ematwin.models.linear_axis.twin import check_interval
+from ematwin.models.sizes import check_enough, check_travel_of
 from ematwin.recordings.recording import Recording
 
-_LONGEST = 100.0  # m: no axis travels further; a larger span is a wrong unit
-_FEWEST = 100  # samples
 _OTHER = 0.05  # relative, of the voltage that the controller would have given
 _MOVES = 1e-3  # of the travel
 _AGREES = 0.005  # of the voltage, RMS: twice what a real axis leaves (docs/real-recordings.md)
@@ -28,19 +27,10 @@ def check_signals(recording: Recording, actuator: LinearAxis) -> list[str]:
     """
     name, channels = recording.name, recording.channels
     check_interval(actuator, recording)
-    if len(recording) < _FEWEST:
-        raise RecordError(
-            f"{name} has {len(recording)} samples; at least {_FEWEST} are needed. Record a whole "
-            "movement."
-        )
+    check_enough(recording)
     reference, position, voltage = (channels[n] for n in ("reference", "position", "voltage"))
-    for what, values in (("reference", reference), ("position", position)):
-        span = float(np.ptp(values))
-        if span > _LONGEST:
-            raise RecordError(
-                f"{name}: {what} spans {span:.4g} m, which no axis travels; its unit is probably "
-                f"mm. Name it {what}_mm or put [mm] into the name."
-            )
+    check_travel_of(recording, "reference")
+    check_travel_of(recording, "position")
     if np.ptp(voltage) == 0.0:
         raise RecordError(
             f"{name}: its voltage never changes from {voltage[0]:.3g} V; the channel is dead."

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.numerics.stability import exponential, largest_share, spectral_radius
+from ematwin.numerics.linear_algebra import exponential, largest_share, spectral_radius
 
 
 def loop_radius(actuator: Any, share: float = 1.0) -> float:

@@ -13,7 +13,6 @@ from ematwin.models.stepped import Stepped, stepped_of
 from ematwin.recordings.recording import Recording
 
 FIRST = 20  # samples from which the first state is taken; the published scores leave them out
-_ROUNDS = 3  # of the first state: it changes the friction under which it is found
 _AMISS = 0.01  # relative, of the sampling interval
 
 
@@ -137,7 +136,8 @@ def first_state(
     time = np.arange(position.size) * recording.interval
     straight = np.linalg.pinv(np.column_stack([np.ones_like(time), time]))
     driven = constants._replace(closed=0.0)
-    for _ in range(_ROUNDS if position.size > 2 else 0):
+    # the first state changes the friction under which it is found
+    for _ in range(3 if position.size > 2 else 0):
         found = _traces(actuator, recording, driven, state, count, 1, position.size)[1]
         state[:2] += straight @ (position - found).T
     return state

@@ -25,7 +25,7 @@ from ematwin.models.pmsm.channels import (
 from ematwin.models.pmsm.constants import constants_of
 from ematwin.models.pmsm.parameters import PmsmActuator
 from ematwin.models.pmsm.state import Constants
-from ematwin.models.servo import check_enough, check_moves
+from ematwin.models.sizes import check_enough, check_moves
 from ematwin.numerics.side_by_side import cores, side_by_side
 from ematwin.numerics.signals import LowPass
 from ematwin.recordings.recording import Recording

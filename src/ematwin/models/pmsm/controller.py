@@ -10,9 +10,7 @@ import math
 from typing import NamedTuple
 
 from ematwin.numerics.compile import part
-from ematwin.numerics.scalar import clip, sincos
-
-ROOT_3 = 1.7320508075688772
+from ematwin.numerics.scalar import ROOT_3, clip, sincos
 
 
 class ControlState(NamedTuple):

@@ -10,10 +10,9 @@ A step happens in its middle (trapezoidal rule); the voltage stands still in the
 
 from typing import NamedTuple
 
-from ematwin.models.pmsm.controller import ROOT_3
 from ematwin.models.pmsm.mechanics import Motion, advance_motion
 from ematwin.numerics.compile import part, step
-from ematwin.numerics.scalar import clip, sincos
+from ematwin.numerics.scalar import ROOT_3, clip, sincos
 
 
 class MonitorState(NamedTuple):

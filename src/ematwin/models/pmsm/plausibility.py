@@ -20,12 +20,10 @@ from ematwin.models.pmsm.channels import (
 )
 from ematwin.models.pmsm.comparison import MOVING
 from ematwin.models.pmsm.parameters import PmsmActuator
-from ematwin.models.servo import check_motion, check_sizes, little_motion
+from ematwin.models.servo import check_motion, little_motion
+from ematwin.models.sizes import check_sizes
 from ematwin.recordings.recording import Recording
 
-_OVER_LIMIT = 3.0  # times the current limit
-_OVER_LINK = 1.5  # times the DC link
-_OVERSPEED = 3.0  # times the speed limit
 _SWAPPED = 0.5  # of the current, RMS, along the magnets: in another order
 _ORDERED = 0.2  # and in the right one
 
@@ -73,12 +71,12 @@ def check_plausible(recording: Recording, actuator: PmsmActuator) -> list[str]:
 def _check_sizes(recording: Recording, actuator: PmsmActuator) -> None:
     control, supply = actuator.controller, actuator.drive.supply_voltage
     for names, limit, unit, most in (
-        ((*PHASES, *ROTATING), control.current_limit, "A", _OVER_LIMIT),
-        ((*VOLTAGES, *ROTATING_VOLTAGES, *TERMINALS), supply, "V", _OVER_LINK),
-        (("motor_speed",), control.speed_limit, "rad/s", _OVERSPEED),
+        ((*PHASES, *ROTATING), control.current_limit, "A", 3.0),
+        ((*VOLTAGES, *ROTATING_VOLTAGES, *TERMINALS), supply, "V", 1.5),
+        (("motor_speed",), control.speed_limit, "rad/s", 3.0),
     ):
         said = f"{actuator.name} is limited to {limit:.4g} {unit}"
-        check_sizes(recording.channels, names, most * limit, unit, said)
+        check_sizes(recording.channels, names, limit, unit, said, most)
 
 
 def _check_order(recording: Recording, actuator: PmsmActuator) -> None:

@@ -8,12 +8,9 @@ the explicit midpoint rule advances all of them.
 import math
 from typing import NamedTuple
 
-from ematwin.models.pmsm.controller import ROOT_3
 from ematwin.models.pmsm.mechanics import Motion, advance_with_bristles
 from ematwin.numerics.compile import part, step
-from ematwin.numerics.scalar import clip, lag
-
-_THIRD = 2.0943951023931953  # 2 pi/3
+from ematwin.numerics.scalar import ROOT_3, THIRD_TURN, clip, lag
 
 
 class ReferenceState(NamedTuple):
@@ -91,8 +88,8 @@ def windings(psi_alpha, psi_beta, j_a, j_b, j_c, w_m, theta_m, v_a, v_b, v_c, re
     w_b = v_b - c.v_leg * clip(i_b / c.knee, -1.0, 1.0)
     w_c = v_c - c.v_leg * clip(i_c / c.knee, -1.0, 1.0)
     k_a = phase_emf(theta_m, 0.0, c)
-    k_b = phase_emf(theta_m, _THIRD, c)
-    k_c = phase_emf(theta_m, -_THIRD, c)
+    k_b = phase_emf(theta_m, THIRD_TURN, c)
+    k_c = phase_emf(theta_m, -THIRD_TURN, c)
     # voltages over the turns, the star point's taken off: what the connectors leave
     n_a = w_a - c.added_a * i_a
     n_b = w_b - c.added_b * i_b

@@ -14,8 +14,6 @@ from ematwin.models.pmsm.parameters import PmsmActuator
 from ematwin.models.scenario import Scenario
 
 _MOST_TICKS = 20_000_000
-_SLICE = 20_000  # ticks between two reports of progress
-_WHOLE = 1e-6
 SETTLED = 0.2  # s that the first position is held before the scenario begins
 
 
@@ -74,7 +72,7 @@ def substeps_of(actuator: PmsmActuator, longest: float) -> int:
 def _every(sample_rate: float, tick: float) -> int:
     """Ticks from one sample to the next."""
     every = 1.0 / (sample_rate * tick)
-    if round(every) < 1 or abs(every - round(every)) > _WHOLE * every:
+    if round(every) < 1 or abs(every - round(every)) > 1e-6 * every:
         raise InputError(
             f"The drive samples at {1.0 / tick:g} Hz and keeps each n-th sample; a sample_rate of "
             f"{sample_rate:g} Hz does not divide that. Give for example {0.5 / tick:g} Hz."
@@ -141,7 +139,8 @@ def reference_columns(
     c, state, control = reference_states(actuator, values, start * ratio, step)
     state[8] = ratio * (start if output is None else output)
     # whole samples of all loops, so that a slice begins as the simulation does
-    stride = math.lcm(*(int(n) for n in ticks), every) * max(1, _SLICE // math.lcm(*ticks, every))
+    # some 20,000 ticks between two reports of progress
+    stride = math.lcm(*(int(n) for n in ticks), every) * max(1, 20_000 // math.lcm(*ticks, every))
     pieces = []
     for first in range(0, command.size, stride):
         last = min(first + stride, command.size)

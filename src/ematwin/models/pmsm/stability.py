@@ -16,10 +16,8 @@ from typing import Any
 import numpy as np
 
 from ematwin.errors import ParameterError
-from ematwin.numerics.stability import largest_share, spectral_radius
+from ematwin.numerics.linear_algebra import largest_share, spectral_radius
 
-_MARGIN = 1e-9  # of the unit circle
-_SHORTEST = 1e-6  # of a sample time: a limit below is none
 _PIECES = 4  # steps of the mechanics in a current sample
 
 
@@ -35,7 +33,7 @@ def check_loops(actuator: Any) -> None:
         limit = own * largest_share(stable)
         advice = (
             f"it is stable up to {1e6 * limit:.3g} us; shorten it or lower the gains"
-            if limit > _SHORTEST * own
+            if limit > 1e-6 * own  # of a sample time: a limit below is none
             else "no sample time makes it stable; lower the gains"
         )
         raise ParameterError(
@@ -45,7 +43,7 @@ def check_loops(actuator: Any) -> None:
 
 def _is_stable(actuator: Any, loop: str, own: float, share: float) -> bool:
     """Whether a loop is stable at a share of its sample time ``own``, s."""
-    return loop_radius(actuator, loop, share * own) <= 1.0 + _MARGIN
+    return loop_radius(actuator, loop, share * own) <= 1.0 + 1e-9  # of the unit circle
 
 
 def loop_radius(actuator: Any, loop: str, sample_time: float) -> float:

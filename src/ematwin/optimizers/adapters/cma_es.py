@@ -15,9 +15,6 @@ import numpy as np
 from ematwin.optimizers.adapters import adapted
 from ematwin.optimizers.base import FloatArray, PopulationOptimizer
 
-_STEP = 0.3
-_WORST = 1e300  # cma takes differences of costs
-
 
 def _quiet() -> warnings.catch_warnings:
     """Hold back the package's warnings shortly before it converges."""
@@ -57,7 +54,7 @@ class CmaEs(PopulationOptimizer):
             "verbose": -9,
         }
         first = self.box.sample(self.rng, 1)[0]
-        self._strategy = cma.CMAEvolutionStrategy(first, _STEP, options)
+        self._strategy = cma.CMAEvolutionStrategy(first, 0.3, options)
         return self._sampled()
 
     def _move(self) -> FloatArray:
@@ -70,7 +67,8 @@ class CmaEs(PopulationOptimizer):
 
     def _learn(self, points: FloatArray, costs: FloatArray) -> None:
         with _quiet():
-            self._strategy.tell(self._solutions, np.minimum(costs, _WORST).tolist())
+            # cma takes differences of costs
+            self._strategy.tell(self._solutions, np.minimum(costs, 1e300).tolist())
 
 
 ALGORITHMS = (

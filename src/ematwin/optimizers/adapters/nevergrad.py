@@ -15,8 +15,6 @@ import numpy as np
 from ematwin.optimizers.adapters import adapted
 from ematwin.optimizers.base import Algorithm, Box, FloatArray, PopulationOptimizer
 
-_WORST = 1e20  # nevergrad replaces costs above 5e20, with a warning for each
-
 
 class Nevergrad(PopulationOptimizer):
     """An optimiser of nevergrad.
@@ -52,7 +50,8 @@ class Nevergrad(PopulationOptimizer):
 
     def _learn(self, points: FloatArray, costs: FloatArray) -> None:
         for candidate, cost in zip(self._candidates, costs.tolist(), strict=True):
-            self._optimizer.tell(candidate, min(cost, _WORST))
+            # nevergrad replaces costs above 5e20, with a warning for each
+            self._optimizer.tell(candidate, min(cost, 1e20))
         self._candidates = []
 
 

@@ -16,7 +16,6 @@ from ematwin.optimizers.adapters import adapted
 from ematwin.optimizers.base import Algorithm, Box, FloatArray, PopulationOptimizer
 
 _MODULE = "pymoo.algorithms.soo.nonconvex"
-_WORST = 1e300  # pymoo takes differences of costs
 
 
 class Pymoo(PopulationOptimizer):
@@ -64,7 +63,7 @@ class Pymoo(PopulationOptimizer):
         from pymoo.core.evaluator import Evaluator
         from pymoo.problems.static import StaticProblem
 
-        finite = np.minimum(costs, _WORST)[:, None]
+        finite = np.minimum(costs, 1e300)[:, None]  # pymoo takes differences of costs
         Evaluator().eval(StaticProblem(self._algorithm.problem, F=finite), self._infills)
         self._algorithm.tell(infills=self._infills)
 

@@ -14,8 +14,6 @@ from ematwin.optimizers.adapters import adapted
 from ematwin.optimizers.adapters.worker import Evaluate, ThreadedOptimizer
 from ematwin.optimizers.base import FloatArray
 
-_FOREVER = 10**9
-
 
 class ScipyDifferentialEvolution(ThreadedOptimizer):
     """``scipy.optimize.differential_evolution``, whole generations at a time."""
@@ -35,7 +33,7 @@ class ScipyDifferentialEvolution(ThreadedOptimizer):
                 columns,
                 np.column_stack([self.box.lower, self.box.upper]),
                 init=self.box.sample(rng, self.population),
-                maxiter=_FOREVER,
+                maxiter=10**9,
                 tol=0.0,
                 polish=False,
                 vectorized=True,

@@ -18,7 +18,7 @@ import numpy as np
 
 from ematwin.errors import EmatwinError, FileError, InputError, MissingExtraError, RecordError
 from ematwin.recordings.units import says_nothing
-from ematwin.showing.frames import is_frame
+from ematwin.showing.results import is_frame
 
 Progress = Callable[[float], None]
 ENTRY_POINTS = "ematwin.readers"

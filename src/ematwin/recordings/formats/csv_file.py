@@ -19,8 +19,6 @@ from ematwin.recordings.formats.clock import MISSING, over_midnight
 from ematwin.recordings.formats.csv_dialect import PLACEHOLDERS, sniff
 from ematwin.recordings.tables import without_apostrophe
 
-_BLOCK = 1 << 20  # bytes; pyarrow reads some dozens ahead: four times as much took 100 MB more
-
 
 class CsvFile(RecordedFile):
     """A text table; options as in `ematwin.recordings.channel_map.CsvOptions`."""
@@ -111,7 +109,8 @@ class CsvFile(RecordedFile):
                     file,
                     read_options=csv.ReadOptions(
                         column_names=keys,
-                        block_size=_BLOCK,
+                        # pyarrow reads dozens ahead: four times as much took 100 MB more
+                        block_size=1 << 20,
                         encoding=encoding,
                     ),
                     parse_options=csv.ParseOptions(

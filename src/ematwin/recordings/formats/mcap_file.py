@@ -9,8 +9,6 @@ import numpy as np
 from ematwin.errors import FileError
 from ematwin.recordings.formats.base import RecordedFile, load_library
 
-_MOST_ELEMENTS = 64  # of an array that is taken for channels side by side
-
 
 class McapFile(RecordedFile):
     """An MCAP file; arrays give ``field[k]``, a joint state ``field[joint]``.
@@ -63,7 +61,8 @@ def _numbers(message: Any, before: str = "") -> Iterator[tuple[str, float]]:
             continue
         if isinstance(value, bool | int | float):
             yield f"{before}{field}", float(value)
-        elif isinstance(value, list | tuple) and len(value) <= _MOST_ELEMENTS:
+        # a short array is channels side by side
+        elif isinstance(value, list | tuple) and len(value) <= 64:
             named = isinstance(joints, list) and len(joints) == len(value)
             for n, one in enumerate(value):
                 if isinstance(one, bool | int | float):

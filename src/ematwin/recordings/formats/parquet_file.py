@@ -12,8 +12,6 @@ from ematwin.recordings.checksums import KEY, checked, verify
 from ematwin.recordings.formats.arrow import as_floats, as_integers
 from ematwin.recordings.formats.base import Progress, RecordedFile, refusing
 
-_BATCH = 1 << 16  # rows
-
 
 class ParquetFile(RecordedFile):
     """A Parquet file; units are taken from the field metadata ``unit`` where there is any."""
@@ -50,7 +48,7 @@ class ParquetFile(RecordedFile):
         with refusing(self.path, self.kind):
             for position, name in enumerate(columns):
                 start = 0
-                for batch in self._file.iter_batches(_BATCH, columns=[name]):
+                for batch in self._file.iter_batches(1 << 16, columns=[name]):  # rows
                     values = self._numbers(batch.column(0), name)
                     columns[name][start : start + values.size] = values
                     start += values.size

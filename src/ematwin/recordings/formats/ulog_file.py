@@ -8,7 +8,6 @@ import numpy as np
 from ematwin.errors import FileError
 from ematwin.recordings.formats.base import RecordedFile, load_library
 
-_HEADER = 16  # bytes
 _STAMP = "timestamp"  # us since the start of the system
 
 
@@ -54,7 +53,7 @@ class ULogFile(RecordedFile):
 
 def _ends_with_a_message(path: Path) -> bool:
     """Whether the last message is whole: 16 bytes, then size (2 bytes), kind (1) and content."""
-    place, size = _HEADER, path.stat().st_size
+    place, size = 16, path.stat().st_size  # behind the header
     with path.open("rb") as file:
         while place + 3 <= size:
             file.seek(place)

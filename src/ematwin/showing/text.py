@@ -1,6 +1,7 @@
-"""Numbers for people: the digits that their interval deserves, and the units that they prefer."""
+"""Words and numbers for people: the digits that an interval deserves, and preferred units."""
 
 import math
+from collections.abc import Sequence
 
 from ematwin.quantities import preferred
 
@@ -85,3 +86,18 @@ def _fixed(value: float, place: int, scale: int) -> str:
     rounded = round(value / 10.0**place) * 10.0**place
     text = f"{rounded / 10.0**scale + 0.0:.{max(0, scale - place)}f}"  # no minus before a zero
     return text if scale == 0 or rounded == 0.0 else f"{text}e{scale}"
+
+
+def listed(names: Sequence[str]) -> str:
+    """ "a, b and c"."""
+    return ", ".join(names[:-1]) + (" and " if len(names) > 1 else "") + names[-1]
+
+
+def counted(number: int, noun: str) -> str:
+    """ "1 case", "2 cases"."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def capital(text: str) -> str:
+    """The text with a capital first letter."""
+    return text[:1].upper() + text[1:]

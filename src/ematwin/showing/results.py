@@ -1,11 +1,17 @@
-"""Results as tables of pandas, imported where a table is made, and as plain values for JSON."""
+"""Results as tables of pandas, plain values for JSON, figures, and pages.
+
+All is imported where it is asked for: no result depends on its figures, which stand above the
+results (docs/architecture.md), and plotly and pandas load only where something is made.
+"""
 
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import is_dataclass
+from importlib import import_module
+from pathlib import Path
 from typing import Any
 
-from ematwin.errors import MissingExtraError
+from ematwin.errors import InputError, MissingExtraError
 
 
 def frame(columns: Mapping[str, Any], index: str | None = None) -> Any:
@@ -62,3 +68,28 @@ def _pandas() -> Any:
     except ImportError:
         raise MissingExtraError("pandas", "pandas", "A table") from None
     return pandas
+
+
+def drawn(result: Any, kind: str, functions: Mapping[str, str], *settings: Any) -> Any:
+    """The figure of a result.
+
+    Parameters
+    ----------
+    result : to be drawn
+    kind : which of its figures
+    functions : kind to the name of a function of `ematwin.plots`
+    settings : further arguments of the function
+
+    Raises
+    ------
+    InputError
+        If there is no such figure.
+    """
+    if kind not in functions:
+        raise InputError(f"There is no figure {kind!r}; choose {' or '.join(functions)}.")
+    return getattr(import_module("ematwin.plots"), functions[kind])(result, *settings)
+
+
+def page_written(result: Any, path: str | Path, function: str) -> None:
+    """Write the page of a result; ``function`` of `ematwin.report`, by name, as "module:name"."""
+    import_module("ematwin.report.page").write_page(result, path, function)

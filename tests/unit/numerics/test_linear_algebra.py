@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from ematwin.numerics.bounded_squares import bounded_squares
+from ematwin.numerics.linear_algebra import bounded_squares
 
 
 @pytest.mark.parametrize("seed", range(60))
