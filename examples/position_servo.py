@@ -23,6 +23,7 @@ import numpy as np
 import ematwin
 from ematwin.errors import EmatwinError, InputError, RecordError
 from ematwin.estimation.identification import Identification
+from ematwin.files import check_target
 from ematwin.models.position_servo.recorded import stretch
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.monitoring.calibration import Calibration
@@ -46,6 +47,8 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="one JSON object instead of a table")
     parser.add_argument("--page", type=Path, help="write a page (.html) on all runs")
     given = parser.parse_args()
+    if given.page is not None and (given.judge is None or given.together is not None):
+        parser.error("--page shows runs judged one by one: give --judge, and leave --together out")
     if given.calibration is None:
         print(
             "Give a table (.parquet or .csv) of healthy runs of a servo. docs/position-servo.md "
@@ -53,6 +56,8 @@ def main() -> None:
         )
         return
     try:
+        if given.page is not None:
+            check_target(given.page, (".html",))
         twin = calibrated(given.calibration, given.template, quiet=given.json)
         if given.judge is None:
             return
@@ -64,9 +69,7 @@ def main() -> None:
             found = [one.identification for one in detection.motions]
             rows = [row_of(run, one, twin) for run, one in zip(runs, found, strict=True)]
             if given.page is not None:
-                from ematwin.report.detection import detection_page
-
-                given.page.write_text(detection_page(detection), encoding="utf-8")
+                detection.report(given.page)
     except EmatwinError as error:
         sys.exit(str(error))
     rows += [unread(run, why) for run, why in refused.items()]
@@ -103,9 +106,10 @@ def runs_of(path: Path, actuator: Any) -> tuple[list[Recording], dict[str, str]]
     """The runs of a table, and why others cannot be read, by run."""
     try:
         return ematwin.read(path, actuator=actuator, split=True, gaps="longest"), {}
-    except RecordError:
+    except RecordError as error:
         if path.suffix != ".parquet":
             raise
+        whole = str(error)
     import pyarrow.compute as pc
     import pyarrow.parquet as pq
 
@@ -122,7 +126,7 @@ def runs_of(path: Path, actuator: Any) -> tuple[list[Recording], dict[str, str]]
             except RecordError as error:
                 refused[str(run)] = str(error).replace(f"{folder}/", "")
     if not found:
-        raise RecordError(next(iter(refused.values())))
+        raise RecordError(next(iter(refused.values()), whole))
     return found, refused
 
 

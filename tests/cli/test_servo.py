@@ -120,6 +120,10 @@ def test_the_example_refuses_what_it_cannot_use(tables, tmp_path):
     other = script(EXAMPLE, made_up.write(tmp_path / "other.parquet", runs))
     assert other.code == 1
     assert "no healthy run" in other.err
+    empty = made_up.write(tmp_path / "empty.parquet", [{n: x[:0] for n, x in runs[0].items()}])
+    none = script(EXAMPLE, empty)
+    assert none.code == 1
+    assert "Traceback" not in none.err
     del runs[0]["position"], runs[1]["position"]
     lacking = script(EXAMPLE, made_up.write(tmp_path / "lacking.parquet", runs))
     assert lacking.code == 1
@@ -139,6 +143,7 @@ def test_one_run_that_cannot_be_read_leaves_the_others(rows):
         ({"position": np.degrees, "goal_position": np.degrees}, "nobody stated its unit"),
         ({"position": lambda x: 2048 + x / made_up.COUNT}, "steps of the encoder"),
         ({"supply_voltage": lambda x: 10.0 * x}, "tenths of a volt"),
+        ({"mass": lambda x: 1000.0 * x}, "Give kg and m"),
         ({"position": np.negative}, "wrong sign"),
     ],
 )

@@ -38,6 +38,11 @@ def test_reads_that_are_samples_stay(clock):
     assert sampled(*reads(clock), PERIOD) is None
 
 
+def test_reads_too_rare_for_the_clock_stay():
+    time, values = reads(PERIOD)
+    assert sampled(1e3 * time, values, PERIOD) is None
+
+
 def test_false_reads_do_not_hide_the_clock():
     time, values = reads(PERIOD)
     values[[100, 300]] = -3.14

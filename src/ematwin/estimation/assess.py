@@ -270,11 +270,11 @@ def _values(
         is_fault = one.role == "fault" and one.direction_of is None
         if is_fault and sets.is_improbable(one.name):
             values[one.name] = float(given.of(one.name).mean())
-        low, high = given.interval(one.name, one.lower, one.upper)
-        if is_fault:  # the best point, and healthy where it may be absent
-            ends = [values[one.name]] + [one.healthy] * (sets.presence(one.name) < CERTAIN)
-            low, high = min(low, *ends), max(high, *ends)
-        intervals[one.name] = Interval(low, high)
+        intervals[one.name] = Interval(
+            *sets.interval(one, values[one.name])
+            if is_fault
+            else given.interval(one.name, one.lower, one.upper)
+        )
         errors.append(_error(one, given.of(one.name), values[one.name]))
     covariance = np.diag(np.square(errors[:own]))
     # what is absent in all sets is no neighbour of anything

@@ -183,7 +183,7 @@ def identified_by_sets(
     for one in faults:
         drawn = sets.given(one.name)
         values[one.name] = float(drawn.of(one.name).mean())
-        intervals[one.name] = Interval(*drawn.interval(one.name, one.lower, one.upper))
+        intervals[one.name] = Interval(*sets.interval(one, values[one.name]))
         errors.append(deviations(one, drawn.of(one.name), values[one.name]).std())
     physical = {
         one.name: physical_of(one, actuator, values[one.name], intervals[one.name])

@@ -179,6 +179,15 @@ class FaultSets:
         """Draws over the sets with a fault, given that it is there; over all if it is no fault."""
         return self._given.get(name, self.drawn)
 
+    def interval(self, one: Unknown, value: float) -> tuple[float, float]:
+        """Interval of a fault given that it is there; to healthy where it may be absent.
+
+        ``value``, its best point, is always inside.
+        """
+        low, high = self.given(one.name).interval(one.name, one.lower, one.upper)
+        ends = [value] + [one.healthy] * (self.presence(one.name) < CERTAIN)
+        return min(low, *ends), max(high, *ends)
+
     @cached_property
     def _given(self) -> dict[str, Draws]:
         there = [s for s in self.sets if s.probability > 0.0]

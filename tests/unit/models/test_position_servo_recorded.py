@@ -44,6 +44,15 @@ def test_positions_count_less_while_the_target_is_at_its_speed_limit():
     assert late[-1] - late[0] == pytest.approx(2.0 / SERVO.controller.speed_limit, abs=0.02)
 
 
+@pytest.mark.parametrize("hunting", [0.0, 0.008])
+def test_a_rest_counts_as_one_sample_even_where_the_servo_hunts_in_its_play(hunting):
+    rest = hunting * np.sin(2.0 * np.pi * 4.5 * TIME)
+    position = np.where(TIME < 3.0, rest, np.sin(2.0 * (TIME - 3.0)))
+    noise = MODEL.model_error * MODEL.noise(SERVO, recording(position, position))["position"]
+    assert np.sum(noise[TIME < 2.85] ** -2.0) ** -0.5 == pytest.approx(0.004, rel=0.1)
+    assert noise[(TIME > 3.1) & (TIME < 3.6)].max() < 0.03
+
+
 def test_only_the_stretch_with_torque_is_compared():
     goal, position = followed()
     enabled = np.where(TIME < 2.0, 1.0, 0.0)

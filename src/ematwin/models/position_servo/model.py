@@ -12,6 +12,8 @@ from ematwin.models.position_servo.recorded import (
     CHANNELS,
     check_units,
     limited,
+    rests,
+    smooth,
     stated_arm,
     stretch,
     supply,
@@ -60,14 +62,14 @@ class PositionServoModel(Model):
 
     def noise(self, actuator: Any, recording: Recording) -> dict[str, Any]:
         """Standard deviation of each sample of the position, (S,) rad."""
-        position = recording.channels["position"]
         false = stretch(recording, actuator).false
-        good = np.flatnonzero(~false)
-        smooth = np.interp(np.arange(len(recording)), good, position[good])
-        speed = np.gradient(smooth, recording.time)
+        moved = smooth(recording, false, 0, len(recording))
         # time that a target at its speed limit loses to a late goal stays lost until the goal turns
         lost = _LATE * actuator.controller.speed_limit * limited(recording, actuator)
-        noise = np.sqrt(_READ**2 + (_LATE * speed) ** 2 + lost**2)
+        noise = np.sqrt(_READ**2 + (_LATE * moved.speed) ** 2 + lost**2)
+        # at rest, or hunting within its play, it is off by one error: all samples count as one
+        for a, b in rests(moved.position, actuator.gear.backlash, recording.interval):
+            noise[a:b] *= max(1.0, math.sqrt(b - a) / self.model_error)
         noise[false] *= _NO_WEIGHT
         return {"position": noise}
 

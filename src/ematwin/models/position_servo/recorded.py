@@ -36,6 +36,7 @@ _WIDENED = 2  # samples next to a false read, into which interpolation carries i
 _SHORTEST = 20  # samples that are compared
 _SUPPLY = 0.5  # of the usual voltage, off which no servo runs on
 _RATED = 2.5  # times the rated voltage, or its inverse: no supply of this servo
+_LIFTS = 2.0  # times the stall torque: no servo of the type has more
 _TURNS = 2.0  # of travel: more is another unit
 _AGAINST = -0.8  # correlation of goal and position where one has the wrong sign
 _LASTS = 0.25  # s: an arm that overshoots has turned round by then
@@ -141,6 +142,16 @@ def check_units(recording: Recording, actuator: Any) -> None:
             'turns, and nobody stated its unit. Name degrees as "position [deg]"; for steps of '
             "the encoder give (steps - step where the arm hangs down) * 2 pi / steps of a turn."
         )
+    from ematwin.models.position_servo.twin import servo_constants
+
+    healthy = {one.name: one.healthy for one in unknowns(actuator)}
+    load = servo_constants(actuator, healthy, stated_arm(recording)).gravity
+    most = _LIFTS * actuator.motor.stall_torque
+    if load > most:
+        raise RecordError(
+            f"{recording.name}: the arm needs {load:.4g} N m by its mass, length and arm_mass, and "
+            f"{actuator.name} has no more than {most:.3g} N m. Give kg and m."
+        )
     found = supply(recording)
     rated = actuator.motor.rated_voltage
     usual = rated if found is None else float(np.median(found[0]))
@@ -176,6 +187,20 @@ def limited(recording: Recording, actuator: Any) -> np.ndarray:
     return flags
 
 
+def rests(position: np.ndarray, play: float, interval: float) -> list[tuple[int, int]]:
+    """Stretches (first, stop) in which the mean position over `_LASTS` keeps within ``play``."""
+    half = round(0.5 * _LASTS / interval)
+    padded = np.pad(position, half, mode="edge")
+    mean = np.convolve(padded, np.full(2 * half + 1, 1.0 / (2 * half + 1)), mode="valid").tolist()
+    found, first, low, high = [], 0, mean[0], mean[0]
+    for n, value in enumerate(mean):
+        low, high = min(low, value), max(high, value)
+        if high - low > play:
+            found.append((first, n))
+            first, low, high = n, value, value
+    return [*found, (first, len(mean))]
+
+
 def false_reads(position: np.ndarray, most: float) -> np.ndarray:
     """Flags (S,) of samples further than ``most`` (rad) from the median of their neighbours."""
     half = _NEIGHBOURS // 2
@@ -187,20 +212,21 @@ def false_reads(position: np.ndarray, most: float) -> np.ndarray:
 
 
 class _Moved(NamedTuple):
-    """Motion (S,) of a stretch: error (rad) of the position, and speed (rad/s)."""
+    """Motion (S,) of a stretch: position and its error (rad), and speed (rad/s)."""
 
+    position: np.ndarray
     error: np.ndarray
     speed: np.ndarray
 
 
 def smooth(recording: Recording, false: np.ndarray, first: int, stop: int) -> _Moved:
-    """Error and speed with false reads bridged."""
+    """Position, its error and speed with false reads bridged."""
     time, good = recording.time[first:stop], ~false[first:stop]
     if good.sum() < 2 or time.size < _SHORTEST:
-        return _Moved(np.zeros(time.size), np.zeros(time.size))
+        return _Moved(*np.zeros((3, time.size)))
     position = np.interp(time, time[good], recording.channels["position"][first:stop][good])
     error = recording.channels["goal_position"][first:stop] - position
-    return _Moved(error, np.gradient(position, time))
+    return _Moved(position, error, np.gradient(position, time))
 
 
 def _rests(moved: _Moved, no_load_speed: float) -> np.ndarray:
