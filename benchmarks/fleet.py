@@ -73,6 +73,8 @@ def watched(seed, actuators, per_year, every):
     with tempfile.TemporaryDirectory() as folder:
         store = Fleet(folder).store
         made.fill(store)
+        with (store.folder / "fleet.toml").open("a") as file:
+            file.write(f'[alarms]\nlook = "{every} days"\n')
         for day in range(180, made.days, every):
             now = made.start + timedelta(days=day)
             fleet = Fleet(folder, now=now)
@@ -121,6 +123,9 @@ def judged(seed, actuators, per_year, every):
         for one in raised
         if one[3] == "watch" and truths[one[1]].level[one[2]][one[0]] < SMALLEST
     ]
+    known_a_year = [one for one in raised if one[3] == "act" and one[0] + 365 < made.days]
+    soon = [(truths[who].passes(name, day) or made.days) <= day + 365
+            for day, who, name, _ in known_a_year]  # fmt: skip
     held, every_one, ours, curves, horizons = 0, 0, [], [], []
     fails = {
         (serial, name, end)
@@ -164,6 +169,7 @@ def judged(seed, actuators, per_year, every):
         "seed": seed, "actuator_years": actuators * (made.days - 180) / 365.25,
         "false_alarms": len(false), "failures": len(fails),
         **{f"{step}_before": count for step, count in before.items()},
+        "act": len(soon), "act_within_a_year_of_the_limit": sum(soon),
         "predictions": len(whole), "held_of_all": sum(whole),
         "from_horizon": every_one, "held_from_horizon": held,
         "median_horizon_years": float(np.median(horizons)) if horizons else 0.0,

@@ -184,10 +184,9 @@ def lives(*draws):
 def test_alarms_rise_with_the_life_that_is_left(fleet):
     unknown = fleet["EMA-01"].unknown("friction")
 
-    def step(level, life, before=None):
+    def step(level, life, policy=None):
         one = state(fleet, level)
-        found = judge(one, life, one.time, Policy(), unknown=unknown, count=6, before=before)
-        return found.step
+        return judge(one, life, one.time, policy or Policy(), unknown=unknown, count=6).step
 
     long, soon, now = lives(*[5.0] * 10), lives(*[0.3] * 10), lives(*[0.01] * 10)
     assert step(0.0, long) == "none"
@@ -195,6 +194,7 @@ def test_alarms_rise_with_the_life_that_is_left(fleet):
     assert step(0.1, soon) == "plan"
     assert step(0.1, now) == "act"
     assert step(0.0, now) == "none"  # too small to matter
+    assert step(0.1, soon, policy=Policy(look=0.25)) == "act"  # the next look would be too late
 
 
 def test_an_actuator_that_nobody_records_raises_no_alarm(fleet):

@@ -118,10 +118,8 @@ class FleetActuator:
 
     @cached_property
     def _usual(self) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and deviation of temperature and load over the fleet's actuators of this kind."""
-        table = np.array(
-            [[r["temperature"], r["load"]] for r in self.rows], dtype=float
-        )  # the fleet shares twins, but loads differ: each actuator is compared with itself
+        """Mean and deviation of its own temperatures and loads."""
+        table = np.array([[r["temperature"], r["load"]] for r in self.rows], dtype=float)
         known = np.isfinite(table)
         count = np.maximum(known.sum(axis=0), 1)
         mean = np.where(known, table, 0.0).sum(axis=0) / count

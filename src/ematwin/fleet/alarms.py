@@ -5,8 +5,8 @@
   an alarm. Of alarms raised at that moment a share rate/M is false whenever one
   looks: a posterior does not depend on when one stops. An alarm that has cleared is not raised
   again within a year, so that there are at most ``rate`` false ones per actuator and year.
-- plan, act: besides, its limit is passed within a planning or a lead time with a probability of
-  10 %: the lower end of the 80 % interval of life left lies within it.
+- plan, act: besides, its limit is passed within a planning or a lead time after the next look, as
+  nobody acts before, with a probability of 10 %: the lower end of the 80 % interval of life left.
 
 An alarm falls back a step where its probability is below half of the value that raised it. It
 clears where the magnitude is more likely too small to matter (hysteresis).
@@ -38,11 +38,13 @@ class Policy:
     ----------
     false_alarms : per actuator and year, at most
     plan, act : years before its limit by which a magnitude asks for a plan, or for action
+    look : years between two looks at the alarms
     """
 
     false_alarms: float = 0.1
     plan: float = 0.5
     act: float = 1.0 / 12.0
+    look: float = 0.0
 
     def __post_init__(self) -> None:
         if not 0.0 < self.false_alarms < 1.0:
@@ -50,10 +52,10 @@ class Policy:
                 "false_alarms must lie between 0 and 1 per actuator and year, received "
                 f"{self.false_alarms:g}."
             )
-        if not 0.0 < self.act <= self.plan:
+        if not 0.0 < self.act <= self.plan or not self.look >= 0.0:
             raise InputError(
-                f"act and plan must be times with 0 < act <= plan, received {self.act:g} and "
-                f"{self.plan:g} years."
+                "act, plan and look must be times with 0 < act <= plan and 0 <= look, received "
+                f"{self.act:g}, {self.plan:g} and {self.look:g} years."
             )
 
 
@@ -121,14 +123,14 @@ def judge(
     certain = 1.0 - policy.false_alarms / count
     present = probability >= certain or (held.step != "none" and probability >= 0.5)
     if held.step == "none" and moment - held.cleared < _AGAIN and (
-        life is None or life.within(policy.act) < 0.5
+        life is None or life.within(policy.look + policy.act) < 0.5
     ):  # fmt: skip
         present = False
     step: Step = "watch" if present else "none"
     soon = 0.0
     if present and life is not None:
         for name, time in (("act", policy.act), ("plan", policy.plan)):
-            soon = life.within(time)
+            soon = life.within(policy.look + time)
             kept = STEPS.index(held.step) >= STEPS.index(name)
             if soon >= (0.5 * _SOON if kept else _SOON):
                 step = name  # type: ignore[assignment]

@@ -21,11 +21,7 @@ from ematwin.fleet.actuator import FleetActuator
 from ematwin.fleet.alarms import Policy
 from ematwin.fleet.learning import learn
 from ematwin.fleet.life import Requirement, process_of
-from ematwin.fleet.store import (
-    SET_ASIDE,
-    FleetStore,
-    moment_of,
-)
+from ematwin.fleet.store import SET_ASIDE, FleetStore, moment_of
 from ematwin.fleet.trend import Wear
 from ematwin.quantities import parse_quantity
 from ematwin.validation import load_toml
@@ -226,7 +222,7 @@ def settings_of(
         raise InputError(f"{path} has {unknown[0]!r}; it may have {', '.join(_SETTINGS)}.")
     try:
         given = dict(table.get("alarms", {}))
-        for name in ("plan", "act"):
+        for name in ("plan", "act", "look"):
             if isinstance(given.get(name), str):
                 seconds = parse_quantity(given[name], "s", name)
                 given[name] = seconds / (365.25 * 86_400.0)

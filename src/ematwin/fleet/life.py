@@ -269,8 +269,8 @@ class Requirement:
 
     Attributes
     ----------
-    measure : "following_error_peak", "following_error_rms", "settling_time", or a number of the
-        kind's summary, such as "current_peak"
+    measure : "following_error_peak", "following_error_rms", "settling_time", "rise_time", or a
+        number of the kind's summary, such as "current_peak"
     limit : SI, the largest value with which it does its job
     scenario : name or file; None takes the kind's default
     """
@@ -291,6 +291,7 @@ class Requirement:
             found["following_error_peak"] = float(np.abs(error).max())
             found["following_error_rms"] = float(np.sqrt(np.mean(error**2)))
             found["settling_time"] = _settling(recording.time, command, output)
+            found["rise_time"] = _rise(recording.time, command, output)
         if self.measure not in found:
             raise InputError(
                 f"A requirement on the kind {model.kind} measures one of {', '.join(found)}; "
@@ -306,6 +307,14 @@ def _settling(time: np.ndarray, command: np.ndarray, output: np.ndarray) -> floa
     outside = np.flatnonzero(np.abs(output - command[-1]) > 0.05 * np.ptp(command))
     end = int(outside[-1]) if outside.size else begin
     return float(time[max(end, begin)] - time[begin])
+
+
+def _rise(time: np.ndarray, command: np.ndarray, output: np.ndarray) -> float:
+    """Seconds from 10 to 90 % of the way to the last command; infinite if it gets less far."""
+    way = command[-1] - output[0]
+    gone = np.append(np.sign(way) * (output - output[0]), np.inf)
+    begin, end = (np.append(time, np.inf)[gone >= share * abs(way)][0] for share in (0.1, 0.9))
+    return float(end - begin) if np.isfinite(begin) else math.inf
 
 
 def job_left(

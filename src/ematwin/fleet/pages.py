@@ -44,9 +44,7 @@ def fleet_page(fleet: Fleet, link: str = "#{serial}") -> str:
     rows = [_row(fleet[row["serial_number"]], row, link) for row in table]
     sections = [Section("Actuators", table=Table(header, rows, texts=(1, 2, 4, 5)))]
     if link.startswith("#"):
-        sections += [
-            _history(fleet[row["serial_number"]], row["advisory"]) for row in table
-        ]  # fmt: skip
+        sections += [_history(fleet[row["serial_number"]], row["advisory"]) for row in table]
     if fleet.set_aside:
         aside = [Row([str(r["source"]), str(r["reason"])]) for r in fleet.set_aside[-_RECORDINGS:]]
         sections.append(
@@ -283,12 +281,13 @@ def _brief(event: dict[str, Any]) -> str:
 
 def _rules(fleet: Fleet) -> dict[str, str]:
     policy = fleet.policy
+    late = f" after the next look, in {spoken(policy.look)}" if policy.look else ""
     limits = ", ".join(f"{name} {value}" for name, value in fleet.limits_given.items())
     return {
         "watch": "a magnitude is larger than matters; at most "
         f"{policy.false_alarms:g} false alarms per actuator and year",
-        "plan": f"its limit may be passed within {spoken(policy.plan)} (10 %)",
-        "act": f"its limit may be passed within {spoken(policy.act)} (10 %)",
+        "plan": f"its limit may be passed within {spoken(policy.plan)}{late} (10 %)",
+        "act": f"its limit may be passed within {spoken(policy.act)}{late} (10 %)",
         "limits": limits or "none stated: there is no life left (fleet.toml)",
         "since": min((f"{one.rows[0]['time']:%Y-%m-%d}" for one in fleet), default=""),
     }

@@ -10,13 +10,7 @@ import os
 import random
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import (
-    CancelledError,
-    Executor,
-    Future,
-    ThreadPoolExecutor,
-    as_completed,
-)
+from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
@@ -211,9 +205,7 @@ def _workers(threads: int, scheduler: str | None) -> Iterator[Executor]:
         engine.close()
 
 
-def _changed(
-    rows: Sequence[dict[str, Any]], twins: Twins, paths: Paths, path: Path
-) -> bool:  # fmt: skip
+def _changed(rows: Sequence[dict[str, Any]], twins: Twins, paths: Paths, path: Path) -> bool:
     """Whether a file is now judged by another twin, or was set aside under another name."""
     return any(
         (row["grade"] == SET_ASIDE and Path(row["source"]).parts[-2:] != path.parts[-2:])
