@@ -12,9 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ematwin.errors import ParameterError
-from ematwin.estimation.prior import Prior, coordinate, coordinates
+from ematwin.estimation.prior import Prior, coordinate
 from ematwin.estimation.problem import Problem, ResidualChange
-from ematwin.models.chart import Chart
 from ematwin.models.unknown import Unknown
 from ematwin.numerics.side_by_side import side_by_side
 
@@ -42,25 +41,6 @@ class _Unseen(NamedTuple):
         return np.outer(moved, self.slopes[recording])
 
 
-class _Linear(NamedTuple):
-    """How the error of the fast model changes with all unknowns.
-
-    Attributes
-    ----------
-    chart : Chart, of the unknowns
-    z : (d,) array, coordinates of the point at which the fast model is corrected
-    slopes : of each recording (d, K), change of its residuals with the coordinates
-    """
-
-    chart: Chart
-    z: np.ndarray
-    slopes: Sequence[np.ndarray]
-
-    def residuals(self, values: Mapping[str, np.ndarray], recording: int) -> np.ndarray:
-        """(B, K), as `ResidualChange` says."""
-        return np.asarray((coordinates(self.chart, values) - self.z) @ self.slopes[recording])
-
-
 def corrected_at(
     problem: Problem, point: np.ndarray, like: Problem | None = None
 ) -> Problem | None:
@@ -73,11 +53,11 @@ def corrected_at(
     recording has no reference, or the reference diverged.
     """
     values = problem.values(point)
-    first = _missed(problem, point, {})
+    first = missed_at(problem, point)
     if first is None:
         return None
     known = {} if like is None else _slopes_of(like)
-    other = _without(problem, first)
+    other = corrected_by(problem, first)
     unseen = [one for one in problem.unknowns if one.name in problem.comparisons[0].unseen]
     new = [one for one in unseen if one.name not in known]
     if new:
@@ -85,11 +65,13 @@ def corrected_at(
         near = {
             name: values[name] + _NEARLY * (there - values[name]) for name, there in far.items()
         }
-        moved = [_missed(problem, point, one) for one in (near, *({n: far[n]} for n in far))]
+        moved = [missed_at(problem, point, one) for one in (near, *({n: far[n]} for n in far))]
         if any(one is None for one in moved):
             return None
-        before = _residuals(other, point)
-        steps = [_change(before, _without(problem, one), point) for one in moved if one is not None]
+        before = residuals_each(other, point)
+        steps = [
+            _change(before, corrected_by(problem, one), point) for one in moved if one is not None
+        ]
         scatter = _size(other, steps[0])
         for one, moves in zip(new, steps[1:], strict=True):
             step = coordinate(one, far[one.name]) - coordinate(one, values[one.name])
@@ -98,38 +80,7 @@ def corrected_at(
     changes: list[ResidualChange] = [
         _Unseen(one, coordinate(one, values[one.name]), known[one.name]) for one in unseen
     ]
-    here = {name: np.array([value]) for name, value in values.items()}
-    for change in () if like is None else like.changes:
-        if isinstance(change, _Linear) and here.keys() >= {n.name for n in change.chart.unknowns}:
-            changes.append(change._replace(z=coordinates(change.chart, here)[0]))
     return other.with_comparisons(other.comparisons, changes)
-
-
-def with_slopes(problem: Problem, here: Problem, z: np.ndarray, ways: np.ndarray) -> Problem:
-    """A corrected problem whose fast model changes with the unknowns as the reference does.
-
-    Along each way, one standard deviation long, the reference is asked once for each recording. Its
-    slope is shrunk by the share of scatter in the change: least squares would follow scatter.
-
-    Parameters
-    ----------
-    problem : not corrected
-    here : corrected at ``z``
-    z : (d,) array, coordinates
-    ways : (d, d) array, steps to other points, a row each
-    """
-    chart, point = problem.chart, problem.chart.to_values(z[None])[0]
-    there = chart.project(z + np.vstack([_NEARLY * ways.sum(axis=0), ways]))
-    others = side_by_side(lambda one: corrected_at(problem, one, here), chart.to_values(there))
-    before = _residuals(here, point)
-    nothing = [np.zeros_like(one) for one in before]
-    changes = [nothing if one is None else _change(before, one, point) for one in others]
-    sizes = [_size(here, change) for change in changes]
-    counted = [_beyond_scatter(size, sizes[0]) for size in sizes[1:]]
-    size = np.linalg.norm(ways, axis=0)
-    shares = counted * np.linalg.pinv((there[1:] - z) / size, rcond=1e-6) / size[:, None]
-    slopes = [shares @ np.array(each) for each in zip(*changes[1:], strict=True)]
-    return here.with_comparisons(here.comparisons, (*here.changes, _Linear(chart, z, slopes)))
 
 
 def is_smooth(here: Problem, z: np.ndarray, ways: np.ndarray) -> bool:
@@ -145,14 +96,9 @@ def is_smooth(here: Problem, z: np.ndarray, ways: np.ndarray) -> bool:
     along = ways.sum(axis=0) / np.sqrt(len(ways))
     points = chart.to_values(chart.project(z + np.outer((_NEARLY, 1.0), along)))
     there = [corrected_at(here, one, here) for one in points]
-    before = _residuals(here, point)
+    before = residuals_each(here, point)
     sizes = [math.inf if one is None else _size(here, _change(before, one, point)) for one in there]
     return _beyond_scatter(sizes[1], sizes[0]) > 0.5
-
-
-def has_slopes(problem: Problem) -> bool:
-    """Whether a problem was corrected with slopes of the reference (`with_slopes`)."""
-    return any(isinstance(one, _Linear) for one in problem.changes)
 
 
 def as_searched(problem: Problem) -> Problem:
@@ -171,7 +117,7 @@ def of_fast_model(problem: Problem) -> Problem:
     if not problem.comparisons[0].has_reference:
         return problem
     every = [one.measured() for one in problem.comparisons]
-    return _without(problem, [{n: np.zeros_like(x) for n, x in one.items()} for one in every])
+    return corrected_by(problem, [{n: np.zeros_like(x) for n, x in one.items()} for one in every])
 
 
 def reference_scatter(problem: Problem, point: np.ndarray) -> float:
@@ -197,8 +143,8 @@ def reference_scatter(problem: Problem, point: np.ndarray) -> float:
     return problem.relative_misfit(0.5 * change)
 
 
-def _missed(
-    problem: Problem, point: np.ndarray, moved: Mapping[str, float]
+def missed_at(
+    problem: Problem, point: np.ndarray, moved: Mapping[str, float] | None = None
 ) -> list[Mapping[str, np.ndarray]] | None:
     """Reference minus fast model, per recording, at a point (d,) with some values ``moved``.
 
@@ -208,7 +154,7 @@ def _missed(
     def missed(n: int) -> Mapping[str, np.ndarray] | None:
         beside = {name: float(x[0]) for name, x in problem.candidates(point[None], n).items()}
         try:
-            found = problem.comparisons[n].missed({**beside, **moved})
+            found = problem.comparisons[n].missed({**beside, **(moved or {})})
         except ParameterError:  # a sampled loop that is unstable there
             return None
         if found is None or not all(np.isfinite(trace).all() for trace in found.values()):
@@ -220,7 +166,7 @@ def _missed(
     return known if len(known) == len(every) else None
 
 
-def _without(problem: Problem, missed: Sequence[Mapping[str, np.ndarray]]) -> Problem:
+def corrected_by(problem: Problem, missed: Sequence[Mapping[str, np.ndarray]]) -> Problem:
     """The same problem with that taken off each recording, and the noise that is left then."""
     pairs = zip(problem.comparisons, missed, strict=True)
     other = problem.with_comparisons([one.with_missed(by_channel) for one, by_channel in pairs])
@@ -228,14 +174,14 @@ def _without(problem: Problem, missed: Sequence[Mapping[str, np.ndarray]]) -> Pr
     return other.with_noise(other.comparisons[0].noise, model_error=1.0)
 
 
-def _residuals(problem: Problem, point: np.ndarray) -> list[np.ndarray]:
+def residuals_each(problem: Problem, point: np.ndarray) -> list[np.ndarray]:
     """Residuals (K,) of each recording at a point (d,)."""
     return [problem.residuals_of(n, point[None])[0] for n in range(len(problem.comparisons))]
 
 
 def _change(before: Sequence[np.ndarray], there: Problem, point: np.ndarray) -> list[np.ndarray]:
     """Change of residuals (K,) of each recording at a point (d,), to those of another problem."""
-    return [now - then for now, then in zip(_residuals(there, point), before, strict=True)]
+    return [now - then for now, then in zip(residuals_each(there, point), before, strict=True)]
 
 
 def _size(problem: Problem, change: Sequence[np.ndarray]) -> float:

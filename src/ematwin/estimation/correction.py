@@ -36,9 +36,22 @@ from functools import cached_property
 import numpy as np
 
 from ematwin.estimation.constants import AS_GOOD
-from ematwin.estimation.corrected_problem import corrected_at, has_slopes, is_smooth, with_slopes
+from ematwin.estimation.corrected_problem import corrected_at
 from ematwin.estimation.descent import Descent
-from ematwin.estimation.laplace import Laplace, laplace, principal, step_lengths
+from ematwin.estimation.laplace import (
+    Laplace,
+    laplace,
+    principal,
+    prior_information,
+    step_lengths,
+)
+from ematwin.estimation.linearised import (
+    is_linear,
+    linear_at,
+    missed_by,
+    with_secant,
+    with_slopes,
+)
 from ematwin.estimation.noise import with_channels_reweighed, with_discrepancy
 from ematwin.estimation.problem import Problem
 from ematwin.numerics.side_by_side import side_by_side
@@ -49,6 +62,7 @@ _NEAR = 1.0  # standard errors, within which scatter of the reference may be all
 _SHRINKS = 0.5  # of the step before: less is progress
 _DEPTH = 3  # rounds that are combined
 _IN_VAIN = 3  # rounds in succession that do not lower the cost by a reference that scatters
+_WIDEST = 0.1  # of a range: steps of slopes at most, where little is known before
 _ELSEWHERE = 6  # points within the width at which the error of the model is measured
 
 
@@ -65,6 +79,7 @@ class Corrected:
     model_error : (d, d) array, covariance from the model error elsewhere within the width
     scatter : float, relative misfit by which answers of the reference differ within the width
     cost_scatter : float, standard deviation of the cost of the data among these
+    ways : (d, d) array, steps over which slopes of the reference were taken; None without such
     """
 
     peak: Laplace
@@ -73,6 +88,7 @@ class Corrected:
     model_error: np.ndarray | float = 0.0
     scatter: float = 0.0
     cost_scatter: float = 0.0
+    ways: np.ndarray | None = None
 
     @property
     def covariance(self) -> np.ndarray:
@@ -119,26 +135,57 @@ def corrected(
     """
     chart = problem.chart
     z = chart.project(chart.from_values(start[None]))[0]
+    here = linear_at(problem, z) if problem.lacks_forms and (near or is_linear(like)) else None
+    if here is not None:
+        ways = principal(prior_information(problem, z), _WIDEST)
+        return _linearised(problem, here, z, ways, descent, steps, rounds, like)
     here = corrected_at(problem, start, like)
     if here is None:
         return Corrected(laplace(problem, start, descent, steps=steps), 0, np.zeros((1, len(z))))
-    closer = near and problem.lacks_forms and not has_slopes(here)
-    visited = _rounds(problem, here, z, descent, steps, 1 if closer else rounds)
-    if closer and not is_smooth(here, z, _ways(visited[0])):
-        closer = False
-        visited = _rounds(problem, here, z, descent, steps, rounds)
+    visited = _rounds(problem, here, z, descent, steps, rounds)
     last = _lowest(visited) if problem.lacks_forms else visited[-1]
     spent = sum(one.peak.evaluations for one in visited)
-    unexplained = problem.lacks_forms and not has_slopes(here) and _leaves_more_than_noise(last)
-    if closer or (unexplained and is_smooth(last.here, last.z, _ways(last))):
-        ways = _ways(last)
-        here = with_slopes(problem, last.here, last.z, ways)
+    end = Corrected(replace(last.peak, evaluations=spent), last.runs, last.left)
+    if problem.lacks_forms and _leaves_more_than_noise(last):
+        linear = linear_at(problem, last.z)
+        assert linear is not None
         again, steps = descent.afresh(settled=np.inf), step_lengths(last.peak.covariance)
-        visited = _rounds(problem, here, last.z, again, steps, rounds)
-        # the first round has its answer already
-        last = replace(_lowest(visited), runs=last.runs + len(ways) + visited[-1].runs)
+        nearer = _linearised(problem, linear, last.z, _ways(last), again, steps, rounds)
+        spent += nearer.peak.evaluations
+        peak = replace(nearer.peak, evaluations=spent)
+        return replace(nearer, peak=peak, rounds=end.rounds + nearer.rounds)
+    return end
+
+
+def _linearised(
+    problem: Problem,
+    here: Problem,
+    z: np.ndarray,
+    ways: np.ndarray,
+    descent: Descent,
+    steps: np.ndarray | None,
+    rounds: int,
+    like: Problem | None = None,
+) -> Corrected:
+    """The peak by slopes of the reference, from coordinates (d,) at which ``here`` is answered.
+
+    Slopes are taken over what is known before, along ``ways``, and once more over what is known
+    then.
+    """
+    asked, spent = 0, 0
+    for again in (False, True):
+        here, more = with_slopes(problem, here, ways, None if again else like)
+        visited = _rounds_by_slopes(problem, here, z, descent, steps, rounds)
+        last = visited[-1]
+        asked += more + last.runs
         spent += sum(one.peak.evaluations for one in visited)
-    return Corrected(replace(last.peak, evaluations=spent), last.runs, last.left)
+        if again or is_linear(like) or (there := linear_at(problem, last.z)) is None:
+            break
+        wide = with_model_error(Corrected(last.peak, asked, last.left, ways=ways))
+        asked = wide.rounds
+        here, z, ways = there, last.z, principal(np.linalg.inv(wide.covariance), _WIDEST)
+        descent, steps = descent.afresh(settled=np.inf), step_lengths(last.peak.covariance)
+    return Corrected(replace(last.peak, evaluations=spent), asked, last.left, ways=ways)
 
 
 @dataclass(frozen=True)
@@ -162,9 +209,9 @@ class _Round:
 
     @cached_property
     def cost(self) -> float:
-        """Of the data where it began, by the reference."""
-        point = self.here.chart.to_values(self.z[None])
-        return self.here.data_cost(self.here.residuals(point)[0])
+        """Of the data where it began, by the reference; with the priors where it is linearised."""
+        left = self.here.residuals(self.here.chart.to_values(self.z[None]))[0]
+        return float(left @ left) if is_linear(self.here) else self.here.data_cost(left)
 
 
 def _ways(one: _Round) -> np.ndarray:
@@ -217,11 +264,44 @@ def _rounds(
         found.append(_Round(z, here, peak, left, runs))
         if ends or (problem.lacks_forms and _in_vain(found)):
             break
-        lowest = min(found, key=lambda one: one.cost) if problem.lacks_forms else found[-1]
-        if has_slopes(here) and lowest is not found[-1]:  # the step was too long
-            z = 0.5 * (lowest.z + z)
+        z = chart.project(_combined(known[-_DEPTH - 1 :], errors)[None])[0]
+    return found
+
+
+def _rounds_by_slopes(
+    problem: Problem,
+    here: Problem,
+    z: np.ndarray,
+    descent: Descent,
+    steps: np.ndarray | None,
+    rounds: int,
+) -> list[_Round]:
+    """Rounds from coordinates (d,) with slopes of the reference, which follow its answers.
+
+    Each sets out from the lowest point so far.
+    """
+    chart = problem.chart
+    found: list[_Round] = []
+    moved, vain = np.inf, 0
+    for runs in range(1, rounds + 1):
+        point = chart.to_values(z[None])[0]
+        peak = laplace(here, point, replace(descent, least_noise=here.noise), steps=steps)
+        descent, steps = descent.afresh(settled=np.inf), step_lengths(peak.covariance)
+        errors = np.sqrt(np.diag(peak.covariance))
+        before, moved = moved, float((np.abs(peak.z - z) / errors).max())
+        ends = moved <= _STAYS or _SHRINKS * before < moved <= _NEAR
+        left = np.array([*(one.left[-1] for one in found[1 - _DEPTH :]), peak.z - z])
+        found.append(_Round(z, here, peak, left[-1:] if ends else left, runs))
+        if ends or vain == _IN_VAIN:
+            break
+        there = peak.z
+        while (both := with_secant(problem, here, there, errors)) is None:
+            there = 0.5 * (z + there)  # the reference diverged
+        here, tried = both
+        if _Round(there, tried, peak, left, runs).cost < found[-1].cost:
+            here, z, vain = tried, there, 0
         else:
-            z = chart.project(_combined(known[-_DEPTH - 1 :], errors)[None])[0]
+            vain += 1
     return found
 
 
@@ -255,15 +335,22 @@ def with_model_error(found: Corrected, threads: int | None = None) -> Corrected:
         return found
     peak = found.peak
     problem, chart = peak.problem, peak.problem.chart
-    root = np.linalg.cholesky(peak.covariance)
-    draws = np.random.default_rng(0).standard_normal((_ELSEWHERE, len(peak.z)))
-    points = chart.to_values(chart.project(peak.z + draws @ root.T))
-    there = side_by_side(lambda point: corrected_at(problem, point, problem), points, threads)
-    changes = np.array([
-        one.with_noise(problem.noise).residuals(peak.point[None])[0] - peak.residuals
-        for one in there
-        if one is not None
-    ])  # fmt: skip
+    ways = np.linalg.cholesky(peak.covariance).T if found.ways is None else found.ways
+    draws = np.random.default_rng(0).standard_normal((_ELSEWHERE, len(ways)))
+    there = chart.project(peak.z + draws @ ways)
+
+    def missed(z: np.ndarray) -> np.ndarray | None:
+        if is_linear(problem):
+            return missed_by(problem, z)
+        point = chart.to_values(z[None])
+        other = corrected_at(problem, point[0], problem)
+        if other is None:
+            return None
+        change = other.with_noise(problem.noise).residuals(point) - problem.residuals(point)
+        return np.asarray(change[0])
+
+    known = side_by_side(missed, there, threads)
+    changes = np.array([one for one in known if one is not None])
     if not len(changes):
         return found
     moved = changes @ peak.jacobian.T @ peak.covariance / problem.noise**2

@@ -16,7 +16,7 @@ from ematwin.errors import RecordError
 from ematwin.estimation.baseline import effective, frees_parameters, searched_range
 from ematwin.estimation.constants import AS_GOOD, SAME_COMMAND, WORSE
 from ematwin.estimation.corrected_problem import as_searched, corrected_at, reference_scatter
-from ematwin.estimation.correction import ROUNDS, Corrected, corrected, reweighed, with_model_error
+from ematwin.estimation.correction import Corrected, corrected, reweighed, with_model_error
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.free_unknowns import searched
 from ematwin.estimation.healthy_bias import name_of
@@ -150,9 +150,7 @@ class HealthyFit:
         if self.prior is not None:  # what is left is alike throughout, and equations know better
             noise *= problem.model_error
         near = Descent(self._aliases, settled=np.inf, least_noise=noise)
-        # fewer where equations have said where: each takes 4 s of CPU for three recordings
-        rounds = ROUNDS if self.prior is None else 5
-        end = corrected(problem.refined(), point, near, rounds=rounds, near=self.prior is not None)
+        end = corrected(problem.refined(), point, near, near=self.prior is not None)
         left = end.peak.problem.relative_misfit(end.peak.cost)
         return Fitted(with_model_error(reweighed(end, near)), left, alone, scatter)
 

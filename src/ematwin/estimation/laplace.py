@@ -34,7 +34,7 @@ from ematwin.models.chart import Chart
 from ematwin.numerics.linear_algebra import bounded_squares, eigen, inverse
 
 _ROUGH = 1.02  # ratio of costs that is mere roughness
-_SHORTEST, _LONGEST = 1e-3, 2e-2  # steps of the last Jacobian, shares of a range
+_SHORTEST, LONGEST = 1e-3, 2e-2  # steps of the last Jacobian, shares of a range
 
 
 @dataclass(frozen=True)
@@ -176,7 +176,7 @@ def width_at(
 
 def step_lengths(covariance: np.ndarray) -> np.ndarray:
     """Steps (d,) of differences, as long as a peak of this covariance (d, d) is wide."""
-    return np.clip(np.sqrt(np.diag(covariance)), _SHORTEST, _LONGEST)
+    return np.clip(np.sqrt(np.diag(covariance)), _SHORTEST, LONGEST)
 
 
 class _Seen:
@@ -191,6 +191,18 @@ class _Seen:
     def __call__(self, z: np.ndarray) -> np.ndarray:
         self.spent += len(z)
         return self.problem.residuals(self.problem.chart.to_values(z))
+
+
+def prior_information(problem: Problem, z: np.ndarray) -> np.ndarray:
+    """Information (d, d) near coordinates (d,) on the unknowns, without the data of a problem."""
+    chart = problem.chart
+
+    def distances(z: np.ndarray) -> np.ndarray:
+        return problem.prior_distances(chart.to_values(z)) / problem.noise
+
+    steps, size = np.full(len(z), _SHORTEST), distances(z[None]).shape[1]
+    _, jacobian = _central(distances, z, steps, chart.lower, chart.upper, size)
+    return np.asarray(jacobian @ jacobian.T)
 
 
 def sharp_errors(peak: Laplace, own: int, factor: float) -> np.ndarray:
@@ -253,7 +265,7 @@ def _slopes(
     return _Slopes(here, jacobian, data, priors, covariance)
 
 
-def principal(information: np.ndarray) -> np.ndarray:
+def principal(information: np.ndarray, longest: float = LONGEST) -> np.ndarray:
     """Principal directions (d, d), a row each, one standard deviation long.
 
     The step of the strongest component is limited, as for differences (`step_lengths`).
@@ -262,7 +274,7 @@ def principal(information: np.ndarray) -> np.ndarray:
     values, vectors = eigen(information / np.outer(scale, scale))
     ways = (vectors / scale[:, None] / np.sqrt(np.maximum(values, 1e-10))).T
     size = np.abs(ways).max(axis=1, keepdims=True)
-    return np.asarray(ways * (np.clip(size, _SHORTEST, _LONGEST) / size))
+    return np.asarray(ways * (np.clip(size, _SHORTEST, longest) / size))
 
 
 def _is_better(problem: Problem, pair: np.ndarray) -> bool:
@@ -342,7 +354,7 @@ def _central(
     up = np.minimum(steps, upper - z)
     down = np.minimum(steps, z - lower)
     eye, d = np.eye(len(z)), len(z)
-    many = max(1, LARGEST_BATCH // (2 * size))
+    many = max(1, LARGEST_BATCH // max(1, 2 * size))
     jacobian = np.empty((d, size))
     for first in range(0, d, many):
         columns = slice(first, first + many)
@@ -366,7 +378,7 @@ def _along(
     up, down = chart.project(z + ways), chart.project(z - ways)
     moved = up - down
     change = np.empty((len(z), size))
-    many = max(1, LARGEST_BATCH // (2 * size))
+    many = max(1, LARGEST_BATCH // max(1, 2 * size))
     for first in range(0, len(z), many):
         some = slice(first, first + many)
         found = residuals(np.vstack([up[some], down[some]]))

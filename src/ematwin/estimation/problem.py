@@ -65,6 +65,7 @@ class Problem(HasUnknowns):
     starts : (M, d) array
     noise : float, standard deviation of an independent residual: the unit in which priors count
     changes : tuple of ResidualChange, of a problem that the reference corrects
+    linear : ResidualChange that takes the place of the fast model; None where that answers
     trust : float, how far evidence counts: one over its noise in the unit of that expected, 1 at
         most
     model_error : float, factor on standard errors for errors of the fast model that are the same
@@ -101,6 +102,7 @@ class Problem(HasUnknowns):
         self._priors = [self.names.index(name) for name in self.prior.names]
         self._logarithmic = np.array([self.unknowns[n].logarithmic for n in self._priors], bool)
         self.changes: tuple[ResidualChange, ...] = ()
+        self.linear: ResidualChange | None = None
         self._information: Information | None = None
         given = dict(start or {})
         self.start = np.array([given.get(one.name, one.healthy) for one in self.unknowns])
@@ -140,7 +142,7 @@ class Problem(HasUnknowns):
 
         Costs above ``limits`` (B,) may be given as infinite.
         """
-        if self.has_evidence or self.changes:
+        if self.has_evidence or self.changes or self.linear is not None:
             residuals = self.residuals(points)
             squares = np.einsum("bk,bk->b", residuals, residuals)
             return np.where(np.isfinite(squares), squares, np.inf)
@@ -175,6 +177,8 @@ class Problem(HasUnknowns):
 
     def residuals_of(self, recording: int, points: np.ndarray) -> np.ndarray:
         """Residuals (B, K) of a recording at points (B, d), evidence not yet weighed."""
+        if self.linear is not None:
+            return self.linear.residuals(self._by_name(points), recording)
         found = self._compared(recording, points)
         if self.changes:
             values = self._by_name(points)
@@ -286,6 +290,13 @@ class Problem(HasUnknowns):
         """The same problem with other comparisons of its recordings, and changes beside these."""
         other = copy.copy(self)
         other.comparisons, other.changes = tuple(comparisons), tuple(changes)
+        other.linear = None
+        return other
+
+    def linearised(self, linear: ResidualChange) -> "Problem":
+        """The same problem with residuals of its recordings that are linear in the unknowns."""
+        other = copy.copy(self)
+        other.linear = linear
         return other
 
     def prior_distances(self, points: np.ndarray, informed: bool = True) -> np.ndarray:
@@ -352,7 +363,8 @@ class Problem(HasUnknowns):
         )  # fmt: skip
         other.noise, other.trust = self.noise, self.trust
         other.model_error = self.model_error
-        other.changes, other._information = self.changes, self._information
+        other.changes, other.linear = self.changes, self.linear
+        other._information = self._information
         return other
 
     def with_noise(

@@ -27,7 +27,7 @@ class TwoModels(OneChannel):
         noise = NOISE * np.random.default_rng(3).standard_normal(SAMPLES)
         noise -= BASES.T @ (BASES @ noise) / SAMPLES  # the best point is the truth
         super().__init__(true_answer(WEAR, GAP)[0] + noise, NOISE)
-        self.slope, self.lost, self.target, self.asked = slope, lost, self.recording.y, 0
+        self.slope, self.lost, self.target, self.asked = slope, lost, self.recording.y, []
 
     def responses(self, candidates, count):
         return {"y": stacked(self.slope * candidates["wear"], candidates["gap"]) @ BASES}
@@ -36,7 +36,7 @@ class TwoModels(OneChannel):
         return self.responses(candidates, count)["y"] - self.target
 
     def exact(self, values):
-        self.asked += 1
+        self.asked.append(values)
         return {"y": true_answer(values["wear"], values["gap"])[0] + (np.nan if self.lost else 0.0)}
 
     def with_missed(self, missed):
@@ -96,7 +96,7 @@ def test_secants_converge_where_rounds_alone_would_diverge_or_crawl(slope):
 def test_each_round_takes_one_answer_of_the_reference():
     comparison = TwoModels()
     _, end = ended(comparison)
-    assert comparison.asked == end.rounds
+    assert len(comparison.asked) == end.rounds
 
 
 @pytest.mark.parametrize("comparison", [OneModel(), TwoModels(lost=True)])
@@ -135,7 +135,7 @@ def test_what_only_the_reference_depends_on_is_learnt_through_it():
     comparison = OnlyTheReferenceHasALoop(1.3)
     _, end = ended(comparison, [gain])
     assert end.peak.point == pytest.approx([WEAR, GAP, 1.3], abs=0.03)
-    assert comparison.asked == end.rounds + 2  # its slope, and scatter
+    assert len(comparison.asked) == end.rounds + 2  # its slope, and scatter
     errors = np.sqrt(np.diag(end.peak.covariance)) * end.peak.problem.chart.widths
     assert errors[2] < 0.1 * 0.4
 
@@ -155,19 +155,18 @@ class Scattering(OnlyTheReferenceHasALoop):
     """A reference whose every answer has another ripple, larger than the noise of the recording."""
 
     def exact(self, values):
-        ripple = np.random.default_rng(self.asked).standard_normal(SAMPLES)
+        ripple = np.random.default_rng(len(self.asked)).standard_normal(SAMPLES)
         return {"y": super().exact(values)["y"] + 10.0 * NOISE * ripple}
 
 
-def test_rounds_end_where_answers_of_the_reference_only_scatter():
+def test_where_answers_of_the_reference_only_scatter_the_interval_holds_the_truth():
     comparison = Scattering(1.3)
     problem = Problem([comparison], FAULTS, held={"loop.gain": 1.3})
-    descent = Descent(settled=np.inf)
-    end = corrected(problem, np.array([0.5, 0.5]), descent)
-    assert end.unsettled
-    assert len(end.left) > 1  # and the intervals hold how far they go
-    assert comparison.asked == end.rounds < 12  # of 20
-    assert end.peak.point == pytest.approx([WEAR, GAP], abs=0.1)
+    end = with_model_error(corrected(problem, np.array([0.5, 0.5]), Descent(settled=np.inf)))
+    errors = np.sqrt(np.diag(end.covariance))
+    assert np.all(np.abs(end.peak.point - [WEAR, GAP]) < 3.0 * errors)
+    assert np.all(errors > 3.0 * np.sqrt(np.diag(end.peak.covariance)))  # noise is not all
+    assert len(comparison.asked) < 40  # rounds end
 
 
 def test_the_error_of_the_model_is_how_far_minima_move_where_they_are_corrected_elsewhere():
