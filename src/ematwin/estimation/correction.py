@@ -13,21 +13,21 @@ until it stays where it is: defect correction (Boehmer, Hemker and Stetter 1984,
 Where R - f changes with x the rounds converge slowly, or not at all. Then the last ones are
 combined to the point from which a round would lead nowhere, if rounds were linear (Anderson 1965,
 J. ACM 12, 547-560, with steps measured in standard errors). Behind loops that the fast model lacks
-its slopes are wrong too: rounds end where these show no way down, beside the minimum, and leave
-more than noise. From the best point by the reference they then go on with slopes of R - f along the
-principal directions of the width (manifold mapping; Echeverria and Hemker 2005, Comput. Methods
-Appl. Math. 5, 107-136). Sampled loops scatter too: near its minimum the cost by the reference goes
-up and down from round to round, and rounds end where three in succession do not lower it.
+its slopes are wrong too. There the reference alone is linearised
+(`ematwin.estimation.linearised`): from the start where that is as near as equations along the
+motion come, else from where rounds end. Rounds follow its answers (Broyden), from the lowest point
+so far. They end where the peak stays, or where three in succession lower nothing; then slopes are
+taken once more, over what is known by then.
 
-The truth lies elsewhere within the width of the minimum, where the error of the fast model differs:
+The truth lies elsewhere within the width of the minimum, where the error of the model differs:
 impacts, ripple and slopes change. With J the slopes of the residuals r, noise s and
 covariance C, a correction at a point v in place of the minimum x moves the minimum by
 
     C J^T ([R(v) - f(v)] - [R(x) - f(x)]) / s^2
 
-in the first order. `with_model_error` measures that at points drawn from the width: the error of
-the model in this answer. The residual beyond noise and this scatter is a discrepancy, and counts by
-the kind's `Problem.model_error`.
+in the first order. `with_model_error` measures that at points drawn from the width, or from the
+steps over which the reference was linearised: the error of the model in this answer. The residual
+beyond noise and this scatter is a discrepancy, and counts by the kind's `Problem.model_error`.
 """
 
 from dataclasses import dataclass, replace
@@ -125,8 +125,7 @@ def corrected(
     rounds : at most
     like : corrected near another point of the same recordings: its slopes of the reference serve
         here too
-    near : whether the start is as near as equations along the motion come: slopes of the reference,
-        where the fast model lacks forms, are those at the first round
+    near : whether the start is as near as equations along the motion come
 
     Raises
     ------
