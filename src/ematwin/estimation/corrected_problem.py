@@ -83,24 +83,6 @@ def corrected_at(
     return other.with_comparisons(other.comparisons, changes)
 
 
-def is_smooth(here: Problem, z: np.ndarray, ways: np.ndarray) -> bool:
-    """Whether answers of the reference change by a standard deviation more than they scatter.
-
-    Parameters
-    ----------
-    here : corrected at ``z``
-    z : (d,) array, coordinates
-    ways : (d, d) array, steps of one standard deviation to other points, a row each
-    """
-    chart, point = here.chart, here.chart.to_values(z[None])[0]
-    along = ways.sum(axis=0) / np.sqrt(len(ways))
-    points = chart.to_values(chart.project(z + np.outer((_NEARLY, 1.0), along)))
-    there = [corrected_at(here, one, here) for one in points]
-    before = residuals_each(here, point)
-    sizes = [math.inf if one is None else _size(here, _change(before, one, point)) for one in there]
-    return _beyond_scatter(sizes[1], sizes[0]) > 0.5
-
-
 def as_searched(problem: Problem) -> Problem:
     """The same problem as a search sees it.
 

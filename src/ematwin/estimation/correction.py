@@ -56,7 +56,7 @@ from ematwin.estimation.noise import with_channels_reweighed, with_discrepancy
 from ematwin.estimation.problem import Problem
 from ematwin.numerics.side_by_side import side_by_side
 
-ROUNDS = 10  # at most
+_ROUNDS = 10  # at most
 _STAYS = 0.25  # standard errors: adds 3 % to an error that it widens
 _NEAR = 1.0  # standard errors, within which scatter of the reference may be all that moves a peak
 _SHRINKS = 0.5  # of the step before: less is progress
@@ -109,7 +109,6 @@ def corrected(
     descent: Descent,
     *,
     steps: np.ndarray | None = None,
-    rounds: int = ROUNDS,
     like: Problem | None = None,
     near: bool = False,
 ) -> Corrected:
@@ -122,7 +121,6 @@ def corrected(
     descent : its settings; later rounds begin in the basin that it found. Its least noise counts
         where it exceeds the noise of the corrected problem
     steps : (d,) array, as of `laplace`, of the first round
-    rounds : at most
     like : corrected near another point of the same recordings: its slopes of the reference serve
         here too
     near : whether the start is as near as equations along the motion come
@@ -137,11 +135,11 @@ def corrected(
     here = linear_at(problem, z) if problem.lacks_forms and (near or is_linear(like)) else None
     if here is not None:
         ways = principal(prior_information(problem, z), _WIDEST)
-        return _linearised(problem, here, z, ways, descent, steps, rounds, like)
+        return _linearised(problem, here, z, ways, descent, steps, like)
     here = corrected_at(problem, start, like)
     if here is None:
         return Corrected(laplace(problem, start, descent, steps=steps), 0, np.zeros((1, len(z))))
-    visited = _rounds(problem, here, z, descent, steps, rounds)
+    visited = _rounds(problem, here, z, descent, steps)
     last = _lowest(visited) if problem.lacks_forms else visited[-1]
     spent = sum(one.peak.evaluations for one in visited)
     end = Corrected(replace(last.peak, evaluations=spent), last.runs, last.left)
@@ -149,7 +147,7 @@ def corrected(
         linear = linear_at(problem, last.z)
         assert linear is not None
         again, steps = descent.afresh(settled=np.inf), step_lengths(last.peak.covariance)
-        nearer = _linearised(problem, linear, last.z, _ways(last), again, steps, rounds)
+        nearer = _linearised(problem, linear, last.z, _ways(last), again, steps)
         spent += nearer.peak.evaluations
         peak = replace(nearer.peak, evaluations=spent)
         return replace(nearer, peak=peak, rounds=end.rounds + nearer.rounds)
@@ -163,7 +161,6 @@ def _linearised(
     ways: np.ndarray,
     descent: Descent,
     steps: np.ndarray | None,
-    rounds: int,
     like: Problem | None = None,
 ) -> Corrected:
     """The peak by slopes of the reference, from coordinates (d,) at which ``here`` is answered.
@@ -174,7 +171,7 @@ def _linearised(
     asked, spent = 0, 0
     for again in (False, True):
         here, more = with_slopes(problem, here, ways, None if again else like)
-        visited = _rounds_by_slopes(problem, here, z, descent, steps, rounds)
+        visited = _rounds_by_slopes(problem, here, z, descent, steps)
         last = visited[-1]
         asked += more + last.runs
         spent += sum(one.peak.evaluations for one in visited)
@@ -236,14 +233,13 @@ def _rounds(
     z: np.ndarray,
     descent: Descent,
     steps: np.ndarray | None,
-    rounds: int,
 ) -> list[_Round]:
     """Rounds from coordinates (d,) at which ``here`` is corrected, until the peak stays."""
     chart, least = problem.chart, descent.least_noise
     found: list[_Round] = []
     moved = np.inf
     tried: Problem | None = here
-    for runs in range(1, rounds + 1):
+    for runs in range(1, _ROUNDS + 1):
         point = chart.to_values(z[None])[0]
         if found:
             tried = corrected_at(problem, point, here)
@@ -273,7 +269,6 @@ def _rounds_by_slopes(
     z: np.ndarray,
     descent: Descent,
     steps: np.ndarray | None,
-    rounds: int,
 ) -> list[_Round]:
     """Rounds from coordinates (d,) with slopes of the reference, which follow its answers.
 
@@ -282,7 +277,7 @@ def _rounds_by_slopes(
     chart = problem.chart
     found: list[_Round] = []
     moved, vain = np.inf, 0
-    for runs in range(1, rounds + 1):
+    for runs in range(1, _ROUNDS + 1):
         point = chart.to_values(z[None])[0]
         peak = laplace(here, point, replace(descent, least_noise=here.noise), steps=steps)
         descent, steps = descent.afresh(settled=np.inf), step_lengths(peak.covariance)

@@ -128,10 +128,11 @@ def with_slopes(
     shares = np.linalg.pinv(moves / size, rcond=1e-6) / size[:, None]
     scatter = []
     for n, (slope, then) in enumerate(zip(slopes, linear.here, strict=True)):
-        changes = np.array([one.here[n] - then for one in answers]) - moves @ slope
-        new_slope = shares @ changes
-        slope += new_slope
-        scatter.append(_Scatter.of(changes - moves @ new_slope, here.noise))
+        changes = np.array([one.here[n] - then for one in answers])
+        slope += shares @ (changes - moves @ slope)
+        rest = changes - moves @ slope
+        rest[:, len(then) - here.comparisons[n].evidence :] = 0.0  # it has a noise of its own
+        scatter.append(_Scatter.of(rest, here.noise))
     linear = linear._replace(slopes=slopes, scatter=linear.scatter or scatter)
     return here.linearised(linear), len(asked)
 

@@ -9,6 +9,7 @@ from ematwin.errors import ParameterError
 from ematwin.estimation.correction import corrected, with_model_error
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.laplace import laplace
+from ematwin.estimation.linearised import linear_at, missed_by, with_secant, with_slopes
 from ematwin.estimation.problem import Problem
 from naive.toy import BASES, NOISE, SAMPLES, OneChannel, fault, stacked
 
@@ -207,3 +208,60 @@ def test_a_discrepancy_counts_by_the_model_error_and_noise_and_ripple_do_not():
         comparison.expected_misfit = NOISE * np.sqrt(SAMPLES / comparison.scale)
         _, end = ended(comparison)
         assert with_model_error(end).peak.problem.model_error < 1.3
+
+
+WAYS = np.diag([0.2, 0.1])
+START, EYE = np.array([0.5, 0.5]), np.eye(2)
+
+
+def linearised(comparison, ways=WAYS):
+    problem = Problem([comparison], FAULTS)
+    here = linear_at(problem, START)
+    return problem, *with_slopes(problem, here, ways)
+
+
+def test_it_is_the_reference_where_it_was_asked_and_needs_no_fast_model():
+    comparison = TwoModels(slope=9.0)  # the fast model is useless
+    _, linear, asked = linearised(comparison)
+    assert np.linalg.norm(missed_by(linear, START)) < 1e-9
+    assert np.linalg.norm(missed_by(linear, START + 0.05 * EYE[0])) < 1e-9
+    assert asked == 4
+
+
+def test_both_ends_of_a_secant_are_answered_as_the_reference_does():
+    problem, linear, _ = linearised(Rough())
+    there = np.array([0.3, 0.35])
+    here, other = with_secant(problem, linear, there, np.array([0.1, 0.2]))
+    for one, another in ((here, there), (other, START)):
+        assert np.linalg.norm(missed_by(one, another)) < 1e-9
+    assert np.linalg.norm(missed_by(linear, there)) > 10.0 * NOISE
+
+
+class Shaky(TwoModels):
+    """A reference of whose answers each has more or less of one feature, as of an impact."""
+
+    def exact(self, values):
+        size = np.random.default_rng([7, len(self.asked)]).standard_normal()
+        return {"y": super().exact(values)["y"] + 5.0 * size * BASES[3]}
+
+
+def test_what_answers_of_the_reference_scatter_counts_as_noise_and_nothing_else_does():
+    _, linear, _ = linearised(Shaky())
+    bare = linear.linearised(linear.linear._replace(scatter=()))
+    points = np.vstack([START, START + 0.1 * EYE])
+    shapes = np.linalg.qr(BASES.T)[0].T
+    whitened, left = (problem.residuals(points) @ shapes.T for problem in (linear, bare))
+    assert np.all(np.abs(whitened[:, 3]) < 0.1 * np.abs(left[:, 3]))
+    assert whitened[:, :2] == pytest.approx(left[:, :2], abs=10.0 * NOISE)
+
+
+@pytest.mark.parametrize("start", [[0.0, 0.5], [1.0, 0.0]])
+def test_at_a_bound_both_answers_lie_on_the_other_side(start):
+    problem = Problem([TwoModels()], FAULTS)
+    here = linear_at(problem, np.array(start))
+    linear, asked = with_slopes(problem, here, WAYS)
+    inside = np.clip(np.array(start) + 0.05, 0.0, 1.0)
+    assert asked == 4
+    assert np.linalg.norm(missed_by(linear, inside)) < 0.2 * np.linalg.norm(
+        here.residuals(inside[None])[0] - linear_at(problem, inside).residuals(inside[None])[0]
+    )
