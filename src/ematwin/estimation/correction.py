@@ -165,8 +165,7 @@ def _linearised(
 ) -> Corrected:
     """The peak by slopes of the reference, from coordinates (d,) at which ``here`` is answered.
 
-    Slopes are taken over what is known before, along ``ways``, and once more over what is known
-    then.
+    Steps of the first slopes are ``ways``, those of the second as wide as the peak of the first.
     """
     asked, spent = 0, 0
     for again in (False, True):

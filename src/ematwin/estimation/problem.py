@@ -302,7 +302,7 @@ class Problem(HasUnknowns):
     def prior_distances(self, points: np.ndarray, informed: bool = True) -> np.ndarray:
         """Distances (B, P) from the means of the priors, in the unit of the residuals.
 
-        And those of what is known besides, unless not ``informed``.
+        Distances of further information (`informed`) follow if ``informed``.
         """
         z = points[:, self._priors]
         if self._logarithmic.any():

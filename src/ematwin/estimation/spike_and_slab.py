@@ -180,10 +180,7 @@ class FaultSets:
         return self._given.get(name, self.drawn)
 
     def interval(self, one: Unknown, value: float) -> tuple[float, float]:
-        """Interval of a fault given that it is there; to healthy where it may be absent.
-
-        ``value``, its best point, is always inside.
-        """
+        """Interval of a fault if present, with its best value, to healthy if it may be absent."""
         low, high = self.given(one.name).interval(one.name, one.lower, one.upper)
         ends = [value] + [one.healthy] * (self.presence(one.name) < CERTAIN)
         return min(low, *ends), max(high, *ends)
