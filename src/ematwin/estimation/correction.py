@@ -172,13 +172,13 @@ def _linearised(
         here, more = with_slopes(problem, here, ways, None if again else like)
         visited = _rounds_by_slopes(problem, here, z, descent, steps)
         last = visited[-1]
-        asked += more + last.runs
+        asked += more + last.runs - again  # the second start has its answer already
         spent += sum(one.peak.evaluations for one in visited)
-        if again or is_linear(like) or (there := linear_at(problem, last.z)) is None:
+        if again or is_linear(like):
             break
         wide = with_model_error(Corrected(last.peak, asked, last.left, ways=ways))
         asked = wide.rounds
-        here, z, ways = there, last.z, principal(np.linalg.inv(wide.covariance), _WIDEST)
+        here, z, ways = last.here, last.z, principal(np.linalg.inv(wide.covariance), _WIDEST)
         descent, steps = descent.afresh(settled=np.inf), step_lengths(last.peak.covariance)
     return Corrected(replace(last.peak, evaluations=spent), asked, last.left, ways=ways)
 

@@ -96,19 +96,19 @@ def linear_at(problem: Problem, z: np.ndarray) -> Problem | None:
 def with_slopes(
     problem: Problem, here: Problem, ways: np.ndarray, like: Problem | None = None
 ) -> tuple[Problem, int]:
-    """A problem of `linear_at` with slopes and scatter, and how often the reference was asked.
+    """A problem with slopes and scatter of its own, and how often the reference was asked.
 
     It is asked twice along each way.
 
     Parameters
     ----------
     problem : not corrected
-    here : as of `linear_at`
+    here : as of `linear_at`, or linear already: then its answer serves, and its slopes do not
     ways : (d, d) array, steps to other points, a row each
     like : linear near another point of the same recordings, though perhaps with other unknowns: it
         has slopes and scatter already, and only unknowns that it lacks are asked for
     """
-    linear = _linear(here)
+    linear = _linear(here)._replace(scatter=())
     slopes = [np.zeros((len(linear.z), len(one))) for one in linear.here]
     if like is not None and is_linear(like):
         known = _linear(like)
