@@ -132,12 +132,32 @@ def runs_of(path: Path, actuator: Any) -> tuple[list[Recording], dict[str, str]]
 
 def template_of(runs: list[Recording]) -> str:
     """The shipped set that the column servo names, else the usual one."""
-    name = runs[0].labels.get("servo", USUAL).lower()
-    return name if name in model_of(load_actuator(USUAL)).parameters.shipped() else USUAL
+    name = runs[0].labels.get("servo", USUAL)
+    shipped = model_of(load_actuator(USUAL)).parameters.shipped()
+    if name.lower() in shipped:
+        return name.lower()
+    print(
+        f"The column servo holds {name!r}, of which there is no shipped set; {USUAL} is taken. "
+        f"If another is nearer, give --template: {', '.join(shipped)}, or a file.",
+        file=sys.stderr,
+    )
+    return USUAL
 
 
 def groups(runs: list[Recording], column: str) -> list[list[Recording]]:
-    """Runs with the same text in a column."""
+    """Runs with the same text in a column.
+
+    Raises
+    ------
+    InputError
+        If there is no such column.
+    """
+    if not any(column in one.labels for one in runs):
+        there = ", ".join(sorted({name for one in runs for name in one.labels})) or "none"
+        raise InputError(
+            f"The runs have no column {column!r} to be judged together by. Columns of text or of "
+            f"one value for each run: {there}."
+        )
     found: dict[str, list[Recording]] = {}
     for one in runs:
         found.setdefault(one.labels.get(column, ""), []).append(one)

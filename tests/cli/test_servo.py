@@ -1,6 +1,7 @@
 """``examples/position_servo.py`` and the commands on a servo that is made up, logged like a bus."""
 
 import json
+import runpy
 from pathlib import Path
 
 import numpy as np
@@ -128,6 +129,20 @@ def test_the_example_refuses_what_it_cannot_use(tables, tmp_path):
     lacking = script(EXAMPLE, made_up.write(tmp_path / "lacking.parquet", runs))
     assert lacking.code == 1
     assert "position" in lacking.err
+
+
+def test_the_example_says_which_column_or_servo_it_does_not_know(tables, capsys):
+    runs = ematwin.read(tables[0], actuator="sts3215", split=True)
+    example = runpy.run_path(str(EXAMPLE))
+    with pytest.raises(InputError, match="no column 'day'"):
+        example["groups"](runs, "day")
+    assert len(example["groups"](runs, "run")) == len(runs)
+    runs[0].labels["servo"] = "XL430"
+    assert example["template_of"](runs) == "xl430"
+    assert not capsys.readouterr().err
+    runs[0].labels["servo"] = "MG996"
+    assert example["template_of"](runs) == "sts3215"
+    assert "holds 'MG996'" in capsys.readouterr().err
 
 
 def test_one_run_that_cannot_be_read_leaves_the_others(rows):
