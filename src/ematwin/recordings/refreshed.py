@@ -6,10 +6,13 @@ smooth, so period and phase of the device's clock are those with which the value
 of its sample, lie best between their neighbours.
 """
 
+import math
+
 import numpy as np
 
 _CLOCKS = 0.01  # by which the clock of a device may be off, share
 _SMOOTHER = 0.8  # of the roughness at the times of the reads: by chance it falls by a few per cent
+_FIRST, _LONGER = 500, 4  # reads by which a period is found, and how many times more then
 _ORDINARY = 99.0  # percentile of the roughness that counts: false reads are beyond
 
 
@@ -25,22 +28,38 @@ def sampled(time: np.ndarray, values: np.ndarray, period: float) -> tuple[np.nda
     -------
     None where the values do not show such a clock: they are as smooth without
     """
-    count = max(1, round(2.0 * _CLOCKS * (time[-1] - time[0]) / period))
-    if count > values.size:  # reads so rare tell no clocks apart
+    since = time - time[0]
+    own, apart, reads = period, _CLOCKS * period, min(_FIRST, time.size)
+    while True:
+        span = since[reads - 1]
+        steps = max(1, math.ceil(2.0 * apart * span / period**2))
+        if steps > values.size:  # reads so rare tell no clocks apart
+            return None
+        rough, own, ticks = _smoothest(
+            since[:reads], values[:reads], own + np.linspace(-apart, apart, 2 * steps + 1)
+        )
+        if reads == time.size:
+            break
+        apart /= steps  # to the periods beside it
+        reads = min(_LONGER * reads, time.size)
+    if rough >= _SMOOTHER * float(_roughness(time, values)):
         return None
+    ticks, first = np.unique(ticks, return_index=True)
+    return np.interp(since, ticks, values[first]), own
+
+
+def _smoothest(
+    time: np.ndarray, values: np.ndarray, periods: np.ndarray
+) -> tuple[float, float, np.ndarray]:
+    """The least roughness over clocks, with its period and the times (S,) of its samples."""
     phases = np.linspace(0.0, 1.0, 16, endpoint=False)[:, None]  # of a period that are tried
-    best, found = _SMOOTHER * float(_roughness(time, values)), None
-    # neighbouring periods differ by half a period at the end of the recording
-    for own in period * (1.0 + np.linspace(-_CLOCKS, _CLOCKS, 2 * count + 1)):
+    best = (math.inf, 0.0, time)
+    for own in periods.tolist():
         ticks = own * (phases + np.floor(time / own - phases))
         rough = _roughness(ticks, values)
         n = int(np.argmin(rough))
-        if rough[n] < best:
-            best, found = float(rough[n]), (ticks[n], float(own))
-    if found is None:
-        return None
-    ticks, first = np.unique(found[0], return_index=True)
-    return np.interp(time, ticks, values[first]), found[1]
+        best = min(best, (float(rough[n]), own, ticks[n]), key=lambda one: one[0])
+    return best
 
 
 def _roughness(time: np.ndarray, values: np.ndarray) -> np.ndarray:
