@@ -1,4 +1,4 @@
-"""``ematwin identify`` and ``demo`` as their users meet them: processes, files, a browser."""
+"""``ematwin identify`` as its users meet it: processes, files, a browser."""
 
 import json
 import os
@@ -67,23 +67,6 @@ def test_report_opens_in_a_browser_and_loads_nothing(ematwin, folder: Path) -> N
     text = page.read_text(encoding="utf-8")
     assert len(text) < 1.5e6
     assert not re.search(r"<(script|link|img|iframe)[^>]*(src|href)\s*=\s*[\"']?http", text)
-
-
-def test_demo_runs_the_whole_path(ematwin, tmp_path: Path) -> None:
-    answer = ematwin("demo", "--json")
-    assert answer.code == 0, answer.err
-    told = json.loads(answer.out)
-    assert told["verdict"]["grade"] == "fault"
-    assert told["verdict"]["faults"] == ["friction", "short_b"]
-    for name in ("friction", "short_a", "short_b", "short_c", "backlash", "gain"):
-        low, high = told["intervals"][name]
-        assert low <= told["injected"][name] <= high, name
-    for form in ("urrent loop of 50 us", "ntegral term in the speed loop (30", "ogging of"):
-        assert form in told["forms"]
-    assert told["uncalibrated"]["verdict"]["grade"] == "none"
-    pages = ("simulated.html", "calibrated.html", "report.html", "uncalibrated.html")
-    for name in ("today.parquet", "calibrated.toml", *pages):
-        assert (tmp_path / "ematwin-demo" / name).stat().st_size > 1000
 
 
 def test_algorithms_are_listed_with_their_sources(ematwin) -> None:
