@@ -120,17 +120,12 @@ def test_record_that_cannot_be_right_is_refused_with_the_reason(
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["none.parquet"], "no file none.parquet"),
         (["rec.parquet", "--budget", "0"], "budget"),
         (["rec.parquet", "--algorithm", "pzo"], "pso"),
         (["rec.parquet", "--algorithm", "de", "--population", "0"], "population"),
         (["rec.parquet", "--only", "fricton"], "friction"),
         (["rec.parquet", "--hold", "gain=7"], "gain"),
-        (["rec.parquet", "--report", "out.pdf"], "html"),
         (["rec.parquet", "--report", "nowhere/out.html"], "nowhere"),
-        (["rec.parquet", "--column", "i_x=Phase"], "i_x"),
-        (["rec.parquet", "--gaps", "ignore"], "longest"),
-        (["rec.parquet", "--resample-to", "fast"], "fast"),
     ],
 )
 def test_option_that_cannot_be_used_is_refused(

@@ -61,14 +61,6 @@ def test_the_gallery_shows_every_figure():
     assert not missing, f"docs/gallery.md does not show {', '.join(missing)}"
 
 
-def test_the_shell_commands_of_the_readme_exist():
-    from ematwin.cli.app import app
-
-    known = {one.name for one in (*app.registered_commands, *app.registered_groups)}
-    shown = re.findall(r"ematwin ([a-z]+)", (PROJECT / "README.md").read_text(encoding="utf-8"))
-    assert {"demo", "simulate", "identify", "bench"} <= set(shown) & known
-
-
 def test_the_readme_gives_install_and_tests_as_its_two_commands():
     install, test = blocks(PROJECT / "README.md", "sh")
     assert install.endswith("ematwin demo\n")
