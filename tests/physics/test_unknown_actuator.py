@@ -62,7 +62,11 @@ def test_without_calibration_a_healthy_actuator_is_not_called_faulty() -> None:
     assert all(bench.inside(one, name) for name in bench.COMPARED)
 
 
-def test_on_another_structure_it_is_right_or_gives_no_verdict() -> None:
+def test_on_another_structure_it_is_right_or_gives_no_verdict(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # calibrating takes minutes: .ci/run does that for a drive with loops, by the demo
+    monkeypatch.setattr(bench, "learnt", lambda recordings, sheet: sheet)
     for one in bench.of_structure(2, 1):
         assert not bench.silently_wrong(one)
         assert set(one.faults) <= bench.injected_names(one)

@@ -82,9 +82,9 @@ def test_a_run_that_never_returns(tmp_path: Path, saboteurs: dict[str, str]) -> 
 
 
 def test_workers_with_several_threads_are_refused(tmp_path: Path, cluster: Cluster) -> None:
-    cluster.workers.append(cluster.worker(threads=2))
+    third = cluster.worker(threads=2)
     cluster.wait(3)
     answer = study("--store", tmp_path / "study.db", "--scheduler", cluster.address, code=2)
-    cluster.restart()
+    cluster.end(third)
     assert "--nthreads 1" in answer["error"]
     assert not (tmp_path / "study.db").exists()
