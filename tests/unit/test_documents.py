@@ -3,13 +3,13 @@
 import os
 import re
 import subprocess
-import sys
 import tomllib
 from importlib.metadata import metadata
 from pathlib import Path
 
 import pytest
 
+from commands import script
 from ematwin import plots
 
 PROJECT = Path(__file__).parents[2]
@@ -22,12 +22,11 @@ def blocks(path: Path, language: str) -> list[str]:
 
 
 @pytest.mark.parametrize("path", sorted((PROJECT / "examples").glob("*.py")), ids=lambda p: p.name)
-def test_an_example_runs_in_an_empty_folder(path, tmp_path):
-    done = subprocess.run(
-        [sys.executable, path], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout
+def test_an_example_runs_in_an_empty_folder(path, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = script(path)
+    assert done.code == 0, done.err
+    assert done.out
 
 
 def test_every_link_between_pages_leads_somewhere():
