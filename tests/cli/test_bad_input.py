@@ -27,17 +27,13 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (folder / name).write_text(body, encoding="utf-8")
 
     text("good.csv", "time,command\n0,0\n0.2,0.001\n")
-    text("unsorted.csv", "time,command\n0,0\n0.2,0.001\n0.1,0\n")
-    text("nan.csv", "time,command\n0,0\n0.2,nan\n0.3,0\n")
     text("text.csv", "time,command\n0,0\n0.2,abc\n0.3,def\n")
-    text("missing.csv", "time,setpoint\n0,0\n0.2,0.001\n")
     text("degrees.csv", "time,command\n0,0\n0.2,20\n0.3,0\n")
     text("header.csv", "time,command\n")
     text("empty.csv", "")
     text("sheet.xlsx", "time,command\n0,0\n0.2,0.001\n")
     text("endless.toml", 'duration = 1e12\n[[command]]\ntype = "step"\nvalue = 0.01\n')
     text("runs.csv", "path,actuator\nlost.parquet,servo48\n")
-    text("kg.toml", 'duration = 1\n[[command]]\ntype = "step"\nvalue = "1 kg"\n')
     (folder / "binary.toml").write_bytes(bytes(range(256)))
     (folder / "binary.parquet").write_bytes(bytes(range(256)) * 8)
     (folder / "folder.parquet").mkdir()
@@ -51,10 +47,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shipped = shipped_actuators()["servo48"].read_text(encoding="utf-8")
     for name, old, new in (
         ("inductance", "inductance = { value = 0.72", "inductance = { value = -0.72"),
-        ("inertia", "inertia = { value = 25", "inertia = { value = 0"),
-        ("unit", 'unit = "mH"', 'unit = "mF"'),
         ("slow", 'monitor = { value = 50, unit = "us"', 'monitor = { value = 10, unit = "ms"'),
-        ("milli", "current_limit = { value = 22.5", "current_limit = { value = 22500"),
     ):
         assert old in shipped
         text(f"{name}.toml", shipped.replace(old, new))
@@ -65,8 +58,6 @@ CASES = [
     # faults
     (["--fault", "fricton=0.25"], "Did you mean friction?"),
     (["--fault", "friction=25"], "If this is a percentage, write 0.25"),
-    (["--fault", "friction=-0.1"], "received -0.1"),
-    (["--fault", "friction=nan"], "received nan"),
     (["--fault", "friction=a lot"], "received 'a lot'"),
     (["--fault", "friction=0,25"], "received '0,25'"),
     (["--fault", "friction"], "needs name=value, received 'friction'"),
@@ -77,14 +68,9 @@ CASES = [
     (["--seed", "text"], "received 'text'"),
     (["--seed=-1", "--noise", "white=0.1"], "received -1"),
     (["--sample-rate", "-5"], "received -5"),
-    (["--sample-rate", "1e12"], "at most"),
     (["--sample-rate", "20 kHz"], "received '20 kHz'"),
-    (["--sample-rate", "1"], "fewer than two samples at 1 Hz"),
     (["--step", "1"], "received 1 s"),
-    (["--step", "1e-15"], "received 1e-15 s"),
     (["--noise", "white=-1"], "received -1"),
-    (["--noise", "white=5"], "write 0.05"),
-    (["--noise", "colour=0.1"], "Noise knows white"),
     # names
     (["--model", "refrence"], "choose reference or monitor"),
     (["--actuator", "servo49"], "Shipped: servo48"),
@@ -94,10 +80,7 @@ CASES = [
     # scenario files
     (["--scenario", "none.toml"], "No such file"),
     (["--scenario", "none.csv"], "There is no file none.csv"),
-    (["--scenario", "unsorted.csv"], "point 2 (0.1 s) follows 0.2 s"),
-    (["--scenario", "nan.csv"], "NaN"),
     (["--scenario", "text.csv"], "invalid value 'abc'"),
-    (["--scenario", "missing.csv"], "no column 'command'; it has time, setpoint"),
     (["--scenario", "degrees.csv"], "It looks like degrees"),
     (["--scenario", "header.csv"], "header and no rows"),
     (["--scenario", "empty.csv"], "empty"),
@@ -107,14 +90,10 @@ CASES = [
     (["--scenario", "folder.parquet"], "is a folder"),
     (["--scenario", "binary.toml"], "not text"),
     (["--scenario", "endless.toml"], "shorten the scenario"),
-    (["--scenario", "kg.toml"], "received 1 'kg'"),
     # parameter files
     (["--actuator", "none.toml"], "No such file"),
     (["--actuator", "inductance.toml"], "motor.inductance must be greater than 0"),
-    (["--actuator", "inertia.toml"], "motor.inertia must be greater than 0"),
-    (["--actuator", "unit.toml"], "unit of the kind H; received 0.72 'mF'"),
     (["--actuator", "slow.toml"], "received 0.01 s"),
-    (["--actuator", "milli.toml"], "it looks like mA"),
     # targets
     (["--out", "."], "end its name in .parquet or .csv"),
     (["--out", "rec.xlsx"], "end its name in .parquet or .csv"),
@@ -146,7 +125,7 @@ def untouched(folder: Path, *words: str, said: str) -> None:
         (["--colour"], "No such option: --colour"),
         (["actuators", "servo49"], "Shipped: servo48"),
         (["actuators", "none.toml"], "No such file"),
-        (["actuators", "inertia.toml"], "motor.inertia must be greater than 0"),
+        (["actuators", "inductance.toml"], "motor.inductance must be greater than 0"),
         (["actuators", "folder.parquet"], "There is no actuator"),
         (["scenarios", "extra"], "extra"),
         (["bench", "--quick"], "No such option: --quick"),

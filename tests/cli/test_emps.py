@@ -156,17 +156,6 @@ def test_commands_calibrate_and_identify_a_file(ematwin, tmp_path, record):
     assert json.loads(again.out)["verdict"]["grade"] == "healthy", again.out
 
 
-def test_commands_know_the_kind(ematwin, tmp_path):
-    listed = ematwin("actuators")
-    assert "linear-axis" in listed.out
-    assert "emps-symmetric" in listed.out
-    made = ematwin("simulate", "--actuator", "emps", "--fault", "friction=1.5", "--out", "a.csv")
-    assert made.code == 0, made.err
-    found = ematwin("identify", "a.csv", "--actuator", "emps", "--exact", "--json")
-    values = json.loads(found.out)
-    assert values["faults"]["friction"] == pytest.approx(1.5, abs=0.02)
-
-
 # The real recording
 
 

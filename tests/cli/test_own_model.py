@@ -121,23 +121,6 @@ def test_a_parameter_is_searched_by_its_place(shell, recorded):
     )
 
 
-def test_its_kernel_is_compiled_once_for_all_processes(ematwin_process, site, tmp_path):
-    cache = tmp_path / "cache"
-    cache.mkdir(mode=0o700)
-
-    def compiled(seed: int) -> dict[Path, int]:
-        answer = ematwin_process(
-            "simulate", "--actuator", "dcg25", "--seed", seed, "--out", f"{seed}.parquet",
-            PYTHONPATH=str(site), NUMBA_CACHE_DIR=str(cache),
-        )  # fmt: skip
-        assert answer.code == 0, answer.err
-        return {path: path.stat().st_mtime_ns for path in cache.rglob("*.nbc")}
-
-    kept = compiled(1)
-    assert kept
-    assert compiled(2) == kept
-
-
 def test_calibrate_learns_the_actuator_and_detect_judges_it(shell, recorded, healthy, tmp_path):
     told = json.loads(
         shell("calibrate", *healthy, "--actuator", "dcg25", "--out", "arm.toml", "--json")

@@ -9,7 +9,6 @@ import pytest
 import ematwin as library
 from ematwin.models.bldc.channels import phase_currents
 from ematwin.models.bldc.envelope import current_envelope
-from ematwin.models.bldc.faults import PAPER_CASES
 
 
 def test_the_main_job_writes_a_record_and_a_plot(ematwin, tmp_path):
@@ -72,19 +71,6 @@ def test_two_runs_with_one_seed_write_the_same_file(ematwin, tmp_path):
         ematwin("simulate", "--model", "monitor", "--noise", "white=0.05", "--seed", "9",
                 "--out", name)  # fmt: skip
     assert (tmp_path / "one.parquet").read_bytes() == (tmp_path / "two.parquet").read_bytes()
-
-
-@pytest.mark.parametrize("case", ["High B", "High Na", "High Z"])
-def test_fault_vectors_of_the_paper_simulate_from_the_command_line(ematwin, tmp_path, case):
-    faults = [f"--fault={name}={value}" for name, value in PAPER_CASES[case].items()]
-    answer = ematwin("simulate", *faults, "--out", "rec.parquet", "--json")
-    assert (answer.code, answer.err) == (0, "")
-    told = json.loads(answer.out)
-    assert 0.1 < told["current_rms"] < told["current_peak"] < 25.0
-    record = library.read(tmp_path / "rec.parquet")
-    assert {k: v for k, v in record.provenance["faults"].items() if k in PAPER_CASES[case]} == (
-        PAPER_CASES[case]
-    )
 
 
 def test_files_of_the_users_own_are_taken(ematwin, tmp_path):

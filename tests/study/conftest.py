@@ -13,11 +13,17 @@ from servers import Postgres
 
 @pytest.fixture(scope="session")
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Any, ...]]:
-    """The small study, done by one process in peace."""
-    where = tmp_path_factory.mktemp("undisturbed") / "study.db"
-    answer = study("--store", where, "--workers", 1)
-    assert answer["counts"] == {"done": RUNS}
-    return numbers(where)
+    """The small study, done by one process in peace; processes of pytest share it."""
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
+    shared = folder / "undisturbed.db"
+    if not shared.exists():
+        where = tmp_path_factory.mktemp("undisturbed") / "study.db"
+        answer = study("--store", where, "--workers", 1)
+        assert answer["counts"] == {"done": RUNS}
+        where.rename(shared)
+    return numbers(shared)
 
 
 @pytest.fixture(scope="session")

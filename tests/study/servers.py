@@ -101,9 +101,12 @@ class Cluster:
     def stop(self) -> None:
         """End all processes."""
         for one in (*self.workers, self.scheduler):
-            with contextlib.suppress(psutil.NoSuchProcess):
-                family = [*one.children(recursive=True), one]
-                for member in family:
-                    with contextlib.suppress(psutil.NoSuchProcess):
-                        member.kill()
-            one.wait()
+            self.end(one)
+
+    def end(self, one: psutil.Popen) -> None:
+        """End a process and those that it started."""
+        with contextlib.suppress(psutil.NoSuchProcess):
+            for member in [*one.children(recursive=True), one]:
+                with contextlib.suppress(psutil.NoSuchProcess):
+                    member.kill()
+        one.wait()

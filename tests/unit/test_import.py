@@ -107,21 +107,6 @@ sys.exit(run())
     assert (tmp_path / "a.html").stat().st_size > 1000
 
 
-def test_a_format_whose_library_is_missing_names_the_command_that_installs_it(tmp_path):
-    code = """
-import sys
-sys.modules["asammdf"] = None
-import ematwin
-try:
-    ematwin.read(sys.argv[1])
-except ematwin.EmatwinError as error:
-    print(error)
-"""
-    path = tmp_path / "run.mf4"
-    path.write_bytes(b"MDF     4.10")
-    assert 'pip install "ematwin[io]"' in python(code, str(path))
-
-
 def test_the_numbers_of_the_package_and_its_metadata_agree():
     import tomllib
 

@@ -1,6 +1,5 @@
 """The column map: its three ways in, its refusals, and what it does to numbers."""
 
-import tomllib
 from pathlib import Path
 
 import h5py
@@ -263,10 +262,3 @@ def test_a_map_is_for_the_channels_of_a_kind() -> None:
         ChannelMap.of({"phase_order": "acb"}, screw)
     with pytest.raises(InputError, match="no column 'current_a'"):
         ChannelMap.of(of({"i_a": "x"}), screw)
-
-
-def test_the_map_in_the_documentation_is_one() -> None:
-    text = (Path(__file__).parents[2] / "docs" / "recordings.md").read_text(encoding="utf-8")
-    found = of(tomllib.loads(text.split("```toml\n")[1].split("```")[0]))
-    assert len(found.columns) == 5
-    assert found.sample_rate == 20_000

@@ -24,6 +24,12 @@ def record() -> ematwin.Recording:
 
 
 @pytest.fixture(scope="module")
+def short(record: ematwin.Recording) -> ematwin.Recording:
+    """For what does not depend on the recording."""
+    return record.between(0.0, 0.1)
+
+
+@pytest.fixture(scope="module")
 def found(record: ematwin.Recording) -> Identification:
     return identify(record)
 
@@ -54,9 +60,8 @@ def test_each_case_of_the_paper_is_found_within_half_a_per_cent(case: str) -> No
 
 @pytest.mark.parametrize("algorithm", ["de", "random"])
 def test_stopping_candidates_early_changes_nothing(
-    record: ematwin.Recording, algorithm: str, monkeypatch: pytest.MonkeyPatch
+    short: ematwin.Recording, algorithm: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    short = record.between(0.0, 0.1)
     settings: dict[str, Any] = {"algorithm": algorithm, "budget": 617, "seed": 3, "threads": 1}
     early = identify(short, **settings)
     within = BldcComparison.costs_within
@@ -70,10 +75,10 @@ def test_stopping_candidates_early_changes_nothing(
     assert (early.cost, early.stopped) == (whole.cost, whole.stopped)
 
 
-def test_population_method_spends_its_budget_exactly(record: ematwin.Recording) -> None:
+def test_population_method_spends_its_budget_exactly(short: ematwin.Recording) -> None:
     seen: list[tuple[int, float, int]] = []
     found = identify(
-        record, algorithm="de", budget=1_030, seed=3, progress=lambda *now: seen.append(now)
+        short, algorithm="de", budget=1_030, seed=3, progress=lambda *now: seen.append(now)
     )
     assert found.evaluations == 1_030
     assert seen[-1][0] == 1_030
@@ -89,9 +94,9 @@ def test_only_the_named_faults_are_searched(record: ematwin.Recording) -> None:
     assert list(found.standard_error) == ["friction"]
 
 
-def test_default_method_keeps_within_its_budget(record: ematwin.Recording) -> None:
+def test_default_method_keeps_within_its_budget(short: ematwin.Recording) -> None:
     for budget in (64, 500):
-        found = identify(record, budget=budget)
+        found = identify(short, budget=budget)
         assert found.evaluations <= budget
         assert found.stopped == "budget"
         assert math.isfinite(found.cost)
@@ -125,7 +130,7 @@ def test_standard_errors_cover_the_errors(found: Identification) -> None:
 
 
 @pytest.mark.parametrize("algorithm", ["multistart", "pso"])
-def test_interruption_keeps_the_best_so_far(record: ematwin.Recording, algorithm: str) -> None:
+def test_interruption_keeps_the_best_so_far(short: ematwin.Recording, algorithm: str) -> None:
     calls = 0
 
     def interrupt(evaluations: int, cost: float, budget: int) -> None:
@@ -135,24 +140,24 @@ def test_interruption_keeps_the_best_so_far(record: ematwin.Recording, algorithm
             signal.raise_signal(signal.SIGINT)
 
     assert threading.current_thread() is threading.main_thread()
-    found = identify(record, algorithm=algorithm, progress=interrupt)
+    found = identify(short, algorithm=algorithm, progress=interrupt)
     assert found.stopped == "interrupted"
     assert 0 < found.evaluations < 10_000
     assert math.isfinite(found.cost)
 
 
 def test_interrupted_population_run_goes_on_from_its_checkpoint(
-    record: ematwin.Recording, tmp_path: Path
+    short: ematwin.Recording, tmp_path: Path
 ) -> None:
-    whole = identify(record, algorithm="gwo", budget=1500, seed=2)
+    whole = identify(short, algorithm="gwo", budget=1500, seed=2)
     state = tmp_path / "run.state"
 
     def interrupt(evaluations: int, cost: float, budget: int) -> None:
         if evaluations == 1000:
             signal.raise_signal(signal.SIGINT)
 
-    identify(record, algorithm="gwo", budget=1500, seed=2, checkpoint=state, progress=interrupt)
-    rest = identify(record, algorithm="gwo", budget=1500, seed=2, checkpoint=state)
+    identify(short, algorithm="gwo", budget=1500, seed=2, checkpoint=state, progress=interrupt)
+    rest = identify(short, algorithm="gwo", budget=1500, seed=2, checkpoint=state)
     assert rest.cost == whole.cost
     assert (rest.faults.vector == whole.faults.vector).all()
 

@@ -11,7 +11,6 @@ import ematwin
 from ematwin.errors import InputError
 from ematwin.estimation.corrected_problem import corrected_at
 from ematwin.estimation.noise import with_shown_noise
-from ematwin.experiments import design as designing
 from ematwin.experiments.command_errors import expected_errors, fault_vectors, identified_errors
 from ematwin.experiments.experiment import Experiment, RefusedError
 from ematwin.models.scenario import Chirp, Scenario
@@ -110,24 +109,6 @@ def test_the_price_is_in_the_units_of_the_user(found) -> None:
     assert in_si[0] == in_mm[0] == "travel"
     assert (in_si[3][-2:], in_mm[3][-3:]) == (" m", " mm")
     assert float(in_mm[3][:-3]) == pytest.approx(1e3 * float(in_si[3][:-2]), rel=1e-3)
-
-
-@pytest.mark.parametrize(("errs", "stays"), [(0.9, False), (0.95, True), (2.0, True)])
-def test_the_given_command_stays_unless_another_errs_clearly_less(monkeypatch, errs, stays) -> None:
-    def better(search, judged, given, limits, fault):
-        default = judged(given, {})
-        halved = {name: 0.5 * error for name, error in default.errors.items()}
-        return replace(default, scenario=given.lasting(0.4), errors=halved), default
-
-    def observed(setting, scenarios, recordings, **more):
-        assert len(scenarios) == 2
-        return np.stack([np.full((3, 3), errs), np.ones((3, 3))], axis=1)
-
-    monkeypatch.setattr(designing, "_finalists", better)
-    monkeypatch.setattr(designing, "identified_errors", observed)
-    one = quick("rm1605", noise=None, trials=3)
-    assert (one.scenario == one.default.scenario) is stays
-    assert one.observed_gain == pytest.approx(1.0 if stays else 1.0 / errs)
 
 
 def test_nothing_is_said_to_be_lowered_that_was_not_observed(found) -> None:

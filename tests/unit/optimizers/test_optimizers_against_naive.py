@@ -1,6 +1,5 @@
 """The final values have the distribution of the slow, independent versions in ``tests/naive``."""
 
-import math
 import random
 from functools import partial
 
@@ -34,10 +33,6 @@ def _scaled(x):
 
 def sphere(x):
     return sum(z * z for z in _scaled(x))
-
-
-def rastrigin(x):
-    return sum(z * z - 10 * math.cos(2 * math.pi * z) + 10 for z in _scaled(x))
 
 
 PLAIN = Coefficients(inertia=0.7, own=1.4, neighbours=1.4, speed_limit=0.2)
@@ -79,23 +74,22 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("cost", [sphere, rastrigin])
 @pytest.mark.parametrize("name", CASES)
-def test_final_values_are_distributed_as_those_of_the_slow_version(name, cost):
+def test_final_values_are_distributed_as_those_of_the_slow_version(name):
     factory, slow = CASES[name]
 
     def batch(points):
-        return np.array([cost(point) for point in points.tolist()])
+        return np.array([sphere(point) for point in points.tolist()])
 
     ours = [
         minimize(batch, LOWER, UPPER, factory, POPULATION, ITERATIONS, seed).cost
         for seed in range(RUNS)
     ]
     theirs = [
-        slow(cost, LOWER, UPPER, POPULATION, ITERATIONS, rng=random.Random(seed))
+        slow(sphere, LOWER, UPPER, POPULATION, ITERATIONS, rng=random.Random(seed))
         for seed in range(RUNS)
     ]
-    # Seeds are fixed, so this never flickers; 22 comparisons of the same two programs give a
+    # Seeds are fixed, so this never flickers; 22 comparisons of the same two programs gave a
     # smallest p of about 0.04, and 0.002 in one set of seeds out of thirty.
     assert mannwhitneyu(ours, theirs).pvalue > 0.002
     assert ks_2samp(ours, theirs).pvalue > 0.002

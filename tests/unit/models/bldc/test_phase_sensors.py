@@ -1,5 +1,7 @@
 """Errors of the current sensors of three phases are found without a twin, and nothing else is."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -18,8 +20,14 @@ FAULTY = [
 ]
 
 
+@cache
+def simulated(scenario: str, *faults: tuple[str, float]) -> Recording:
+    return ematwin.simulate("reference", scenario, dict(faults))
+
+
 def recorded(scenario: str, faults: dict[str, float], noise: Noise | None = NOISE) -> Recording:
-    return ematwin.simulate("reference", scenario, faults, noise=noise, seed=5)
+    clean = simulated(scenario, *faults.items())
+    return clean if noise is None else noise.apply(clean, np.random.default_rng(5))
 
 
 def shown(record: Recording, gains: np.ndarray, offsets: np.ndarray) -> Recording:

@@ -1,6 +1,7 @@
 """From where angles are counted is told by the phases that conduct, whatever the fault."""
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -26,8 +27,13 @@ FAULTY = [
 ]
 
 
-def recorded(faults: dict[str, float], scenario: str | None = None) -> Recording:
-    return ematwin.simulate("reference", scenario, faults, noise=NOISE, seed=5)
+@cache
+def simulated(scenario: str, *faults: tuple[str, float]) -> Recording:
+    return ematwin.simulate("reference", scenario, dict(faults), noise=NOISE, seed=5)
+
+
+def recorded(faults: dict[str, float], scenario: str = "default") -> Recording:
+    return simulated(scenario, *faults.items())
 
 
 def mounted(record: Recording, electrical: float = 0.0, output: float = 0.0) -> Recording:
