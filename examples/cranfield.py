@@ -12,7 +12,6 @@ python examples/cranfield.py runs_1_to_5.parquet --drift     (healthy runs made 
 
 import argparse
 import itertools
-from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,8 +23,6 @@ from ematwin.models.reading import read
 from ematwin.monitoring.calibration_report import CalibrationReport
 from ematwin.monitoring.detection import Detection
 from ematwin.monitoring.diagnosis import Diagnosis
-from ematwin.monitoring.index import health_index, prediction_bound
-from ematwin.monitoring.population_calibration import PopulationCalibration
 from ematwin.report.detection import detection_page
 
 HEALTHY = "normal"
@@ -75,19 +72,14 @@ def main() -> None:
         print("learnt from healthy and faulty runs 1 to 5, judged on others\n")
         judged = read(given.judge, actuator="rm1605", split=True)
         folds = [(RUNS, tuple(dict.fromkeys(motion.run for motion in judged)))]
-    found, ways = [], {"model only": [], "statistics": []}
+    found: list[Detection] = []
     order: Motions = []
     for teaching, runs in folds:
         report = calibrated(motions, teaching, teaching)
         own = [motion for motion in judged if motion.run in runs]
         found.append(ematwin.detect(own, report.calibration))
-        known = report.calibration
-        scores = known.scores(known.measure(own))
-        ways["model only"] += alarms_of(scores, known, {"model"})
-        ways["statistics"] += alarms_of(scores, known, {"mean", "band"})
         order += own
-    ways |= pca(motions, order)
-    table(found, ways)
+    table(found, pca(motions, order))
     loads(found)
     report = calibrated(motions, RUNS, RUNS)
     given.out.mkdir(parents=True, exist_ok=True)
@@ -101,8 +93,8 @@ def table(found: list[Detection], ways: dict[str, list[bool]]) -> None:
     """A row for each condition."""
     runs = [verdict for one in found for verdict in one.runs]
     single = [verdict for one in found for verdict in one.motions]
-    print("% of runs and of motions; changed: more than healthy runs scatter by, but no alarm")
-    heading = ["alarm", "changed", "right", "alarm", "changed", "right", *ways]
+    print("% of runs and of motions; unsure: no verdict")
+    heading = ["alarm", "unsure", "right", "alarm", "unsure", "right", *ways]
     print(f"{'':<18}{'by run':>20}{'by motion':>30}{'motions in alarm where':>26}")
     print(f"{'':<18}" + "".join(f"{text:>{12 if text in ways else 10}}" for text in heading))
     of = [verdict.labels["condition"] for verdict in single]
@@ -115,7 +107,7 @@ def table(found: list[Detection], ways: dict[str, list[bool]]) -> None:
             alarms = [v for v in own if v.alarm]
             right = [v.fault == FAULTS.get(condition) for v in alarms]
             line += f"{100 * len(alarms) / len(own):>10.0f}"
-            line += f"{100 * np.mean([v.grade == 'changed' and not v.alarm for v in own]):>10.0f}"
+            line += f"{100 * np.mean([v.grade == 'none' for v in own]):>10.0f}"
             line += f"{100 * np.mean(right):>10.0f}" if right and condition in FAULTS else " " * 10
         for way in ways.values():
             own_way = [x for x, c in zip(way, of, strict=True) if c == condition]
@@ -142,17 +134,6 @@ def calibrated(
         if teaching
     }
     return ematwin.calibrate(healthy, known=known, name="cranfield")
-
-
-def alarms_of(
-    scores: np.ndarray, known: PopulationCalibration, kinds: Collection[str]
-) -> list[bool]:
-    """Alarms of motions where only the features of some kinds count, with a limit of their own."""
-    columns = [n for n, kind in enumerate(known.layout.kinds) if kind in kinds]
-    of = [known.layout.kinds[n] for n in columns]
-    healthy = health_index(known.tested[:, columns], of)
-    limit = prediction_bound(healthy, known.healthy.groups, known.false_alarm_rate)
-    return list(health_index(scores[:, columns], of) > limit)
 
 
 @dataclass
@@ -294,18 +275,18 @@ def drifted(
 
 
 def rates(verdicts: list[Diagnosis], kind: str) -> str:
-    """Alarms, named ones, and changes below an alarm, as a text."""
-    alarm, named, changed = (
+    """Alarms, named ones, and those without a verdict, as a text."""
+    alarm, named, unsure = (
         100 * np.mean([found(v) for v in verdicts])
         for found in (
             lambda v: v.alarm,
             lambda v: v.grade == "fault",
-            lambda v: v.grade == "changed" and not v.alarm,
+            lambda v: v.grade == "none",
         )
     )
     return (
         f"of {len(verdicts)} {kind} {alarm:.1f} % raise an alarm ({named:.1f} % named), "
-        f"{changed:.1f} % have changed"
+        f"{unsure:.1f} % have no verdict"
     )
 
 

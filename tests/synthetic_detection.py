@@ -32,7 +32,7 @@ def detection(count: int, dated: bool = False) -> Detection:
                 name=f"run {n + 1}", labels={"run": str(n + 1)}, magnitudes=magnitudes,
                 verdict=Verdict(grade, faults, "Because <it> is so.", "Said because <it> is so."),
                 alarm=bool(fault), when=f"2026-11-{n + 1:02d}T08:00:00" if dated else None,
-                standing=Standing(1.0 + n, 3.0, 6.0, "physics" if fault else ""),
+                standing=Standing(1.0 + n),
             )
         )  # fmt: skip
     return Detection(tuple(rows), tuple(list(rows)), {"": calibration})

@@ -59,7 +59,6 @@ def test_calibrate_tells_programs_what_it_learnt(files):
     assert friction["template"] == 2500.0
     assert friction["determined"] is True
     assert set(told["spread"]) == {"friction", "backlash", "gain", "roughness"}
-    assert 0.0 < told["threshold"]["run"] < told["threshold"]["motion"]
     assert told["signatures"] == []
     assert told["kind"] == "ball-screw"
     assert told["assumed"] == told["warnings"] == []
@@ -82,7 +81,7 @@ def test_calibrate_tells_people_the_same_and_learns_known_faults(ematwin, files)
         low, high = (float(end) for end in re.search(r"([\d.e-]+) to ([\d.e-]+)", row).groups())
         assert 0.9 * low <= parameter["value"] <= 1.1 * high
         assert ("not determined" in row) == (not parameter["determined"])
-    assert "learnt from runs 1, 2, 3, 4, 5, 6, 7; each judged by the others" in answer.out
+    assert "learnt from runs 1, 2, 3, 4, 5, 6, 7" in answer.out
     assert re.search(r"backlash +scatters by [\d.]+ mm within a run", answer.out)
     assert "healthy reference: 28 recordings with condition normal" in answer.out
     assert "Not fitted, as in the template: screw.lead, screw.backlash," in answer.out
@@ -90,15 +89,14 @@ def test_calibrate_tells_people_the_same_and_learns_known_faults(ematwin, files)
     assert "wrote taught.toml" in answer.out
 
     answer = ematwin("detect", "later.parquet", "--actuator", "taught.toml", "--json")
-    named = [(v["fault"], v["named_by"]) for v in json.loads(answer.out)["verdicts"]]
-    assert named[:2] == [("no grease", "signature")] * 2
+    assert [v["fault"] for v in json.loads(answer.out)["verdicts"]][:2] == ["no grease"] * 2
 
 
 def test_later_healthy_runs_are_added_from_the_shell(ematwin, files):
     ematwin_module.write(healthy_runs(1, first=20), files / "spring.csv")
     answer = ematwin("calibrate", "spring.csv", "--add", "rig.toml", "--out", "more.toml")
     assert answer.code == 0, answer.err
-    assert "learnt from runs 1, 2, 3, 4, 5, 6, 7, 20; each judged by the others" in answer.out
+    assert "learnt from runs 1, 2, 3, 4, 5, 6, 7, 20" in answer.out
     assert "wrote more.toml" in answer.out
     answer = ematwin("detect", "later.parquet", "--actuator", "more.toml", "--json")
     assert answer.code == 0, answer.err
@@ -122,12 +120,10 @@ def test_detect_tells_programs_value_interval_alarm_and_name(ematwin, files):
     assert told["each"] == "run"
     found = {}
     for verdict in told["verdicts"]:
-        over = verdict["index"] > verdict["threshold"]
-        assert verdict["grade"] in ("healthy", "changed", "fault")
-        assert (verdict["grade"] == "healthy") == (not over)  # no fault was taught
+        assert verdict["distance"] > 0.0
+        assert set(verdict["probability"]) > {"lubrication", "backlash", "spalling"}
         assert verdict["alarm"] == (verdict["fault"] is not None)
         assert verdict["faults"] == ([verdict["fault"]] if verdict["grade"] == "fault" else [])
-        assert verdict["reason"].endswith(".")
         found.setdefault(verdict["labels"]["condition"], []).append(verdict)
         assert isinstance(verdict["load_N"], float)
         assert isinstance(verdict["sensor_coupling"], float)
@@ -195,7 +191,7 @@ def test_a_map_serves_calibrate_and_detect(ematwin, files):
         ]  # fmt: skip
     assert len(told["theirs.csv"]) == len(told["bench.csv"]) > 3
     for theirs, ours in zip(told["theirs.csv"], told["bench.csv"], strict=True):
-        assert theirs["index"] == pytest.approx(ours["index"], rel=1e-6)
+        assert theirs["distance"] == pytest.approx(ours["distance"], rel=1e-6)
     refused(
         ematwin("calibrate", "theirs.csv", "--actuator", "rm1605", "--out", "x.toml"), "no channel"
     )
@@ -227,7 +223,7 @@ def test_detect_writes_all_verdicts_as_a_table(ematwin, files):
     assert [row["grade"] for row in rows][:2] == ["fault", "fault"]
     assert all(row["reason"] for row in rows)
     stored = pq.read_table(files / "verdicts.parquet").to_pylist()
-    assert [str(row["index"]) for row in stored] == [row["index"] for row in rows]
+    assert [str(row["distance"]) for row in stored] == [row["distance"] for row in rows]
 
 
 def test_the_page_opens_in_a_browser_and_loads_nothing(ematwin, files):
@@ -315,7 +311,7 @@ def test_a_brushless_actuator_is_calibrated_and_judged_from_the_shell(ematwin, f
     assert told["verdicts"] == same["verdicts"]
     assert told["kind"] == "bldc"
     worn, sound = told["verdicts"]
-    assert worn["load_N"] is worn["sensor_coupling"] is worn["index"] is None
+    assert worn["load_N"] is worn["sensor_coupling"] is worn["distance"] is None
     assert (worn["grade"], worn["faults"], worn["alarm"]) == ("fault", ["friction"], True)
     assert (sound["grade"], sound["faults"], sound["alarm"]) == ("healthy", [], False)
     friction = worn["magnitudes"]["friction"]
@@ -371,8 +367,6 @@ CASES = [
     (["calibrate", "bench.csv", "--where", "run=1,2", "--known", "dry:condition=dry", "--out",
       "x.toml"], "at least three healthy runs"),
     (["calibrate", "bench.csv", "--where", "condition", "--out", "x.toml"], "--where needs"),
-    (["calibrate", "bench.csv", "--false-alarms", "0.7", "--out", "x.toml"],
-     "between 0 and 0.5, received 0.7"),
     (["calibrate", "bench.csv", "--known", "dry", "--out", "x.toml"], "--known needs fault:label"),
     (["calibrate", "bench.csv", "--known", "dry:condition=wet", "--out", "x.toml"],
      "condition = wet"),
@@ -474,7 +468,7 @@ def test_the_page_on_your_own_actuator_says_what_its_commands_give(ematwin, tmp_
     rows = re.findall(r"^\| (1[1-8]) \| [^|]+ \| ([^|]+) \| ([^|]+) \|$", page, re.MULTILINE)
     assert len(rows) == 6
     for run_, shown, verdict in rows:
-        if run_ != "17":  # its index is too near the limit for a promise on every processor
+        if run_ != "17":  # it is too near the limit for a promise on every processor
             assert (found[run_]["fault"] or "healthy") == verdict.strip()
         value = float(re.search(r"\d+\.\d+", shown)[0])
         name = {"15": "backlash", "16": "backlash", "17": "roughness", "18": "roughness"}

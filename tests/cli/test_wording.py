@@ -15,7 +15,6 @@ IDENTIFY = {
     "seed": "--seed", "hold": "--hold", "json": "--json", "only": "--only",
 }  # fmt: skip
 SIMULATE = {"sample_rate": "--sample-rate", "step": "--step", "seed": "--seed", "model": "--model"}
-CALIBRATE = {"false_alarms": "--false-alarms", "column": "--column"}
 
 
 @pytest.mark.parametrize(
@@ -41,7 +40,6 @@ CALIBRATE = {"false_alarms": "--false-alarms", "column": "--column"}
             'Map it, such as --column time="t [ms]", or give --column sample_rate="20 kHz".',
         ),
         (SIMULATE, "sample_rate must be positive.", "--sample-rate must be positive."),
-        (CALIBRATE, "false_alarm_rate must be less.", "--false-alarms must be less."),
         # English words that are also arguments, names of data and other texts stay
         (IDENTIFY, "The seed must be at least 0.", "The seed must be at least 0."),
         (IDENTIFY, "Faults that only hold gaps.", "Faults that only hold gaps."),

@@ -244,7 +244,6 @@ def calibration() -> Calibration:
         discrepancy=random.normal(size=(3, 2 * command.size)),
         scale=212.5,
         healthy=healthy,
-        false_alarm_rate=0.1,
         signatures=(Signature("lubrication", random.normal(size=(3, features)), "9 motions"),),
         facts={"runs": ["1", "2"], "sources": ["a.csv"], "undetermined": []},
     )
@@ -259,7 +258,6 @@ def test_a_saved_calibration_comes_back(tmp_path, calibration):
     assert again.facts == calibration.facts
     for name in ("interval", "settling_time", "channels", "scale", "covariate_range"):
         assert getattr(again, name) == getattr(calibration, name)
-    assert vars(again.thresholds) == pytest.approx(vars(calibration.thresholds), rel=1e-6)
     for part in ("population", "reported"):
         for name, values in vars(getattr(calibration, part)).items():
             np.testing.assert_allclose(getattr(getattr(again, part), name), values, rtol=1e-6)
@@ -359,7 +357,6 @@ DAMAGES = {
     "text for a number": _set("calibration", "interval", "often"),
     "NaN": _set("calibration", "healthy", "covariate", 0, math.nan),
     "no time": _set("calibration", "interval", 0.0),
-    "no rate": lambda table: table["calibration"].pop("false_alarm_rate"),
     "half a statistic": _shorter("calibration", "healthy", "statistics", "sensor_coupling"),
     "no scale": lambda table: table["calibration"].pop("scale"),
     "negative settling time": _set("calibration", "settling_time", -1.0),

@@ -30,13 +30,6 @@ def calibrate(
             '"lubrication:condition=dry;run=1,2". Repeatable.'
         ),
     ] = None,
-    false_alarms: Annotated[
-        float | None,
-        typer.Option(
-            help="Share of healthy recordings on another day that may raise an alarm, of a healthy "
-            "population; 0.1 if not given."
-        ),
-    ] = None,
     add: Annotated[
         Path | None,
         typer.Option(
@@ -78,7 +71,6 @@ def calibrate(
         found = run(
             fitting(recordings, wanted),
             template,
-            false_alarm_rate=false_alarms,
             known=faults or None,
             name=out.stem if template.name in shipped_actuators() else None,  # its own stays
             progress=progress,

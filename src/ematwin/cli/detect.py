@@ -20,9 +20,7 @@ if TYPE_CHECKING:
 
 _EACH = ("motion", "run")
 # Keys that each verdict has, null where they do not apply.
-_ALWAYS = dict.fromkeys(
-    ("index", "threshold", "clear_threshold", "named_by", "load_N", "sensor_coupling")
-)
+_ALWAYS = dict.fromkeys(("distance", "load_N", "sensor_coupling"))
 
 
 def detect(

@@ -16,7 +16,6 @@ _OTHERWISE = {
     "columns": "--column",
     "held": "--hold",
     "where": "--where",
-    "false_alarm_rate": "--false-alarms",
 }
 # Entries of a channel map that --column takes as well, beside the channels, and an example of each.
 _ENTRIES = {"sample_rate": '"20 kHz"', "gear_ratio": "100", "phase_order": "acb"}

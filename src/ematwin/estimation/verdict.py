@@ -26,6 +26,7 @@ from ematwin.showing import markup
 from ematwin.showing.text import listed
 
 Grade = Literal["healthy", "changed", "fault", "none"]
+UNNAMED = "unnamed change"  # of an actuator that is like no fault that can be named
 INTERVAL = f"{100 * LEVEL:.0f} % interval"
 _COUNTS = {2: "Two", 3: "Three", 4: "Four", 5: "Five", 6: "Six", 7: "Seven", 8: "Eight"}
 
@@ -102,7 +103,7 @@ def judged(
 
     Parameters
     ----------
-    probability : by fault, that it is as far from healthy as matters
+    probability : by fault, that it is as far from healthy as matters; `UNNAMED` names none
     faulty : that any of them is
     large : by fault, that it is as large as is not overlooked (`TELLING`)
     calibrated : whether the twin was fitted to healthy recordings of the actuator
@@ -116,7 +117,7 @@ def judged(
         obstacles = [*obstacles, "No fault was searched."]
     if obstacles:
         return _without(" ".join(obstacles))
-    named = tuple(name for name, share in probability.items() if share > CERTAIN)
+    named = tuple(n for n, share in probability.items() if share > CERTAIN and n != UNNAMED)
     unsure = sorted(
         (name for name in probability if name not in named and probability[name] > 1.0 - CERTAIN),
         key=lambda name: -probability[name],
@@ -139,7 +140,8 @@ def judged(
         sentence = f"{faults_said([found[name] for name in named])} {rest}".rstrip()
         return Verdict("fault", named, reason, sentence)
     if faulty > CERTAIN:
-        reason = f"{perhaps}; the recording does not tell which.{because}"
+        which = "; the recording does not tell which" if len(unsure) > 1 else ""
+        reason = f"{perhaps}{which}.{because}"
         return Verdict("changed", (), reason, f"Changed: {reason}")
     doubt = f"A fault is {100.0 * faulty:.0f} % probable: {perhaps}." if perhaps else ""
     if faulty > BEFOREHAND:
@@ -148,7 +150,8 @@ def judged(
     if unseen:
         reason = f"A fault of {listed(unseen)} would hardly show in this recording."
         return _without(f"{doubt} {reason} {advice}".lstrip())
-    sentence = f"Healthy: {least_certain('no fault', reach, ranges)} {doubt}".rstrip()
+    bound = least_certain("no fault", reach, ranges) if reach else "no fault found."
+    sentence = f"Healthy: {bound} {doubt}".rstrip()
     return Verdict("healthy", (), doubt, sentence)
 
 

@@ -20,7 +20,6 @@ from ematwin.monitoring.by_population import by_population
 from ematwin.monitoring.calibration import Calibration
 from ematwin.monitoring.calibration_report import Basis, CalibrationReport
 from ematwin.monitoring.gather import Given, actuator_of, recordings_of
-from ematwin.monitoring.index import USUAL_RATE
 from ematwin.monitoring.learn_population import (
     check_outliers,
     evenly,
@@ -47,7 +46,6 @@ def calibrate(
     recordings: Given,
     template: ParameterSet | str | Path | Any | None = None,
     *,
-    false_alarm_rate: float | None = None,
     known: Mapping[str, Given] | None = None,
     name: str | None = None,
     progress: Progress | bool | None = None,
@@ -62,17 +60,15 @@ def calibrate(
         `Model.monitoring` are judged; nuisances such as a load need not be known
     template : actuator of any kind to start from: parameters, the name of a shipped set, or a file;
         if not given the default one of the kind that has such channels
-    false_alarm_rate : of a healthy recording, or run, of another day; 0.1 if not given
     known : recordings with a known fault, by a text ``fault`` or ``fault: remark``; each entry
         becomes a signature
     name : of the calibrated actuator
     progress : True shows a bar, in a terminal or a notebook; else called with the share done
     add_to : calibration, or its file, whose healthy runs these join: actuator and discrepancy stay,
-        population and thresholds are learnt from all; ``template`` is not looked at, and one run
+        the population is learnt from all; ``template`` is not looked at, and one run
         is enough
 
-    ``false_alarm_rate``, ``known`` and ``add_to`` are of the healthy population, and refused for
-    kinds without one.
+    ``known`` and ``add_to`` are of the healthy population, and refused for kinds without one.
 
     Raises
     ------
@@ -83,35 +79,28 @@ def calibrate(
     """
     with told(progress, "calibrating") as show:
         return _calibrated(
-            recordings, template, false_alarm_rate, known or {}, name,
-            show or (lambda share: None), add_to,
-        )  # fmt: skip
+            recordings, template, known or {}, name, show or (lambda share: None), add_to
+        )
 
 
 def _calibrated(
     recordings: Given,
     template: ParameterSet | str | Path | Any | None,
-    false_alarm_rate: float | None,
     known: Mapping[str, Given],
     name: str | None,
     tell: Progress,
     add_to: Calibration | str | Path | None,
 ) -> CalibrationReport:
     """Do what `calibrate` says, and tell ``tell`` of it."""
-    rate = USUAL_RATE if false_alarm_rate is None else false_alarm_rate
-    if not 0.0 < rate < 0.5:
-        raise InputError(f"The false alarm rate must lie between 0 and 0.5, received {rate:g}.")
     if add_to is not None:
-        return _added(recordings, add_to, rate, known, name, tell)
+        return _added(recordings, add_to, known, name, tell)
     chosen = actuator_of(recordings) if template is None else load_actuator(template)
     model = model_of(chosen)
     by_values = frees_parameters(model)
-    asked = {"false_alarm_rate": false_alarm_rate is not None, "known": bool(known)}
-    given = [option for option, wanted in asked.items() if wanted]
-    if by_values and given:
+    if by_values and known:
         raise InputError(
             f"Actuators of the kind {model.kind} are judged by the values of their faults, not by "
-            f"a healthy population; leave {' and '.join(given)} out."
+            "a healthy population; leave known out."
         )
     healthy = recordings_of(recordings, chosen)
     for one in healthy:
@@ -173,7 +162,6 @@ def _calibrated(
         discrepancy=discrepancy,
         scale=scale,
         healthy=kept,
-        false_alarm_rate=rate,
         facts={
             "labels": _labels_of(healthy),
             "sources": sorted({one.source for one in healthy}),
@@ -213,7 +201,6 @@ def _sound(
 def _added(
     recordings: Given,
     add_to: Calibration | str | Path,
-    rate: float,
     known: Mapping[str, Given],
     name: str | None,
     tell: Progress,
@@ -229,11 +216,11 @@ def _added(
     measured = before.measure(given)
     tell(0.6)
     for one_run in by_population(given, before, measured).runs:
-        if one_run.grade in ("fault", "none"):
+        if one_run.grade == "fault" or not one_run.probabilities:
             raise RecordError(
                 f"{one_run.name} is no healthy run by the calibration that it is to join "
-                f"({one_run.reason.rstrip('.')}). Leave it out, or calibrate anew with it if it is "
-                "healthy all the same."
+                f"({one_run.verdict.sentence.rstrip('.')}). Leave it out, or calibrate anew with "
+                "it if it is healthy all the same."
             )
     taken, of_run = set(before.healthy.names), []
     for one in given:
@@ -252,7 +239,6 @@ def _added(
         before,
         actuator=actuator,
         healthy=kept,
-        false_alarm_rate=rate,
         signatures=(),
         facts={
             **before.facts,

@@ -47,7 +47,6 @@ class CalibrationReport:
     learnt : names of the runs
     run_spread : of each quantity of the population, standard deviations within a run and between
         runs; of logarithms for multiples of healthy, else SI
-    false_alarms : share of the recordings above the threshold, each run judged by the others
     notes : sentences on what to be careful of
     basis : None of kinds with a healthy population
     """
@@ -57,7 +56,6 @@ class CalibrationReport:
     tied: list[tuple[str, ...]]
     learnt: list[str]
     run_spread: dict[str, tuple[float, float]] = field(default_factory=dict)
-    false_alarms: float = 0.0
     notes: tuple[str, ...] = ()
     basis: Basis | None = field(default=None, repr=False)
 
@@ -136,10 +134,9 @@ class CalibrationReport:
 
     def as_dict(self) -> dict[str, object]:
         """For JSON."""
-        of_population: dict[str, object] = {"threshold": None, "signatures": []}
+        of_population: dict[str, object] = {"signatures": []}
         if isinstance(self.calibration, PopulationCalibration):
             of_population = {
-                "threshold": vars(self.calibration.thresholds).copy(),
                 "signatures": [s.fault for s in self.calibration.signatures],
             }
         return {
@@ -153,7 +150,6 @@ class CalibrationReport:
             "spread": {k: {"within": a, "between": b} for k, (a, b) in self.run_spread.items()},
             "scatter": dict(self.baseline.scatter),
             "learnt": self.learnt,
-            "false_alarms": self.false_alarms,
             "notes": list(self.notes),
             **of_population,
         }

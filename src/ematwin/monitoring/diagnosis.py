@@ -4,11 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from ematwin.estimation.identification import Identification
-from ematwin.estimation.verdict import Grade, Verdict
+from ematwin.estimation.verdict import UNNAMED, Grade, Verdict
 from ematwin.showing import markup
 from ematwin.showing.text import number_of, said, said_between
-
-UNNAMED = "unnamed change"
 
 
 @dataclass(frozen=True)
@@ -69,21 +67,13 @@ class Standing:
 
     Attributes
     ----------
-    index, threshold : health index, and the bound that healthy runs seldom exceed
-    clear : the index from which a change without a name raises an alarm
-    named_by : "physics", "signature" or ""
-    alone : magnitudes that raise the alarm by themselves, where the threshold lies beyond the index
-        that a single one can reach
+    distance : from the healthy mean, where healthy ones have about 1
     evidence : the features furthest from health: name to score
     statistics : measurements beside the twin, by name, SI
     covariate : estimated with it, such as the load; None for a kind without one
     """
 
-    index: float
-    threshold: float
-    clear: float
-    named_by: str = ""
-    alone: tuple[str, ...] = ()
+    distance: float
     evidence: Mapping[str, float] = field(default_factory=dict)
     statistics: Mapping[str, float] = field(default_factory=dict)
     covariate: Covariate | None = None
@@ -92,11 +82,7 @@ class Standing:
         """For JSON."""
         one = self.covariate
         return {
-            "index": self.index,
-            "threshold": self.threshold,
-            "clear_threshold": self.clear,
-            **({"alone": list(self.alone)} if self.alone else {}),
-            "named_by": self.named_by or None,
+            "distance": self.distance,
             **({} if one is None else {one.key: one.value}),
             **self.statistics,
             "evidence": dict(self.evidence),
@@ -116,6 +102,7 @@ class Diagnosis:
     motions : how many recordings it rests on
     alarm : whether somebody should look: at a fault, and at a change that is clear
     notes : sentences
+    probabilities : of each fault; none where the recording is a ground for no verdict
     when : time at which its first recording began, ISO 8601, or None
     standing : beside the healthy population; None where that did not judge
     identification : source of the values; None where the population alone was asked
@@ -129,6 +116,7 @@ class Diagnosis:
     motions: int = 1
     alarm: bool = False
     notes: tuple[str, ...] = ()
+    probabilities: Mapping[str, float] = field(default_factory=dict)
     when: str | None = None
     standing: Standing | None = None
     identification: Identification | None = field(default=None, repr=False, compare=False)
@@ -173,7 +161,7 @@ class Diagnosis:
         found |= {"name": self.name, **self.labels, "motions": self.motions}
         at = self.standing
         if at is not None:
-            found |= {"index": at.index, "limit": at.threshold, "named_by": at.named_by}
+            found["distance"] = at.distance
         found |= {"alarm": self.alarm, "fault": self.fault}
         found |= {"grade": self.grade, "reason": self.reason}
         for m in self.magnitudes:
@@ -210,6 +198,7 @@ class Diagnosis:
             "reason": self.reason,
             "sentence": self.verdict.sentence,
             "fault": self.fault or None,
+            "probability": dict(self.probabilities),
             "magnitudes": {
                 m.name: {
                     "value": m.value, "unit": m.unit, "low": m.low, "high": m.high,

@@ -63,6 +63,12 @@ class Layout:
                         kinds.append("mean")
         return cls(tuple(phases), tuple(magnitudes), tuple(channels), tuple(names), tuple(kinds))
 
+    def of_channels(self) -> np.ndarray:
+        """(C, F) array of bool: the statistics of the residual of each channel."""
+        first, count = len(self.magnitudes), len(self.channels)
+        own = (np.arange(len(self.names)) - first) * count // max(1, len(self.names) - first)
+        return np.array([(own == n) & (np.array(self.kinds) != "model") for n in range(count)])
+
     def values(
         self, magnitudes: Mapping[str, float], residuals: Sequence[np.ndarray]
     ) -> np.ndarray:

@@ -307,6 +307,7 @@ def _row(known: Calibration, found: Identification, recording: Recording, name: 
         magnitudes=tuple(magnitudes),
         alarm=found.verdict.grade == "fault",
         notes=tuple(found.warnings),
+        probabilities=found.probabilities,
         when=estimate.when,
         identification=found,
     )

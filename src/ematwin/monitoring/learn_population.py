@@ -18,14 +18,13 @@ from ematwin.models.comparison import Comparison
 from ematwin.monitoring.calibration_report import CalibrationReport
 from ematwin.monitoring.features import Layout
 from ematwin.monitoring.gather import Given, recordings_of
-from ematwin.monitoring.index import health_index, single_reach
 from ematwin.monitoring.measure import Bench, Fit, Measured, statistics_of
 from ematwin.monitoring.population import HealthyRuns, Population, Signature, basis, fit_mean
-from ematwin.monitoring.population_calibration import PopulationCalibration, Thresholds
+from ematwin.monitoring.population_calibration import PopulationCalibration
 from ematwin.numerics.signals import spread_of
 
 _MOST_MEANS = 24  # mean recordings that the nominal parameters are fitted to
-_OUTLIER = 4.0  # robust standard deviations of the logarithm of a run's index
+_OUTLIER = 4.0  # robust standard deviations of the logarithm of a run's distance
 _LEAST_SCATTER = 0.2  # of that logarithm: few runs may agree by chance
 _ODD = 8.0  # robust standard deviations of what is reported
 
@@ -66,8 +65,6 @@ def report_on(
     notes: list[str],
 ) -> CalibrationReport:
     """Report a calibration whose healthy runs were kept."""
-    index = health_index(calibration.tested, calibration.layout.kinds)
-    over = index > calibration.thresholds.motion
     reported = calibration.reported
     runs = calibration.healthy.names
     return CalibrationReport(
@@ -79,8 +76,7 @@ def report_on(
             one.name: (float(reported.within[n]), float(reported.between[n]))
             for n, one in enumerate(calibration.quantities)
         },
-        float(over.mean()),
-        (*notes, *_cautions(calibration.thresholds, calibration.layout, len(runs))),
+        tuple(notes),
     )
 
 
@@ -140,17 +136,13 @@ def check_outliers(calibration: PopulationCalibration) -> None:
     runs = healthy.names
     if len(runs) < 4:
         return  # of three, nobody can tell which one is the odd one
-    means = []
-    for own in map(healthy.of_run, runs):
-        scores, groups = calibration.tested[own], healthy.groups[own]
-        means.append(np.stack([scores[groups == g].mean(0) for g in np.unique(groups)]))
+    away_from_others = np.abs(calibration.tested)
     # of all features, and of the residual alone: magnitudes may differ from day to day so much
     # that a rough run does not stand out
-    residual = [n for n, kind in enumerate(kinds) if kind != "model"]
-    for columns in (list(range(len(kinds))), residual):
-        of = [kinds[n] for n in columns]
+    every = np.ones(len(kinds), dtype=bool)
+    for columns in (every, np.array(kinds) != "model"):
         level = np.array([
-            np.log(np.mean(health_index(one[:, columns], of))) for one in means
+            np.log(away_from_others[healthy.of_run(run)][:, columns].mean()) for run in runs
         ])  # fmt: skip
         for n, run in enumerate(runs):
             rest = np.delete(level, n)
@@ -224,14 +216,3 @@ def _odd_one(run: str, count: int, how: str) -> RecordError:
         f"Run {run} is unlike the other {count - 1} healthy runs: {how}. If it is faulty or of "
         "another rig, leave it out."
     )
-
-
-def _cautions(thresholds: Thresholds, layout: Layout, runs: int) -> list[str]:
-    reach = single_reach(layout.kinds)
-    if max(thresholds.motion, thresholds.run) < reach:
-        return []
-    return [
-        f"The thresholds ({thresholds.motion:.2f} for a motion, {thresholds.run:.2f} for a run) "
-        f"are so high that no single magnitude reaches them (at most {reach:.2f}): {runs} runs say "
-        "too little about how far healthy runs differ. Record more healthy runs, on other days."
-    ]

@@ -242,6 +242,14 @@ def reported_values(
     return np.column_stack(columns)
 
 
+def slopes_of(model: Model, actuator: ParameterSet, layout: Layout) -> np.ndarray:
+    """Slopes (R, F) of reported values by features."""
+    healthy = np.ones(len(layout.names))  # multiples are 1
+    away = reported_values(model, actuator, layout, healthy + _DIFFERENCE * np.eye(len(healthy)))
+    slopes = (away - reported_values(model, actuator, layout, healthy[None])) / _DIFFERENCE
+    return np.asarray(slopes.T)
+
+
 def numbered(keys: Sequence[tuple[str, ...]]) -> np.ndarray:
     """Number (N,) of each key, equal for equal keys, in the order of their first appearance."""
     order = {key: n for n, key in enumerate(dict.fromkeys(keys))}

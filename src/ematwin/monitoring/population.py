@@ -2,14 +2,12 @@
 
 Features may depend on a covariate that is unknown and estimated with each recording, such as the
 load; their healthy mean is a parabola in it. Their spread has two parts: between recordings of one
-run, and between runs. The latter is larger, and thresholds must cover it.
+run, and between runs.
 
 Measurements of each healthy recording are kept, so that later runs can be added to them.
 
-A known fault has a signature: the mean scores of recordings with it. A matched filter, the nearest
-signature, sees it well before the health index does, and what drifts between occasions seldom looks
-like one. Signatures are statistics of one rig; they carry over to another only as far as that rig
-is alike.
+A known fault has a signature: the mean scores of recordings with it. Signatures are statistics of
+one rig; they carry over to another only as far as that rig is alike.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,12 +18,6 @@ import numpy as np
 
 _RIDGE = 0.05  # of the number of recordings: holds the parabola down where one load was recorded
 _SAME = 0.05  # standard deviations of a feature: what one recording may differ by if fitted again
-# Share of the squared mean scores, for a name from a signature. Chosen on runs 1 to 5 of
-# docs/real-recordings.md, each judged by the signatures of the others, and with drift made up on
-# the healthy ones: at 0.15 up to a fifth of drifting motions are named, at 0.2 up to 7 %, at 0.25
-# slight spalling is missed.
-_EXPLAINED = 0.2
-_REACH = 15.0  # standard deviations, the most that one feature counts
 
 
 def plain(values: np.ndarray) -> Any:
@@ -221,26 +213,4 @@ class Signature:
         cls, fault: str, scores: np.ndarray, covariate: np.ndarray, scale: float | None, source: str
     ) -> "Signature":
         """The signature of recordings with scores (N, F) at covariates (N,)."""
-        return cls(fault, fit_mean(covariate, scale, np.clip(scores, -_REACH, _REACH)), source)
-
-
-def nearest_fault(
-    scores: np.ndarray,
-    covariate: np.ndarray,
-    scale: float | None,
-    signatures: Sequence[Signature],
-) -> str:
-    """The fault whose signature is nearest to recordings with these scores; "" if none is near.
-
-    Parameters
-    ----------
-    scores : (N, F) array, of recordings that are judged together, by their mean
-    covariate : (N,) array, SI
-    scale : of the covariate, as in `Population`
-    """
-    limited = np.clip(scores, -_REACH, _REACH).mean(0)
-    terms = basis(covariate, scale).mean(0)
-    distances = [float(((limited - terms @ s.coefficients) ** 2).sum()) for s in signatures]
-    nearest = int(np.argmin(distances))
-    healthy = float((limited**2).sum())
-    return "" if distances[nearest] > (1.0 - _EXPLAINED) * healthy else signatures[nearest].fault
+        return cls(fault, fit_mean(covariate, scale, scores), source)

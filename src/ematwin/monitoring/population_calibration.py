@@ -1,8 +1,8 @@
 """A calibration with the healthy population, and its tables in the file of the calibration.
 
-The file keeps the healthy runs; mean, spread and thresholds follow from them. Every run both
-teaches and tests: the population is learnt from all of them, and the thresholds from each run
-judged by the others.
+The file keeps the healthy runs; mean and scatter follow from them. Every run both teaches and
+tests: the population is learnt from all of them, and how far a new run lies from it, from each run
+beside the others.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,44 +14,16 @@ import numpy as np
 
 from ematwin import __version__
 from ematwin.estimation.baseline import Baseline
+from ematwin.estimation.constants import SIGMAS
+from ematwin.estimation.verdict import UNNAMED
 from ematwin.models.base import Monitoring, Reported
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.monitoring.calibration import FORMAT, Calibration
+from ematwin.monitoring.causes import DRIFT, Causes, Direction, Scatter
 from ematwin.monitoring.features import Layout
 from ematwin.monitoring.gather import Given, recordings_of
-from ematwin.monitoring.index import clear_limit, health_index, prediction_bound
-from ematwin.monitoring.measure import Bench, Measured, layout_of, reported_values
+from ematwin.monitoring.measure import Bench, Measured, layout_of, reported_values, slopes_of
 from ematwin.monitoring.population import HealthyRuns, Population, Signature, plain
-
-
-@dataclass(frozen=True)
-class Thresholds:
-    """Index above which an alarm is raised.
-
-    Attributes
-    ----------
-    motion : of one recording
-    run : of a run of ``run_size`` recordings, from their mean scores
-    false_alarm_rate : of either, on a healthy run of another day
-    """
-
-    motion: float
-    run: float
-    run_size: float
-    false_alarm_rate: float
-
-    def of(self, motions: int) -> float:
-        """The threshold for this many recordings of a run together.
-
-        The square of the index falls with their number n as B + W/n, since differences between
-        runs do not average out.
-        """
-        if self.run_size <= 1.0 or self.run >= self.motion:
-            return self.motion
-        size = self.run_size
-        between = max((size * self.run**2 - self.motion**2) / (size - 1.0), 0.0)
-        within = self.motion**2 - between
-        return float(np.sqrt(between + within / min(float(motions), size)))
 
 
 @dataclass(frozen=True)
@@ -67,7 +39,6 @@ class PopulationCalibration(Calibration):
         one channel after another, SI, over the covariate
     scale : of the covariate, as in `Population`
     healthy : measurements on each healthy recording
-    false_alarm_rate : of a recording, or run, of another day
     signatures : known faults
     facts : labels and sources of the recordings, parameters that they left undetermined
     """
@@ -79,7 +50,6 @@ class PopulationCalibration(Calibration):
     discrepancy: np.ndarray
     scale: float | None
     healthy: HealthyRuns
-    false_alarm_rate: float
     signatures: tuple[Signature, ...] = ()
     facts: dict[str, Any] = field(default_factory=dict)
 
@@ -131,16 +101,39 @@ class PopulationCalibration(Calibration):
         return float(self.healthy.covariate.min()), float(self.healthy.covariate.max())
 
     @cached_property
-    def thresholds(self) -> Thresholds:
-        """Of the index."""
-        scores, groups = self.tested, self.healthy.groups
-        rate, kinds, runs = self.false_alarm_rate, self.layout.kinds, np.unique(groups)
-        means = np.stack([scores[groups == g].mean(0) for g in runs])
-        return Thresholds(
-            prediction_bound(health_index(scores, kinds), groups, rate),
-            prediction_bound(health_index(means, kinds), runs, rate),
-            len(scores) / len(runs), rate,
-        )  # fmt: skip
+    def causes(self) -> Causes:
+        """What may have happened to the actuator."""
+        kinds = np.array(self.layout.kinds)
+        drifts = [DRIFT * row for row in np.eye(len(kinds))[kinds == "model"]]
+        drifts += [DRIFT * (one & (kinds == "mean")) for one in self.layout.of_channels()]
+        scatter = Scatter.of(self.tested, self.healthy.groups, np.array(drifts))
+        taught = [Direction(one.fault, one.coefficients, True) for one in self.signatures]
+        still = np.zeros((1 if self.scale is None else 3, len(kinds)))
+        others = [
+            Direction(UNNAMED, still, around=np.isin(kinds, these))
+            for these in (("mean", "band"), ("mean",), ("band",))
+        ]
+        return Causes(scatter, [*self._moved(), *taught, *others])
+
+    def _moved(self) -> list[Direction]:
+        """Directions in which reported quantities rise and fall, with the faults that do that.
+
+        Recordings with a known fault say more than physics does on the quantities that it moves.
+        """
+        slopes, kinds = slopes_of(self.model, self.actuator, self.layout), self.layout.kinds
+        spread, found = self.population.spread, []
+        for one, slope, scatter in zip(self.quantities, slopes, self.reported.spread, strict=True):
+            shift = np.zeros((1 if self.scale is None else 3, len(slope)))
+            shift[0] = slope / spread / np.abs(slope / spread).max()
+            # a statistic is of several features, which seldom rise alike, nor without others
+            kind = kinds[int(np.argmax(np.abs(slope)))]
+            around = None if kind == "model" else np.array(kinds) == kind
+            moves = [s.coefficients[0] * spread @ slope / scatter for s in self.signatures]
+            raised = one.named or UNNAMED
+            for fault, sense in ((raised, 1.0), (raised if one.either else UNNAMED, -1.0)):
+                if max((sense * move for move in moves), default=0.0) < SIGMAS:
+                    found.append(Direction(fault, sense * shift, around=around))
+        return found
 
     def populations(self, members: np.ndarray) -> tuple[Population, Population]:
         """Of the features, and of the reported quantities, from members (N,) of bool."""
@@ -184,13 +177,6 @@ class PopulationCalibration(Calibration):
             scores[own] = others.scores(healthy.features[own], healthy.covariate[own])
         return scores
 
-    def clear_limit(self, motions: int) -> float:
-        """The index from which a change without a name raises an alarm, for this many recordings.
-
-        It lies above the threshold by the drift between occasions.
-        """
-        return clear_limit(self.thresholds.of(motions), self.layout.kinds, len(self.channels))
-
     def measure(self, recordings: Given) -> Measured:
         """Estimates and features of recordings, or of those in files.
 
@@ -219,7 +205,6 @@ class PopulationCalibration(Calibration):
             "channels": list(self.channels),
             "magnitudes": list(self.layout.magnitudes),
             "quantities": [one.name for one in self.quantities],
-            "false_alarm_rate": self.false_alarm_rate,
             **({} if self.scale is None else {"scale": self.scale}),
             "facts": self.facts,
             "command": plain(self.command),
@@ -241,7 +226,7 @@ class PopulationCalibration(Calibration):
         ``magnitudes`` and ``quantities`` name the features and the reported quantities with which
         it was made.
         """
-        numbers = [self.interval, self.false_alarm_rate, 1.0 if self.scale is None else self.scale]
+        numbers = [self.interval, 1.0 if self.scale is None else self.scale]
         if not all(np.isfinite(x) and x > 0.0 for x in numbers):
             raise ValueError(f"{numbers} must be positive")
         if not (np.isfinite(self.settling_time) and self.settling_time >= 0.0):
@@ -276,8 +261,7 @@ def population_in(
 ) -> PopulationCalibration:
     """The calibration in the tables of a file; raises `ValueError` if its parts do not fit."""
     if learnt["format"] < FORMAT:  # which repeated what follows from the healthy runs
-        rate = learnt["threshold"]["false_alarm_rate"]
-        learnt = {**learnt, "false_alarm_rate": rate, "scale": learnt["population"].get("scale")}
+        learnt = {**learnt, "scale": learnt["population"].get("scale")}
     scale = learnt.get("scale")
     found = PopulationCalibration(
         actuator=actuator,
@@ -289,7 +273,6 @@ def population_in(
         discrepancy=np.array(learnt["discrepancy"], dtype=float),
         scale=None if scale is None else float(scale),
         healthy=HealthyRuns.from_table(learnt["healthy"]),
-        false_alarm_rate=float(learnt["false_alarm_rate"]),
         signatures=tuple(
             Signature(s["fault"], np.array(s["coefficients"], dtype=float), s["source"])
             for s in signatures

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ematwin.monitoring.detection import Detection
-from ematwin.monitoring.diagnosis import Diagnosis, Magnitude, Standing
+from ematwin.monitoring.diagnosis import Diagnosis, Magnitude
 from ematwin.plots.style import (
     AMBER,
     GREEN,
@@ -27,8 +27,8 @@ def plot_trend(found: Detection, each: str = "run") -> Any:
     """Faults, or what else is reported, over runs, with healthy bands and intervals.
 
     Runs stand at the time of their recordings where all have one, else by their names in the
-    order in which they were given. Faults are told apart by colour and symbol. The health index
-    comes first where a healthy population judges.
+    order in which they were given. Faults are told apart by colour and symbol. The distance
+    from healthy runs comes first where a healthy population judges.
 
     Parameters
     ----------
@@ -42,15 +42,14 @@ def plot_trend(found: Detection, each: str = "run") -> Any:
     x, axis = _places(rows, each)
     first = rows[0]
     at = [one.standing for one in rows if one.standing is not None]
-    titles = ["Health index"] * bool(at) + [_title(m) for m in first.magnitudes]
+    titles = ["Distance from healthy runs"] * bool(at) + [_title(m) for m in first.magnitudes]
     units = [""] * bool(at)
     units += ["times healthy" if m.unit == "x" else preferred(m.unit)[0] for m in first.magnitudes]
     figure = stacked(titles, units, "", 150 + 180 * len(titles))
     texts = [_hover(one) for one in rows]
     looks = _looks(found)
     if at:
-        _limits(figure, x, at)
-        _marks(figure, 1, x, [one.index for one in at], rows, texts, looks)
+        _marks(figure, 1, x, [one.distance for one in at], rows, texts, looks)
         figure.update_yaxes(rangemode="tozero", row=1, col=1)
     for row, one in enumerate(first.magnitudes, start=1 + bool(at)):
         values = [next(m for m in v.magnitudes if m.name == one.name) for v in rows]
@@ -88,17 +87,6 @@ def _looks(found: Detection) -> dict[str, tuple[str, str]]:
     return _PLAIN | {
         name: (color, _SYMBOLS[n % len(_SYMBOLS)]) for n, (name, color) in enumerate(colors.items())
     }
-
-
-def _limits(figure: Any, x: list[Any], at: Sequence[Standing]) -> None:
-    for name, dash, values in (
-        ("healthy up to here", "dash", [one.threshold for one in at]),
-        ("may drift up to here", "dot", [one.clear for one in at]),
-    ):
-        figure.add_scatter(
-            x=x, y=values, mode="lines", name=name, hoverinfo="skip", row=1, col=1,
-            line={"color": GREY, "dash": dash, "width": 1.2},
-        )  # fmt: skip
 
 
 def _marks(

@@ -136,7 +136,7 @@ def open_sentences(report: CalibrationReport, file: str = "CALIBRATED.toml") -> 
 
 
 def spread_sentences(report: CalibrationReport) -> list[str]:
-    """How far healthy recordings are from one another, and the thresholds of a population."""
+    """How far healthy recordings are from one another."""
     calibration = report.calibration
     if not isinstance(calibration, PopulationCalibration):
         scatter = report.baseline.scatter
@@ -154,13 +154,11 @@ def spread_sentences(report: CalibrationReport) -> list[str]:
         unit, scale = ("%", 100.0) if one.logarithmic else (one.unit, one.scale)
         within, between = (in_unit(plain(x * scale), unit) for x in report.run_spread[one.name])
         told.append(f"{one.name} scatters by {within} within a run and {between} between runs")
-    facts, limits = calibration.facts, calibration.thresholds
+    facts = calibration.facts
     labels = "" if facts["labels"] == "none" else f" with {facts['labels']}"
     return [
         *told,
         f"healthy reference: {len(calibration.healthy.runs)} recordings{labels}",
-        f"learnt from runs {', '.join(report.learnt)}; each judged by the others: "
-        f"{100.0 * report.false_alarms:.0f} % of their recordings above the threshold "
-        f"({limits.motion:.2f} for a motion, {limits.run:.2f} for a run of {limits.run_size:.3g})",
+        f"learnt from runs {', '.join(report.learnt)}",
         *(f"known fault: {one.fault}, from {one.source}" for one in calibration.signatures),
     ]

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 from ematwin.estimation.constants import CERTAIN, SMALLEST
 from ematwin.monitoring.calibration import Calibration
+from ematwin.monitoring.causes import DRIFT
 from ematwin.monitoring.detection import Detection, counted, gathered_notes
 from ematwin.monitoring.diagnosis import Diagnosis, Standing
-from ematwin.monitoring.index import DRIFT
 from ematwin.monitoring.population_calibration import PopulationCalibration
 from ematwin.plots.detection import plot_trend
 from ematwin.report.page import Row, Section, Table, listed, render
@@ -17,11 +17,6 @@ def detection_page(found: Detection) -> str:
     shown, parts = found.runs[:400], found.actuators  # of the table; the figures show all
     kind = "run" if found.by_run else "recording"
     told = f"A point for each {kind}, with its interval. In the band lie 95 % of healthy ones."
-    if found.by_run:
-        told += (
-            " Above the dashed line a run has changed; an alarm is a fault that can be named, or "
-            "an index above the dotted line, which no drift between occasions explains."
-        )
     trends = [
         Section(name or "Trend", text=f"{one.sentence} {told}" if name else told,
                 figure=plot_trend(one))
@@ -63,7 +58,7 @@ def verdict_table(
     at = [one.standing for one in verdicts if one.standing is not None]
     covariates = list(dict.fromkeys(s.covariate.name for s in at if s.covariate is not None))
     left = ["actuator"] if any(one.actuator for one in verdicts) else []
-    left += [what, "verdict", *(["index / limit"] if at else [])]
+    left += [what, "verdict", *(["distance"] if at else [])]
     shown = [
         Row([*([one.actuator] if left[0] == "actuator" else []),
              *_cells(one, at, magnitudes, covariates)], marked=one.alarm)
@@ -77,10 +72,9 @@ def _cells(
     one: Diagnosis, at: Sequence[Standing], magnitudes: Sequence[str], covariates: Sequence[str]
 ) -> list[str]:
     own = one.standing
-    by = f" (by {own.named_by})" if own is not None and own.named_by else ""
-    cells = [one.name, f"{one.said}{by}"]
+    cells = [one.name, one.said]
     if at:
-        cells.append("" if own is None else f"{own.index:.2f} / {own.threshold:.2f}")
+        cells.append("" if own is None else f"{own.distance:.2g}")
     values = {m.name: str(m) for m in one.magnitudes}
     known = None if own is None else own.covariate
     beside = {} if known is None else {known.name: str(known)}
@@ -96,14 +90,14 @@ def _facts(calibration: Calibration) -> dict[str, str]:
             f"probability of {100 * CERTAIN:g} %",
             "intervals": "95 %, over noise, the twin's own error, and parameters, load and sensors",
         }
-    facts, limits = calibration.facts, calibration.thresholds
+    facts = calibration.facts
     return actuator | {
         "learnt from": f"runs {', '.join(calibration.healthy.names)} of "
         f"{', '.join(facts.get('sources', []))}",
-        "threshold from": "each run, judged by the others: a healthy run of another "
-        f"day exceeds it with a probability of {100.0 * limits.false_alarm_rate:g} %",
-        "drift between occasions": "assumed: one magnitude and the level of one channel may move "
-        f"together by {DRIFT:g} healthy deviations before a change without a name is an alarm",
+        "an alarm": f"a change with a probability of {100 * CERTAIN:g} %",
+        "distance": "from the healthy mean; healthy runs have about 1",
+        "drift between occasions": "assumed: each fault and the level of each channel move by "
+        f"{DRIFT:g} healthy deviation",
         "not determined": ", ".join(facts.get("undetermined", [])) or "nothing",
         "names": "; ".join(f"{s.fault} from {s.source}" for s in calibration.signatures)
         or "from physics alone: the quantity furthest outside its healthy spread",

@@ -1,24 +1,11 @@
-"""The healthy population, the health index, its threshold, and names of faults."""
+"""The healthy population, and the probabilities of what may have changed."""
 
 import numpy as np
 import pytest
 
-from ematwin.models.ball_screw.model import MODEL
-from ematwin.models.ball_screw.parameters import BallScrew
-from ematwin.models.base import Reported
-from ematwin.monitoring.by_population import worn
-from ematwin.monitoring.index import (
-    prediction_bound,
-)
-from ematwin.monitoring.population import (
-    Population,
-    Signature,
-    basis,
-    fit_mean,
-    nearest_fault,
-)
-
-REPORTED = MODEL.monitoring.reported(MODEL, BallScrew.load())
+from ematwin.estimation.verdict import UNNAMED
+from ematwin.monitoring.causes import Causes, Direction, Scatter
+from ematwin.monitoring.population import Population, fit_mean
 
 # Population
 
@@ -60,80 +47,84 @@ def test_scores_of_another_healthy_run_are_standard_at_any_load():
     assert np.abs(np.corrcoef(load, scores.T)[0, 1:]).max() < 0.1
 
 
-# Threshold
+# Causes
+
+SIZE = 20
 
 
-@pytest.mark.parametrize(("runs", "motions"), [(3, 4), (6, 3), (12, 2), (40, 1)])
-@pytest.mark.parametrize("between", [0.0, 0.2, 0.6])
-def test_a_motion_of_a_new_run_exceeds_the_bound_at_about_the_rate(runs, motions, between):
-    """On logarithms that are normal.
-
-    Three runs of a rig whose index differs by 60 % from run to run, five times what is typical, are
-    taken for somewhat less scattered than they are.
-    """
-    random = np.random.default_rng(runs)
-    groups = np.repeat(np.arange(runs), motions)
-    exceeded = []
-    for _ in range(1500):
-        day = between * random.normal(size=runs + 1)
-        log_index = day[groups] + 0.2 * random.normal(size=groups.size)
-        bound = prediction_bound(np.exp(log_index), groups, 0.1)
-        exceeded.append(np.exp(day[-1] + 0.2 * random.normal()) > bound)
-    assert 0.02 < np.mean(exceeded) < (0.18 if (runs, between) == (3, 0.6) else 0.14)
+def causes(random, *taught: Direction, runs: int = 8) -> Causes:
+    """Independent scores of 20 kinds; the first one names "dry" where it is raised."""
+    scores, groups = random.normal(size=(5 * runs, SIZE)), np.repeat(np.arange(runs), 5)
+    scatter = Scatter.of(scores, groups, np.zeros((1, SIZE)))
+    first = np.eye(SIZE)[:1]
+    others = Direction(UNNAMED, np.zeros((1, SIZE)), around=np.ones(SIZE, dtype=bool))
+    moved = [Direction("dry", first), Direction(UNNAMED, -first), others]
+    return Causes(scatter, [*moved, *taught])
 
 
-# Names
+def probabilities(of: Causes, scores: np.ndarray) -> dict[str, float]:
+    found = of.posterior(np.atleast_2d(scores), np.ones((len(np.atleast_2d(scores)), 1)))
+    total = sum(found.probabilities.values()) + found.healthy
+    assert total == pytest.approx(1.0)
+    return {"healthy": found.healthy, **found.probabilities}
 
 
-NAMED = {one.name: one.named for one in REPORTED if one.named}
+def lead(of: Causes, scores: np.ndarray) -> str:
+    found = probabilities(of, scores)
+    name = max(found, key=lambda key: found[key])
+    assert found[name] > 0.95, found
+    return name
 
 
-@pytest.mark.parametrize(("magnitude", "fault"), NAMED.items())
-def test_physics_names_the_magnitude_that_rose_furthest(magnitude, fault):
-    scores = {"friction": 3.5, "backlash": 3.5, "gain": 0.0, "roughness": 3.5, magnitude: 9.0}
-    assert worn(scores, REPORTED) == fault
-
-
-def test_what_wear_does_not_do_stays_unnamed():
-    """Less friction, less play, another gain, or nothing clear."""
-    for scores in (
-        {"friction": -20.0, "backlash": -20.0, "gain": 0.0, "roughness": -20.0},
-        {"friction": 0.0, "backlash": 0.0, "gain": 30.0, "roughness": 0.0},
-        {"friction": 2.9, "backlash": 2.9, "gain": 0.0, "roughness": 2.9},
-    ):
-        assert worn(scores, REPORTED) == ""
-
-
-def test_a_gain_that_falls_is_named_where_either_sense_is_a_fault():
-    reported = [
-        Reported("friction", "", "made up", named="friction"),
-        Reported("gain", "", "made up", named="gain", either=True),
-    ]
-    scores = {one.name: 0.0 for one in reported} | {"gain": -14.0, "friction": 6.0}
-    assert worn(scores, reported) == "gain"
-    # but less friction than healthy is none
-    scores |= {"gain": 0.0, "friction": -20.0}
-    assert worn(scores, reported) == ""
-
-
-def signatures() -> tuple[Signature, ...]:
-    """Two faults: one grows with the load, the other does not."""
-    first, second = np.zeros((3, 10)), np.zeros((3, 10))
-    first[0, :5] = first[1, :5] = 4.0
-    second[0, 5:] = 4.0
-    return (Signature("dry", first, "made up"), Signature("worn", second, "made up"))
-
-
-def test_a_signature_names_what_lies_near_it_at_its_load():
+def test_healthy_recordings_are_seldom_called_changed():
     random = np.random.default_rng(0)
-    load = np.array([100.0, 300.0])
-    for signature in signatures():
-        scores = basis(load, 200.0) @ signature.coefficients + random.normal(size=(2, 10))
-        assert nearest_fault(scores, load, 200.0, signatures()) == signature.fault
+    of = causes(random)
+    healthy = [probabilities(of, random.normal(size=SIZE))["healthy"] for _ in range(200)]
+    assert np.mean(np.array(healthy) < 0.05) < 0.03
+    assert np.median(healthy) > 0.7
 
 
-def test_what_no_signature_explains_stays_unnamed():
-    scores = np.zeros((1, 10))
-    assert nearest_fault(scores, np.zeros(1), 200.0, signatures()) == ""
-    scores[0, 5:] = -4.0  # the other way
-    assert nearest_fault(scores, np.zeros(1), 200.0, signatures()) == ""
+def test_a_raised_quantity_names_its_fault_and_a_lowered_one_none():
+    of = causes(np.random.default_rng(0))
+    shift = np.eye(SIZE)[0]
+    assert lead(of, 12.0 * shift) == "dry"
+    assert lead(of, -12.0 * shift) == UNNAMED
+
+
+def test_what_no_direction_explains_is_a_change_without_a_name():
+    random = np.random.default_rng(1)
+    found = probabilities(causes(random), 6.0 * random.choice([-1.0, 1.0], SIZE))
+    assert found["healthy"] < 1e-3
+    assert found["dry"] < 0.5 < found[UNNAMED]
+
+
+def test_recordings_with_a_fault_name_what_lies_along_them_at_another_size():
+    random = np.random.default_rng(2)
+    worn = np.r_[np.zeros(10), np.full(10, 4.0)]
+    of = causes(random, Direction("worn", worn[None], taught=True))
+    for size in (0.5, 1.0, 2.0):
+        assert lead(of, size * worn + 0.5 * random.normal(size=SIZE)) == "worn"
+    opposite = probabilities(of, -worn)
+    assert opposite["healthy"] < 1e-3
+    assert opposite["worn"] < 0.6
+    assert of.posterior(worn[None], np.ones((1, 1))).likeness == {"worn"}
+
+
+def test_motions_of_a_run_tell_more_than_one_of_them():
+    random = np.random.default_rng(3)
+    of = causes(random)
+    shift = 3.5 * np.eye(SIZE)[0]
+    one, five = (probabilities(of, np.tile(shift, (n, 1)))["healthy"] for n in (1, 5))
+    assert five < 0.5 * one
+
+
+def test_what_scatters_together_is_no_change_where_it_moves_together():
+    """Scores that differ between runs by a common share, and one that departs from the others."""
+    random = np.random.default_rng(4)
+    common = 3.0 * random.normal(size=(30, 1))
+    scores = common + 0.3 * random.normal(size=(30, SIZE))
+    scatter = Scatter.of(scores, np.arange(30), np.zeros((1, SIZE)))
+    others = Direction(UNNAMED, np.zeros((1, SIZE)), around=np.ones(SIZE, dtype=bool))
+    of = Causes(scatter, [others])
+    assert lead(of, np.full(SIZE, 3.0)) == "healthy"
+    assert lead(of, 3.0 * np.sign(np.arange(SIZE) % 2 - 0.5)) == UNNAMED
