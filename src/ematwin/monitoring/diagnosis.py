@@ -100,7 +100,7 @@ class Diagnosis:
     verdict : Verdict
     magnitudes : faults, or quantities that the kind reports
     motions : how many recordings it rests on
-    alarm : whether somebody should look: at a fault, and at a change that is clear
+    alarm : whether somebody should look: at a fault, and at a change beyond a healthy population
     notes : sentences
     probabilities : of each fault; none where the recording is a ground for no verdict
     when : time at which its first recording began, ISO 8601, or None
