@@ -97,7 +97,7 @@ class _Judge:
             verdict=verdict,
             magnitudes=magnitudes,
             motions=len(members),
-            # what is strange may be a wreck
+            # a wreck is strange too
             alarm=changed or (faulty > CERTAIN and self._is_strange(members)),
             notes=tuple(self._notes(members)),
             when=measured.estimates[members[0]].when,

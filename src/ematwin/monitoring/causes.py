@@ -1,11 +1,11 @@
 """The posterior of causes: health, a fault by name, or a change without one.
 
 Estimates of a recording, in healthy standard deviations, scatter within a run, between runs and
-between occasions. A cause shifts them: a named fault along its direction, by a size that nobody
-knows, and by as much again at most in other directions; a change without a name in one quantity,
-or in any direction. Directions come from physics (the quantity that a fault raises) and from
-recordings with a known fault. An actuator is healthy with a probability of one half; the other
-causes are as likely as each other, and so are all orders of magnitude of their sizes.
+between occasions. A cause shifts them. A named fault shifts them along its direction, by an unknown
+size, and at most as much in other directions. A change without a name shifts one quantity, or any.
+Directions come from physics (the quantity that a fault raises) and from recordings with a known
+fault. An actuator is healthy with a prior probability of one half. The other causes share the rest
+evenly, and so do the orders of magnitude of their sizes.
 
 The scatter of healthy recordings is itself an estimate, so that densities are Student's t with as
 many degrees of freedom as there were recordings.
@@ -20,8 +20,8 @@ import numpy as np
 
 from ematwin.estimation.constants import BEFOREHAND
 
-# standard deviations of the size of a fault: of a taught one, over that of the recordings with it;
-# of others, in healthy ones
+# standard deviation of the size of a fault: of a taught one in sizes of the recordings with it, of
+# others in healthy standard deviations
 _TAUGHT, _SIZES = np.ones(1), np.geomspace(1.0, 100.0, 9)
 _APART = np.array([0.0, 0.1, 0.3, 1.0])  # shift in other directions, over that along one
 # standard deviation between occasions, of each fault and of the level of each channel, in healthy
@@ -54,7 +54,7 @@ class Posterior(NamedTuple):
     probabilities : by fault, and of a change without a name (`UNNAMED`)
     healthy : probability that nothing has changed
     distance : from the healthy mean, over what healthy ones have on average
-    likeness : faults that are rather like what was taught than like what physics says
+    likeness : faults that fit the taught direction better than the physical one
     """
 
     probabilities: Mapping[str, float]
@@ -172,7 +172,7 @@ class Causes:
     def _along(
         self, x: np.ndarray, shift: np.ndarray, sizes: np.ndarray, variance: np.ndarray
     ) -> float:
-        """Logarithm of the density of a shift (F,), and of what is apart from it.
+        """Logarithm of the density of a shift (F,) and of shifts in other directions.
 
         Its size is half normal, with these standard deviations (K,), each as likely.
         """
