@@ -26,6 +26,7 @@ from ematwin.numerics.signals import spread_of
 _MOST_MEANS = 24  # mean recordings that the nominal parameters are fitted to
 _OUTLIER = 4.0  # robust standard deviations of the logarithm of a run's distance
 _LEAST_SCATTER = 0.2  # of that logarithm: few runs may agree by chance
+_WILD = 4.0  # healthy deviations that a feature counts at most: one alone makes no run odd
 _ODD = 8.0  # robust standard deviations of what is reported
 
 
@@ -136,7 +137,7 @@ def check_outliers(calibration: PopulationCalibration) -> None:
     runs = healthy.names
     if len(runs) < 4:
         return  # of three, nobody can tell which one is the odd one
-    away_from_others = np.abs(calibration.tested)
+    away_from_others = np.minimum(np.abs(calibration.tested), _WILD)
     # of all features, and of the residual alone: magnitudes may differ from day to day so much
     # that a rough run does not stand out
     every = np.ones(len(kinds), dtype=bool)
