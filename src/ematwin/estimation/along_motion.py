@@ -57,16 +57,14 @@ def informed(
         return None
     rests = {one.rests for one in every}
     if first := [one for one in every if one.name in rests]:
-        fit = _Fit(actuator, problem, first, z)
-        z, *_ = fit.descend(z, *fit.linearised(z))
+        z, _ = _Fit(actuator, problem, first, z).run(z)
         values = problem.values(chart.to_values(z)[0])
         every = [one if one.at is None else one.at(values) for one in every]
     fit = _Fit(actuator, problem, [one for one in every if one.size > 0.0], z)
-    z, here, slopes = fit.descend(z, *fit.linearised(z))
-    if fit.finds_first_sample(z, here, slopes):
-        z, *_ = fit.descend(z, fit.residuals(z)[0], slopes)
+    z, known = fit.run(z)
+    if fit.finds_first_sample(z):
+        z, known = fit.run(z)
         problem = problem.sampled_first(fit.first_sample)
-    z, known = fit.settled(z)
     return problem.informed(known), chart.to_values(z)[0]
 
 
@@ -97,14 +95,14 @@ class _Fit:
         matters = {name for some in self._matters for name in some}
         self._free = np.array([n for n, name in enumerate(problem.names) if name in matters])
 
-    def descend(
-        self, z: np.ndarray, here: np.ndarray, slopes: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Coordinates (1, d), residuals (K,) and slopes (f, K), from others on.
+    def run(self, z: np.ndarray) -> tuple[np.ndarray, Information]:
+        """Coordinates (1, d) of least squares next to others, by Gauss-Newton steps within bounds.
 
-        By Gauss-Newton steps within bounds, of which the slopes follow the residuals.
+        And the evidence of the equations there, by slopes that are fresh.
         """
         chart, free = self._problem.chart, self._free
+        here = self.residuals(z)[0]
+        slopes, fresh = self._slopes(z, here), True
         for _ in range(20):  # at most: mostly four, as the equations are nearly linear
             low, high = chart.lower - z[0], chart.upper - z[0]
             step = np.zeros(z.shape[1])
@@ -114,26 +112,17 @@ class _Fit:
             costs = np.einsum("bk,bk->b", left, left)
             best = int(np.argmin(costs))
             gained = float(here @ here) - costs[best]
-            if gained <= 0.0:
+            moved = (tried[best] - z[0])[free]
+            change = left[best] - here
+            if gained > 0.0:
+                z, here = tried[best : best + 1], left[best]
+            if gained > NOTHING:
+                slopes, fresh = with_secant(slopes, moved, change), False
+            elif fresh:  # slopes of so short a step would be those of ripple
                 break
-            slopes = with_secant(slopes, (tried[best] - z[0])[free], left[best] - here)
-            z, here = tried[best : best + 1], left[best]
-            if gained <= NOTHING:
-                break
-        return z, here, slopes
-
-    def settled(self, z: np.ndarray) -> tuple[np.ndarray, Information]:
-        """Coordinates (1, d) of least squares next to others, and the evidence of the equations.
-
-        Both by fresh slopes.
-        """
-        chart, free = self._problem.chart, self._free
-        while True:
-            here, slopes = self.linearised(z)
-            nearer, left, _ = self.descend(z, here, slopes)
-            if here @ here - left @ left <= NOTHING:
-                break
-            z = nearer
+            else:
+                slopes, fresh = self._slopes(z, here), True
+        self._last = here, slopes
         weights = self._weights(here)
         here = weights * here[: weights.size]
         rotation, root = np.linalg.qr((weights * slopes[:, : weights.size]).T)
@@ -143,13 +132,14 @@ class _Fit:
         rest = math.sqrt(max(0.0, float(here @ here - moved @ moved)))
         return z, Information(chart, z[0], every, np.append(moved, rest))
 
-    def finds_first_sample(self, z: np.ndarray, here: np.ndarray, slopes: np.ndarray) -> bool:
-        """Find when loops sampled first, near coordinates (1, d) at which `descend` ended.
+    def finds_first_sample(self, z: np.ndarray) -> bool:
+        """Find when loops sampled first, near coordinates (1, d) at which `run` ended.
 
         Whether that explains more than another instant may by chance.
         """
         values = self._problem.values(self._problem.chart.to_values(z)[0])
         actuator = self._actuator.changed({name: x for name, x in values.items() if "." in name})
+        here, slopes = self._last
         basis = np.linalg.qr(slopes.T)[0]
 
         def cost(instant: float) -> float:
@@ -181,13 +171,12 @@ class _Fit:
             first += count
         return np.concatenate(found)
 
-    def linearised(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals (K,) at coordinates (1, d), and slopes (f, K) by those that matter."""
+    def _slopes(self, z: np.ndarray, here: np.ndarray) -> np.ndarray:
+        """(f, K), of residuals (K,) at coordinates (1, d), by those that matter."""
         steps = np.where(z[0] + _STEP <= self._problem.chart.upper, _STEP, -_STEP)[self._free]
         beside = np.tile(z, (self._free.size, 1))
         beside[np.arange(self._free.size), self._free] += steps
-        here, *others = self.residuals(np.vstack([z, beside]))
-        return here, (np.array(others) - here) / steps[:, None]
+        return np.asarray((self.residuals(beside) - here) / steps[:, None])
 
     def _scale(self, n: int, left: np.ndarray, noise: float = 0.0) -> float:
         """One over the standard deviation of residuals of the nth equation; independent ones count.
