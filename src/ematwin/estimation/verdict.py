@@ -150,8 +150,7 @@ def judged(
     if unseen:
         reason = f"A fault of {listed(unseen)} would hardly show in this recording."
         return _without(f"{doubt} {reason} {advice}".lstrip())
-    bound = least_certain("no fault", reach, ranges) if reach else "no fault found."
-    sentence = f"Healthy: {bound} {doubt}".rstrip()
+    sentence = f"Healthy: {least_certain('no fault', reach, ranges)} {doubt}".rstrip()
     return Verdict("healthy", (), doubt, sentence)
 
 
@@ -180,6 +179,8 @@ def least_certain(none: str, far: Mapping[str, float], ranges: Mapping[str, str]
     far : by fault, how far its interval reaches from healthy, as a share of its range
     ranges : by fault, its interval for people
     """
+    if not far:
+        return f"{none} found."
     if max(far.values()) <= SMALLEST:
         return f"{none} larger than {100 * SMALLEST:g} % of its range."
     worst = ranges[max(far, key=lambda name: far[name])]

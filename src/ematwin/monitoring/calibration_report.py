@@ -134,11 +134,8 @@ class CalibrationReport:
 
     def as_dict(self) -> dict[str, object]:
         """For JSON."""
-        of_population: dict[str, object] = {"signatures": []}
-        if isinstance(self.calibration, PopulationCalibration):
-            of_population = {
-                "signatures": [s.fault for s in self.calibration.signatures],
-            }
+        learnt = self.calibration
+        known = learnt.signatures if isinstance(learnt, PopulationCalibration) else ()
         return {
             "actuator": self.actuator.name,
             "kind": self.actuator.kind,
@@ -151,5 +148,5 @@ class CalibrationReport:
             "scatter": dict(self.baseline.scatter),
             "learnt": self.learnt,
             "notes": list(self.notes),
-            **of_population,
+            "signatures": [one.fault for one in known],
         }

@@ -33,7 +33,7 @@ def sampled(time: np.ndarray, values: np.ndarray, period: float) -> tuple[np.nda
     while True:
         span = since[reads - 1]
         steps = max(1, math.ceil(2.0 * apart * span / period**2))
-        if steps > values.size:  # reads so rare tell no clocks apart
+        if steps > reads:  # so rare ones tell no clocks apart
             return None
         rough, own, ticks = _smoothest(
             since[:reads], values[:reads], own + np.linspace(-apart, apart, 2 * steps + 1)

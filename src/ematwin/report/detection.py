@@ -100,6 +100,6 @@ def _facts(calibration: Calibration) -> dict[str, str]:
         f"{DRIFT:g} healthy deviation",
         "not determined": ", ".join(facts.get("undetermined", [])) or "nothing",
         "names": "; ".join(f"{s.fault} from {s.source}" for s in calibration.signatures)
-        or "from physics alone: the quantity furthest outside its healthy spread",
+        or "from physics alone: the quantity that a fault raises",
         "intervals": "95 %, from the scatter of healthy motions within and between runs",
     }
