@@ -62,7 +62,7 @@ def informed(
         every = [one if one.at is None else one.at(values) for one in every]
     fit = _Fit(actuator, problem, [one for one in every if one.size > 0.0], z)
     z, known = fit.run(z)
-    if fit.finds_first_sample(z):
+    if not recording.first_sample and fit.finds_first_sample(z):
         z, known = fit.run(z)
         problem = problem.sampled_first(fit.first_sample)
     return problem.informed(known), chart.to_values(z)[0]

@@ -16,8 +16,9 @@ J. ACM 12, 547-560, with steps measured in standard errors). Behind loops that t
 its slopes are wrong too. There the reference alone is linearised
 (`ematwin.estimation.linearised`): from the start where that is as near as equations along the
 motion come, else from where rounds end. Rounds follow its answers (Broyden), from the lowest point
-so far. They end where the peak stays, or where three in succession lower nothing; then slopes are
-taken once more, over what is known by then.
+so far. They end where the peak stays, or where three in succession lower nothing. Where the error
+of the model, below, is then more than what noise leaves, slopes are taken once more, over what is
+known by then.
 
 The truth lies elsewhere within the width of the minimum, where the error of the model differs:
 impacts, ripple and slopes change. With J the slopes of the residuals r, noise s and
@@ -165,7 +166,8 @@ def _linearised(
 ) -> Corrected:
     """The peak by slopes of the reference, from coordinates (d,) at which ``here`` is answered.
 
-    Steps of the first slopes are ``ways``, those of the second as wide as the peak of the first.
+    Steps of the first slopes are ``ways``. Those of the second, where the model errs by more than
+    noise leaves, are as wide as the peak of the first.
     """
     asked, spent = 0, 0
     for again in (False, True):
@@ -177,7 +179,9 @@ def _linearised(
         if again or is_linear(like):
             break
         wide = with_model_error(Corrected(last.peak, asked, last.left, ways=ways))
-        asked = wide.rounds
+        asked, sharp = wide.rounds, last.peak.covariance
+        if np.trace(np.linalg.solve(sharp, wide.model_error)) <= len(sharp):
+            break
         here, z, ways = last.here, last.z, principal(np.linalg.inv(wide.covariance), _WIDEST)
         descent, steps = descent.afresh(settled=np.inf), step_lengths(last.peak.covariance)
     return Corrected(replace(last.peak, evaluations=spent), asked, last.left, ways=ways)

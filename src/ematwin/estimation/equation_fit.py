@@ -14,6 +14,7 @@ import numpy as np
 from ematwin.errors import EmatwinError
 from ematwin.estimation.constants import TWO_SIGMA
 from ematwin.estimation.first_sample import found_first_sample
+from ematwin.estimation.prior import Prior
 from ematwin.models.comparison import correlation_time
 from ematwin.models.optional import FIRST_SAMPLE, Equation, Values
 from ematwin.models.parameter_set import ParameterSet
@@ -140,14 +141,17 @@ class Equations:
     ----------
     template : whose tolerances hold the parameters
     equations : one for each recording
+    known : what other equations tell of the parameters, in place of the tolerances
 
     Attributes
     ----------
     first_samples : when the loops sampled first in each recording, s
     """
 
-    def __init__(self, template: ParameterSet, equations: Sequence[Equation]) -> None:
-        self.each, self._stated = equations, stated_values(template)
+    def __init__(
+        self, template: ParameterSet, equations: Sequence[Equation], known: Prior | None = None
+    ) -> None:
+        self.each, self._stated, self._known = equations, stated_values(template), known
         self.first_samples = [0.0] * len(equations)
         self._size = math.sqrt(sum(one.size**2 for one in equations))
 
@@ -262,14 +266,20 @@ class Equations:
         left: list[np.ndarray],
         slopes: list[np.ndarray],
     ) -> EquationFit:
-        """A fit with the prior that the template gives."""
+        """A fit with the prior that the template and other equations give."""
         weight = energy(left) / sum(r.size / correlation_time(r) for r in left)
-        away, spread = np.zeros(len(places)), np.full(len(places), WIDE)
+        away, precision = np.zeros(len(places)), np.eye(len(places)) / WIDE**2
         for n, place in enumerate(places):
             if place in self._stated:
-                value, spread[n] = self._stated[place]
-                away[n] = math.log(actuator.value(place) / value)
-        prior = weight * np.diag(1.0 / spread**2)
+                value, spread = self._stated[place]
+                away[n], precision[n, n] = math.log(actuator.value(place) / value), spread**-2
+        if self._known is not None:
+            known = self._known.of(places)
+            own = [places.index(place) for place in known.names]
+            here = [coordinate(actuator, one, actuator.value(one)) for one in known.names]
+            away[own] = here - known.mean
+            precision[np.ix_(own, own)] = np.linalg.inv(known.covariance)
+        prior = weight * precision
         return EquationFit(actuator, tuple(places), left, slopes, prior @ away, prior, weight)
 
     def with_first_samples(
@@ -304,6 +314,11 @@ def stated_values(template: ParameterSet) -> dict[str, tuple[float, float]]:
         for place, value, tolerance in stated
         if value > 0.0 and tolerance is not None
     }
+
+
+def coordinate(actuator: ParameterSet, place: str, value: float) -> float:
+    """The logarithm of what has a sign; else the value."""
+    return math.log(value) if has_sign(actuator, place) else value
 
 
 def has_sign(actuator: ParameterSet, place: str) -> bool:

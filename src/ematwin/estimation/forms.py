@@ -9,11 +9,10 @@ linearisation, and their residual has to fall by more than its scatter.
 
 Near their least squares the equations are linear in the logarithms of their parameters, so that
 all of them together give a normal distribution (`FoundForms.prior`), in which a parameter of two
-equations has one value. What an equation idealises (`Equation.alike`) may resemble the effect of a
-parameter throughout, and counts as one sample.
+equations has one value; each is fitted with what those before it tell. What an equation idealises
+(`Equation.alike`) may resemble the effect of a parameter throughout, and counts as one sample.
 """
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -26,6 +25,7 @@ from ematwin.estimation.equation_fit import (
     WIDE,
     EquationFit,
     Equations,
+    coordinate,
     has_sign,
     stated_values,
     with_values,
@@ -107,18 +107,19 @@ def find_forms(
         for equation in model.equations(one.recording, template):
             if equation.size > 0.0:
                 by_name.setdefault(equation.name, {})[n] = equation
-    result, fits, first_samples = FoundForms(template), [], dict[int, float]()
+    result, fits, first_samples = FoundForms(template), list[EquationFit](), dict[int, float]()
+    known: Prior | None = None
     for n, some in enumerate(by_name.values()):
-        selection = _Selection(result, list(some.values()))
+        selection = _Selection(result, list(some.values()), known)
         result, fit = selection.run()
         fits.append(fit)
+        known = _together(template, fits)
         if any(selection.equations.first_samples):
             first_samples |= zip(some, selection.equations.first_samples, strict=True)
         progress((n + 1) / len(by_name))
     every = [form for some in by_name.values() for form in next(iter(some.values())).forms]
     has_forms = result.found or any(form.is_stated(template) for form in every)
-    prior = _together(template, fits) if has_forms else None
-    return replace(result, prior=prior, first_samples=first_samples)
+    return replace(result, prior=known if has_forms else None, first_samples=first_samples)
 
 
 def _together(template: ParameterSet, fits: Sequence[EquationFit]) -> Prior:
@@ -128,13 +129,13 @@ def _together(template: ParameterSet, fits: Sequence[EquationFit]) -> Prior:
     spreads = np.array([known[one][1] if one in known else WIDE for one in places])
     ends = {place: fit.actuator.value(place) for fit in fits for place in fit.places}
     centre = np.array([
-        _coordinate(template, one, known[one][0] if one in known else ends[one]) for one in places
+        coordinate(template, one, known[one][0] if one in known else ends[one]) for one in places
     ])  # fmt: skip
     curvature = np.diag(1.0 / spreads**2)
     gradient = np.zeros(len(places))  # at the centre
     for fit in fits:
         own = [places.index(place) for place in fit.places]
-        end = [_coordinate(template, one, fit.actuator.value(one)) for one in fit.places]
+        end = [coordinate(template, one, fit.actuator.value(one)) for one in fit.places]
         data, slope = fit.information
         curvature[np.ix_(own, own)] += data
         gradient[own] += slope + data @ (centre[own] - end)
@@ -143,17 +144,14 @@ def _together(template: ParameterSet, fits: Sequence[EquationFit]) -> Prior:
     return Prior(tuple(places), mean, covariance + _SURE**2 * np.eye(len(places)))
 
 
-def _coordinate(actuator: ParameterSet, place: str, value: float) -> float:
-    """The logarithm of what has a sign; else the value."""
-    return math.log(value) if has_sign(actuator, place) else value
-
-
 class _Selection:
     """Forward selection of the forms of one equation, given for each recording."""
 
-    def __init__(self, known: FoundForms, equations: Sequence[Equation]) -> None:
+    def __init__(
+        self, known: FoundForms, equations: Sequence[Equation], prior: Prior | None
+    ) -> None:
         self._known = known
-        self.equations = Equations(known.actuator, equations)
+        self.equations = Equations(known.actuator, equations, prior)
 
     def run(self) -> tuple[FoundForms, EquationFit]:
         """Add the forms of this equation; return the forms so far and its fit."""

@@ -198,7 +198,8 @@ def _compared(
     assert assessed.joint is not None
     peak = assessed.joint.peaks[0]
     comparisons = [
-        model.compare(one.recording, form.actuator, threads=threads) for one in problem.comparisons
+        model.compare(one.recording, form.actuator, threads=threads)
+        for one in peak.problem.comparisons  # with the first samples of loops that were found
     ]
     other = Problem(comparisons, problem.unknowns, held=problem.held)
     full = with_all_free(model, form.actuator, other, _with_form(baseline, model, actuator, form))

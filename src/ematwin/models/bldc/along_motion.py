@@ -112,6 +112,7 @@ class Motion:
     first_sample : s, when sampled loops sample first
     time : (S,) array, s from its first sample on
     motor, output : splines of the angles
+    recorded : the angles as they came, (S,) arrays
     command, load : (S,) arrays, rad and N m
     currents : (S, 3) array, A
     counts : steps of the encoders of motor and output, rad on the motor shaft; 0 where of none
@@ -141,7 +142,7 @@ class Motion:
 
     def _move(self, motor: np.ndarray, output: np.ndarray, cutoff: float) -> None:
         """Lay splines through positions (S,), rad on the motor shaft; noisy ones are smoothed."""
-        self.cutoff, self._recorded = cutoff, (motor, output)
+        self.cutoff, self.recorded = cutoff, (motor, output)
         self.motor = spline_through(self.time, motor, self.steps[0], cutoff)
         self.output = spline_through(self.time, output, self.steps[1], cutoff)
         # a mean belongs to the middle of its interval
@@ -190,7 +191,7 @@ class Motion:
         if not any(self.steps):
             return self
         other = copy.copy(self)
-        other._move(*self._recorded, cutoff)
+        other._move(*self.recorded, cutoff)
         return other
 
     def alike(self, trace: np.ndarray) -> np.ndarray:

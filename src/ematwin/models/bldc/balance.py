@@ -3,7 +3,8 @@
 The mechanics need a torque for the recorded motion, which the recorded currents make
 (`TorqueBalance`; inverse dynamics, Gautier and Khalil 1990, IEEE Trans. Robotics and Automation
 6(3), 368-373). The difference of both positions shows on which face of the gap the output lies
-(`Contact`). Equations as in docs/models.md.
+(`Contact`), and when it crosses the gap: then either mass moves by itself (`Crossing`). Equations
+as in docs/models.md.
 """
 
 import math
@@ -23,6 +24,8 @@ _STEEP = 500.0  # Hz, of counts before that: an acceleration's noise grows with 
 _STANDS = 0.02  # of the largest speed: nearer to rest friction is not known
 _SETTLES = 0.01  # s after that, for the low-pass
 _SURELY = 0.5  # of the friction of the output: a torque whose sign the template knows
+_CERTAIN = 3.0  # standard deviations of a twist
+_SHORTEST, _LONGEST = 8, 200  # samples of a crossing; angle and speed at its begin take two
 
 
 class TorqueBalance:
@@ -35,6 +38,8 @@ class TorqueBalance:
 
     Attributes
     ----------
+    motion : Motion, smoothed as far as accelerations need
+    w_m, w_o : (S,) arrays, speeds of motor and output, rad/s
     size : float, norm of the recorded current, A
     slides : (S,) array of bool, samples that count
     moves_together : (S,) array of bool, where no mass crosses the gap
@@ -42,18 +47,18 @@ class TorqueBalance:
 
     def __init__(self, motion: Motion, slides: np.ndarray | None = None) -> None:
         motion = motion.smoother(_STEEP)
-        self._motion, self._low_pass = motion, LowPass(_SLOW)
+        self.motion, self._low_pass = motion, LowPass(_SLOW)
         middle = motion.time - 0.5 / motion.rate
         self._angle = motion.motor(middle)
         self._recorded_load = motion.alike(motion.load)
-        self._w_m, self._dw_m = motion.motor(middle, 1), motion.motor(middle, 2)
-        self._w_o, self._dw_o = motion.output(middle, 1), motion.output(middle, 2)
+        self.w_m, self._dw_m = motion.motor(middle, 1), motion.motor(middle, 2)
+        self.w_o, self._dw_o = motion.output(middle, 1), motion.output(middle, 2)
         # impacts and reversals are left out until the low-pass has forgotten them
-        stands = np.abs(self._w_m) < _STANDS * np.abs(self._w_m).max()
-        stands |= np.abs(self._w_o) < _STANDS * np.abs(self._w_o).max()
-        stands |= self._w_m * self._w_o < 0.0
+        stands = np.abs(self.w_m) < _STANDS * np.abs(self.w_m).max()
+        stands |= np.abs(self.w_o) < _STANDS * np.abs(self.w_o).max()
+        stands |= self.w_m * self.w_o < 0.0
         stands[:2] = True
-        together = np.abs(self._w_m - self._w_o) < _STANDS * np.abs(self._w_m).max()
+        together = np.abs(self.w_m - self.w_o) < _STANDS * np.abs(self.w_m).max()
         self.moves_together = together
         if any(motion.steps):
             # noise of either acceleration makes its inertia too small and the other's too large:
@@ -71,21 +76,44 @@ class TorqueBalance:
 
     def output_torque(self, actuator: Any, values: Values | None = None) -> np.ndarray:
         """Torque (S,) that the output needs, N m."""
-        friction = self._sliding(actuator, values)[1] * np.sign(self._w_o)
-        needed = actuator.transmission.output_inertia * self._dw_o + friction
-        return np.asarray(needed + self._load(actuator, values))
+        resists = self.resistance(actuator, values)[1]
+        return np.asarray(actuator.transmission.output_inertia * self._dw_o + resists)
+
+    def resistance(
+        self, actuator: Any, values: Values | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Torques (S,) against the motion of motor and output, beside that of the contact, N m."""
+        of_motor, of_output = self._sliding(actuator, values)
+        against = actuator.motor.viscous_damping * self.w_m + of_motor * np.sign(self.w_m)
+        if actuator.cogging is not None:
+            own = actuator.cogging
+            against += own.torque * np.sin(own.cycles * self._angle + own.phase)
+        return against, of_output * np.sign(self.w_o) + self._load(actuator, values)
+
+    def torque(self, actuator: Any, values: Values | None = None) -> np.ndarray:
+        """Torque (S,) of the recorded currents, N m."""
+        given, (made, scale) = values or {}, self.made(actuator, values)
+        current = (made - given.get("current_offset", 0.0)) / given.get("current_gain", 1.0)
+        return np.asarray(actuator.motor.emf_constant * scale * current)
+
+    def made(self, actuator: Any, values: Values | None) -> tuple[np.ndarray, float]:
+        """Equivalent current (S,) of the recorded ones, A, and the size of the EMF shapes."""
+        shares = self._shares(actuator, state_of(values, actuator))
+        shapes = self.motion.shapes(actuator) * shares
+        scale = math.sqrt(np.mean(shapes**2) / np.mean(self.motion.trapezoids**2))
+        return 0.5 * np.einsum("sk,sk->s", self.motion.currents, shapes) / scale, scale
 
     def _sliding(self, actuator: Any, values: Values | None) -> tuple[np.ndarray, np.ndarray]:
         """Magnitudes (S,) of the friction in steady sliding, of motor and output, N m."""
         gear, load = actuator.transmission, self._load(actuator, values)
         share = np.where(
-            self._w_o * load > 0.0, 1.0 / gear.efficiency_opposing - 1.0,
+            self.w_o * load > 0.0, 1.0 / gear.efficiency_opposing - 1.0,
             1.0 - gear.efficiency_aiding,
         )  # fmt: skip
         worn = state_of(values, actuator).friction
-        of_motor = worn * actuator.motor.friction_torque * _excess(actuator, self._w_m)
+        of_motor = worn * actuator.motor.friction_torque * _excess(actuator, self.w_m)
         of_output = worn * (gear.friction_torque + share * np.abs(load))
-        return of_motor, of_output * _excess(actuator, self._w_o)
+        return of_motor, of_output * _excess(actuator, self.w_o)
 
     def _load(self, actuator: Any, values: Values | None) -> np.ndarray:
         """The load (S,) as it is, N m."""
@@ -95,12 +123,12 @@ class TorqueBalance:
 
     def _filtered(self, trace: np.ndarray) -> np.ndarray:
         """A trace (S,) through the low pass of accelerations from an encoder, where both slide."""
-        return self._low_pass.apply(trace, self._motion.rate)[self.slides]
+        return self._low_pass.apply(trace, self.motion.rate)[self.slides]
 
     def least(self, actuator: Any) -> float:
         """Share of the recorded current that noise leaves."""
         seen = int(self.slides.sum())
-        noise = noise_of(self._signed, self._low_pass, self._motion.rate, seen)
+        noise = noise_of(self._signed, self._low_pass, self.motion.rate, seen)
         anew = self._anew
         if anew is not None:
             noise = math.hypot(noise, np.linalg.norm(anew.left(actuator) - self.left(actuator)))
@@ -108,7 +136,7 @@ class TorqueBalance:
 
     @cached_property
     def _anew(self) -> "TorqueBalance | None":
-        other = self._motion.recorded_anew()
+        other = self.motion.recorded_anew()
         return None if other is None else TorqueBalance(other, self.slides)
 
     def left(self, actuator: Any, values: Values | None = None) -> np.ndarray:
@@ -117,25 +145,12 @@ class TorqueBalance:
         As such it holds the noise of the recorded currents unscaled. Otherwise the least squares
         would make that noise smaller by smaller torque constants.
         """
-        given, motor = values or {}, actuator.motor
-        of_motor, of_output = self._sliding(actuator, values)
-        friction = of_motor * np.sign(self._w_m) + of_output * np.sign(self._w_o)
-        shapes = self._motion.shapes(actuator) * self._shares(actuator, state_of(given, actuator))
-        scale = math.sqrt(np.mean(shapes**2) / np.mean(self._motion.trapezoids**2))
-        made = 0.5 * np.einsum("sk,sk->s", self._motion.currents, shapes) / scale
-        needed = (
-            motor.inertia * self._dw_m
-            + motor.viscous_damping * self._w_m
-            + actuator.transmission.output_inertia * self._dw_o
-            + friction
-            + self._load(actuator, given)
-        )
-        if actuator.cogging is not None:
-            own = actuator.cogging
-            needed += own.torque * np.sin(own.cycles * self._angle + own.phase)
+        given, (made, scale) = values or {}, self.made(actuator, values)
+        needed = actuator.motor.inertia * self._dw_m + self.resistance(actuator, values)[0]
+        needed += self.output_torque(actuator, values)
         gain, offset = given.get("current_gain", 1.0), given.get("current_offset", 0.0)
-        current = gain * needed / (motor.emf_constant * scale)
-        return self._filtered(current + offset - self._motion.alike(made))
+        current = gain * needed / (actuator.motor.emf_constant * scale)
+        return self._filtered(current + offset - self.motion.alike(made))
 
     def _shares(self, actuator: Any, fault: FaultState) -> np.ndarray:
         """Factors (S, 3) of the torque constants by missing turns and an eccentric rotor."""
@@ -169,36 +184,137 @@ class Contact:
     output are on the way from one to the other.
     """
 
-    def __init__(
-        self, motion: Motion, balance: TorqueBalance, actuator: Any, values: Values | None = None
-    ) -> None:
+    def __init__(self, balance: TorqueBalance, actuator: Any, values: Values | None = None) -> None:
         self._balance = balance
-        torque = balance.output_torque(actuator, values)
+        torque, twist = balance.output_torque(actuator, values), balance.motion.twist()
         sure = np.abs(torque) > _SURELY * actuator.transmission.friction_torque
-        motion = motion.smoother(_STEEP)
-        twist, anew = motion.twist(), motion.recorded_anew()
         self._pushes = balance.slides & balance.moves_together & sure
-        gap = actuator.transmission.backlash
-        self._pushes[self._pushes] = _rests(twist[self._pushes], torque[self._pushes] > 0.0, gap)
-        face = np.sign(torque)[self._pushes]
+        self._gap = actuator.transmission.backlash
+        self._pushes[self._pushes] = _rests(
+            twist[self._pushes], torque[self._pushes] > 0.0, self._gap
+        )
+        self._torque, self._twist = torque[self._pushes], twist[self._pushes]
+        face = np.sign(self._torque)
         self._face = face - face.mean() if face.size else face
-        self._noise = white_noise(twist) if anew is None else float(np.std(anew.twist() - twist))
-        self._noise = math.hypot(self._noise, LEAST * gap)
-        self._twist = twist[self._pushes]
         self.size = float(np.linalg.norm(self._about_mean(self._twist)))
+
+    def apart(self, actuator: Any) -> np.ndarray:
+        """(S,) of bool: samples at which the twist lies surely between both faces."""
+        motion, pushed = self._balance.motion, self._torque > 0.0
+        twist = np.subtract(*motion.recorded)
+        if not pushed.any() or pushed.all():
+            return np.zeros(twist.size, bool)
+        low, high = np.median(self._twist[~pushed]), np.median(self._twist[pushed])
+        gives = float(np.abs(self._torque).max()) / actuator.contact.stiffness
+        margin = gives + _CERTAIN * math.hypot(*motion.steps) / math.sqrt(12.0)
+        return np.asarray((twist > low + margin) & (twist < high - margin))
 
     def _about_mean(self, twist: np.ndarray) -> np.ndarray:
         return twist - twist.mean() if twist.size else twist
 
     def least(self, actuator: Any) -> float:
         """Share of the twist that noise leaves."""
-        return math.hypot(LEAST, self._noise * math.sqrt(self._twist.size) / self.size)
+        motion = self._balance.motion
+        twist, anew = motion.twist(), motion.recorded_anew()
+        noise = white_noise(twist) if anew is None else float(np.std(anew.twist() - twist))
+        noise = math.hypot(noise, LEAST * self._gap)
+        return math.hypot(LEAST, noise * math.sqrt(self._twist.size) / self.size)
 
     def left(self, actuator: Any, values: Values | None = None) -> np.ndarray:
         """Twist by the twin less the recorded one (K,), rad on the motor shaft."""
         torque = self._balance.output_torque(actuator, values)[self._pushes]
         apart = state_of(values, actuator).half_gap * self._face
         return apart + self._about_mean(torque / actuator.contact.stiffness - self._twist)
+
+
+class Crossing:
+    """The angle of motor or output while the output crosses the gap, where neither feels the other.
+
+        J_m dw_m/dt = sum kappa_k i_k - b w_m - T_m sgn w_m + T_cog,
+        J_o dw_o/dt = -T_o sgn w_o - T_load.
+
+    Where both move together only sums of their inertias and frictions show; here each shows alone.
+    Integrated twice, with angle and speed at the begin of each crossing free: recorded angles stand
+    as they are, and no acceleration is made of them. What is left has the covariance of white noise
+    of the angle, such as an encoder's counts, and of white noise of the torque, integrated twice;
+    it is whitened (generalised least squares).
+
+    Attributes
+    ----------
+    size : float, norm of the curved part of the recorded angles, in standard deviations
+    """
+
+    def __init__(
+        self, balance: TorqueBalance, apart: np.ndarray, actuator: Any, of_motor: bool
+    ) -> None:
+        self._balance, self._of_motor = balance, of_motor
+        motion, side = balance.motion, 0 if of_motor else 1
+        speed = balance.w_m if of_motor else balance.w_o
+        moves = apart & (np.abs(speed) > _STANDS * np.abs(speed).max())
+        ends = np.flatnonzero(np.diff(np.r_[False, moves, False])).reshape(-1, 2)
+        self._spans = [
+            slice(begin, min(begin + _LONGEST, last))
+            for first, last in ends
+            for begin in range(first, last - _SHORTEST, _LONGEST)
+        ]
+        acceleration, noise = self._acceleration(actuator, {}), 0.0
+        if of_motor:
+            made, scale = balance.made(actuator, {})
+            unit = actuator.motor.emf_constant * scale / actuator.motor.inertia
+            noise = unit * white_noise(made)
+        noise = math.hypot(noise, LEAST * float(np.abs(acceleration[apart]).max(initial=0.0)))
+        self._whitening = [
+            _whitening(
+                one.stop - one.start, motion.steps[side] / math.sqrt(12.0), noise, motion.rate
+            )
+            for one in self._spans
+        ]
+        self._recorded = self._whitened(motion.recorded[side])
+        self.size = float(np.linalg.norm(self._recorded))
+
+    def _whitened(self, trace: np.ndarray) -> np.ndarray:
+        """What of a trace (S,) is not straight in each crossing (K,), in standard deviations."""
+        parts = [
+            whitening @ trace[one]
+            for one, whitening in zip(self._spans, self._whitening, strict=True)
+        ]
+        return np.concatenate([np.empty(0), *parts])
+
+    def _acceleration(self, actuator: Any, values: Values | None) -> np.ndarray:
+        """Means (S,) between samples, rad/s^2."""
+        of_motor, of_output = self._balance.resistance(actuator, values)
+        if self._of_motor:
+            made = self._balance.torque(actuator, values) - of_motor
+            return np.asarray(made / actuator.motor.inertia)
+        return np.asarray(-of_output / actuator.transmission.output_inertia)
+
+    def least(self, actuator: Any) -> float:
+        """Share of the curved part that noise leaves."""
+        count = self._recorded.size - 2 * len(self._spans)
+        return math.hypot(LEAST, math.sqrt(count) / self.size)
+
+    def left(self, actuator: Any, values: Values | None = None) -> np.ndarray:
+        """Angle by the twin less the recorded one (K,), in standard deviations."""
+        acceleration = self._acceleration(actuator, values)
+        angle = np.zeros(acceleration.size)
+        for one in self._spans:
+            speed = np.cumsum(acceleration[one])
+            angle[one] = np.cumsum(speed - 0.5 * acceleration[one])
+        return self._whitened(angle / self._balance.motion.rate**2) - self._recorded
+
+
+def _whitening(count: int, of_angle: float, of_acceleration: float, rate: float) -> np.ndarray:
+    """(n, n): makes noise of angles white, after any angle and speed at the begin are taken off.
+
+    ``of_angle`` (rad) and ``of_acceleration`` (rad/s^2, of means between samples) are standard
+    deviations of white noise.
+    """
+    speeds = np.tril(np.ones((count, count)))
+    moved = of_acceleration / rate**2 * (np.cumsum(speeds, axis=0) - 0.5 * speeds)
+    covariance = of_angle**2 * np.eye(count) + moved @ moved.T
+    root = np.linalg.inv(np.linalg.cholesky(covariance))
+    straight = np.linalg.qr(root @ np.vander(np.arange(float(count)), 2))[0]
+    return np.asarray(root - straight @ (straight.T @ root))
 
 
 def _rests(twist: np.ndarray, pushed: np.ndarray, gap: float) -> np.ndarray:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ematwin.models.bldc import along_motion
-from ematwin.models.bldc.balance import Contact, TorqueBalance
+from ematwin.models.bldc.balance import Contact, Crossing, TorqueBalance
 from ematwin.models.bldc.channels import PHASES
 from ematwin.models.bldc.constants import kernel_constants, truer_constants
 from ematwin.models.bldc.faults import Faults
@@ -100,7 +100,7 @@ def test_all_equations_hold_along_the_motion_of_a_simulator_of_other_make(lines,
     assert 2.0 * np.pi / lines == pytest.approx(motion.steps[0]) if lines else motion.steps[0] == 0
     controller = along_motion.Controller(motion, LowPass())
     balance = TorqueBalance(motion)
-    contact = Contact(motion, balance, actuator, faults)
+    contact = Contact(balance, actuator, faults)
     wide = actuator.changed({"transmission.backlash": 1.05 * actuator.transmission.backlash})
     share, without = (
         np.linalg.norm(contact.left(one, faults)) / contact.size for one in (actuator, wide)
@@ -134,6 +134,37 @@ def test_counts_of_either_encoder_do_not_move_inertia_from_motor_to_output():
     assert abs(share) < 0.02 * (actuator.motor.inertia + actuator.transmission.output_inertia)
 
 
+@pytest.mark.parametrize(
+    ("lines", "faults", "most"), [(0, {}, 0.015), (0, FAULTS, 0.003), (10_000, FAULTS, 0.01)]
+)
+def test_each_mass_shows_alone_while_the_output_crosses_the_gap(lines, faults, most):
+    """By how much inertia and friction of each are off, where the gap is crossed; 2 % noise."""
+    structure, actuator = as_built(lines)
+    record = recorded(structure, actuator, faults=faults, noise=0.02)
+    balance = TorqueBalance(along_motion.Motion(record, actuator))
+    apart = Contact(balance, actuator, faults).apart(actuator)
+    for mass, of_motor in (("motor", True), ("transmission", False)):
+        alone = Crossing(balance, apart, actuator, of_motor=of_motor)
+        left = alone.left(actuator, faults)
+        assert np.linalg.norm(left) / alone.size < 2.0 * alone.least(actuator)
+        for name in ("inertia" if of_motor else "output_inertia", "friction_torque"):
+            place = f"{mass}.{name}"
+            moved = actuator.changed({place: 1.02 * actuator.value(place)})
+            change = (alone.left(moved, faults) - left) / 0.02
+            off, error = -(change @ left) / (change @ change), 1.0 / np.linalg.norm(change)
+            print(f"{place}: {100 * off:.2f} % off, standard error {100 * error:.2f} %")
+            assert abs(off) < most
+
+
+def test_a_gear_that_gives_more_than_its_gap_hides_who_crosses_it():
+    structure, actuator = as_built()
+    balance = TorqueBalance(along_motion.Motion(recorded(structure, actuator), actuator))
+    soft = actuator.changed({"transmission.contact_stiffness": 1.0})
+    apart = Contact(balance, actuator).apart(soft)
+    assert not apart.any()
+    assert Crossing(balance, apart, actuator, of_motor=True).size == 0.0
+
+
 @pytest.mark.parametrize("name", [*FAULTS, "load_gain", "current_gain", "skew"])
 def test_equations_see_each_fault_and_sensor(name):
     """One that is taken as usual, and is not, leaves more than the equations' own error."""
@@ -153,7 +184,7 @@ def test_equations_see_each_fault_and_sensor(name):
     balance = TorqueBalance(motion)
     every = [
         along_motion.Controller(motion, LowPass()), balance,
-        Contact(motion, balance, actuator, values),
+        Contact(balance, actuator, values),
     ]  # fmt: skip
     left, without = (
         np.array([np.linalg.norm(one.left(actuator, given)) / one.size for one in every])

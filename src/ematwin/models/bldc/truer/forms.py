@@ -14,8 +14,8 @@ from collections.abc import Callable, Sequence
 from itertools import product
 from typing import Any
 
-from ematwin.models.bldc.along_motion import Controller, Motion, has_motion
-from ematwin.models.bldc.balance import Contact, TorqueBalance
+from ematwin.models.bldc.along_motion import LEAST, Controller, Motion, has_motion
+from ematwin.models.bldc.balance import Contact, Crossing, TorqueBalance
 from ematwin.models.bldc.counts import comparable_cutoff
 from ematwin.models.bldc.unknowns import LOAD
 from ematwin.models.optional import FIRST_SAMPLE, Equation, Form, Values
@@ -271,16 +271,37 @@ def equations(recording: Recording, actuator: Any, values: Values | None) -> tup
         (COGGING, ROUNDED),
         ("friction", *_WINDINGS, *LOAD, *_SENSOR),
     )  # fmt: skip
-    return of_controller, of_mechanics, _contact(motion, balance, actuator, values or {})
+    return of_controller, *_across_the_gap(balance, actuator, values or {}), of_mechanics
 
 
-def _contact(motion: Motion, balance: TorqueBalance, actuator: Any, values: Values) -> Equation:
-    """The twist of the gear, on the faces that push at these values."""
-    contact = Contact(motion, balance, actuator, values)
-    gap = ("transmission.backlash",)
+def _across_the_gap(balance: TorqueBalance, actuator: Any, values: Values) -> tuple[Equation, ...]:
+    """The twist on the faces that push at these values, and either mass on its way between them."""
+    contact = Contact(balance, actuator, values)
+    apart = contact.apart(actuator)
+    motor = Crossing(balance, apart, actuator, of_motor=True)
+    output = Crossing(balance, apart, actuator, of_motor=False)
+
+    def again(n: int) -> Callable[[Values], Equation]:
+        return lambda values: _across_the_gap(balance, actuator, values)[n]
+
     gives = () if actuator.compliance is None else ("compliance.stiffness",)
-    return Equation(
-        "contact", contact.left, contact.size, contact.least, gap + gives, (),
-        ("friction", "backlash", *LOAD), rests="mechanics",
-        at=lambda values: _contact(motion, balance, actuator, values),
+    return (
+        Equation(
+            "contact", contact.left, contact.size, contact.least,
+            ("transmission.backlash", *gives), (), ("friction", "backlash", *LOAD),
+            rests="mechanics", at=again(0),
+        ),
+        Equation(
+            "motor in the gap", motor.left, motor.size, motor.least,
+            ("motor.emf_constant", "motor.inertia", "motor.viscous_damping",
+             "motor.friction_torque"),
+            (), ("friction", *_WINDINGS, *_SENSOR),
+            rests="mechanics", at=again(1), alike=lambda actuator: LEAST,
+        ),
+        Equation(
+            "output in the gap", output.left, output.size, output.least,
+            ("transmission.output_inertia", "transmission.friction_torque"),
+            (), ("friction", *LOAD),
+            rests="mechanics", at=again(2), alike=lambda actuator: LEAST,
+        ),
     )  # fmt: skip
