@@ -148,6 +148,25 @@ def missed_at(
     return known if len(known) == len(every) else None
 
 
+def exact_residuals(problem: Problem, point: np.ndarray) -> list[np.ndarray] | None:
+    """Residuals (K,) of each recording by the reference alone at a point (d,).
+
+    None where a recording has no reference, or the reference diverged.
+    """
+
+    def left(n: int) -> np.ndarray | None:
+        values = {name: float(x[0]) for name, x in problem.candidates(point[None], n).items()}
+        try:
+            found = problem.comparisons[n].exact_residuals(values)
+        except ParameterError:  # a sampled loop that is unstable there
+            return None
+        return None if found is None or not np.isfinite(found).all() else found
+
+    every = side_by_side(left, range(len(problem.comparisons)))
+    known = [one for one in every if one is not None]
+    return known if len(known) == len(every) else None
+
+
 def corrected_by(problem: Problem, missed: Sequence[Mapping[str, np.ndarray]]) -> Problem:
     """The same problem with that taken off each recording, and the noise that is left then."""
     pairs = zip(problem.comparisons, missed, strict=True)

@@ -17,7 +17,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ematwin.estimation.corrected_problem import corrected_by, missed_at, residuals_each
+from ematwin.estimation.corrected_problem import (
+    corrected_by,
+    exact_residuals,
+    missed_at,
+    residuals_each,
+)
 from ematwin.estimation.prior import coordinates
 from ematwin.estimation.problem import Problem
 from ematwin.models.chart import Chart
@@ -120,15 +125,16 @@ def with_slopes(
         ways = np.diag(np.abs(ways).max(axis=0))[new]
     if not len(ways):
         return here.linearised(linear._replace(slopes=slopes)), 0
-    asked = side_by_side(lambda z: linear_at(problem, z), _beside(problem, linear.z, ways))
-    answers = [_linear(one) for one in asked if one is not None]
-    moves = np.array([one.z for one in answers]) - linear.z
+    points = _beside(problem, linear.z, ways)
+    asked = side_by_side(lambda z: _answer(problem, z), points)
+    answers = [one for one in asked if one is not None]
+    moves = points[[one is not None for one in asked]] - linear.z
     size = np.abs(ways).max(axis=0)
     size[size == 0.0] = 1.0
     shares = np.linalg.pinv(moves / size, rcond=1e-6) / size[:, None]
     scatter = []
     for n, (slope, then) in enumerate(zip(slopes, linear.here, strict=True)):
-        changes = np.array([one.here[n] - then for one in answers])
+        changes = np.array([one[n] - then for one in answers])
         slope += shares @ (changes - moves @ slope)
         rest = changes - moves @ slope
         rest[:, len(then) - here.comparisons[n].evidence :] = 0.0  # it has a noise of its own
@@ -171,13 +177,18 @@ def missed_by(problem: Problem, z: np.ndarray) -> np.ndarray | None:
 
     None where it diverged.
     """
-    linear, there = _linear(problem), linear_at(problem, z)
+    linear, there = _linear(problem), _answer(problem, z)
     if there is None:
         return None
-    answered = there.linearised(linear._replace(z=z, here=_linear(there).here))
+    answered = problem.linearised(linear._replace(z=z, here=there))
     point = problem.chart.to_values(z[None])
-    change = answered.with_noise(problem.noise).residuals(point) - problem.residuals(point)
+    change = answered.residuals(point) - problem.residuals(point)
     return np.asarray(change[0])
+
+
+def _answer(problem: Problem, z: np.ndarray) -> list[np.ndarray] | None:
+    """Residuals (K,) of each recording by the reference at ``z`` (d,); None if it diverged."""
+    return exact_residuals(problem, problem.chart.to_values(z[None])[0])
 
 
 def _linear(problem: Problem) -> _Linear:

@@ -160,6 +160,17 @@ class Comparison(ABC):
         fast = self.responses({name: np.array([value]) for name, value in values.items()}, 1)
         return {name: trace - fast[name][0] for name, trace in exact.items()}
 
+    def exact_residuals(self, values: Mapping[str, float]) -> np.ndarray | None:
+        """Weighted residuals (K,) of the reference model at one candidate, as `residuals` gives.
+
+        None where the kind has no reference. NaN where it diverged.
+        """
+        missed = self.missed(values)
+        if missed is None:
+            return None
+        one = {name: np.array([value]) for name, value in values.items()}
+        return np.asarray(self.with_missed(missed).residuals(one, 1)[0])
+
     def with_missed(self, missed: Mapping[str, np.ndarray]) -> "Comparison":
         """The same comparison, the error of the twin, (S,) arrays, subtracted from the recording.
 

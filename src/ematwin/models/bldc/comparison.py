@@ -130,20 +130,36 @@ class BldcComparison(Comparison):
 
     def exact(self, values: Mapping[str, float]) -> dict[str, np.ndarray]:
         """Filtered current (A) and, if it counts, power (W) of the reference, (S,) arrays."""
+        one = self.batch({name: np.array([value]) for name, value in values.items()}, 1)
+        shown = self._shown(*self._answered(values), one)
+        return {name: rows[0] for name, rows in shown.items()}
+
+    def exact_residuals(self, values: Mapping[str, float]) -> np.ndarray:
+        """Weighted residuals (K,) of the reference, without the monitor model and its error."""
+        if self._missed:
+            return self.with_missed({}).exact_residuals(values)
+        one = self.batch({name: np.array([value]) for name, value in values.items()}, 1)
+        whole, kept = self.whole, self.kept_of(self.whole)
+        stride = -(-whole.samples // kept)
+        response, watts = self._answered(values)
+        some = None if watts is None else watts[:, ::stride].copy()
+        parts = self._compared(whole, one, response[:, ::stride].copy(), some, stride)
+        return np.concatenate(parts, axis=1)[0]
+
+    def _answered(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray | None]:
+        """Filtered current and, if it counts, power (1, S) of the reference, without sensors."""
         from ematwin.models.bldc.simulate import reference_answer
 
         answer = reference_answer(self.recording, self.actuator, values, self.state[1:5])
-        pole_pairs = self.actuator.motor.pole_pairs
-        current, _ = equivalent_current(answer, pole_pairs, self.rectify)
+        current, _ = equivalent_current(answer, self.actuator.motor.pole_pairs, self.rectify)
         current[0] = self.current[0]  # as the twin's: nothing has been simulated yet
-        one = self.batch({name: np.array([value]) for name, value in values.items()}, 1)
         response, watts = filtered(self.taps, current)[0][None], None
         if self.power is not None and self._filtered_power is not None:
             power = self.power.of(answer)
             power[0] = self._filtered_power.target[0]
             taps = np.r_[self.taps[:5], self._filtered_power.states[0]]
             watts = filtered(taps, power)[0][None]
-        return {name: rows[0] for name, rows in self._shown(response, watts, one).items()}
+        return response, watts
 
     def _shown(
         self, response: np.ndarray, watts: np.ndarray | None, batch: Batch
@@ -345,10 +361,22 @@ class BldcComparison(Comparison):
         costs, response, watts = self.run(stretches, batch.part(chosen), kept)
         if len(chosen) < len(back):
             costs, response, watts = costs[back], response[back], watts[back]
-        stride, late = -(-stretches.samples // kept), batch.late(self.recording.interval)
+        stride = -(-stretches.samples // kept)
         response[~np.isfinite(costs)] = np.nan  # a friction that is no number holds all at rest
-        found, power = [], stretches.power
-        if power is not None and self.power is not None:
+        counts = stretches.power is not None and self.power is not None
+        return self._compared(stretches, batch, response, watts if counts else None, stride)
+
+    def _compared(
+        self,
+        stretches: Stretches,
+        batch: Batch,
+        response: np.ndarray,
+        watts: np.ndarray | None,
+        stride: int,
+    ) -> list[np.ndarray]:
+        """Currents (B, K), and power where it counts, changed in place to weighted residuals."""
+        late, found, power = batch.late(self.recording.interval), [], stretches.power
+        if watts is not None and power is not None and self.power is not None:
             watts = batch.sensed_power(self.power, watts, response)
             stretches.compare(watts, power.target, power.weights, stride, late)
             found.append(watts)

@@ -10,6 +10,7 @@ from ematwin.models.bldc.channels import PHASES, VOLTAGES, phase_currents
 from ematwin.models.bldc.comparison import BldcComparison
 from ematwin.models.bldc.model import MODEL
 from ematwin.models.bldc.power import recorded_power
+from ematwin.models.comparison import Comparison
 from ematwin.numerics.signals import LowPass
 from ematwin.recordings.recording import Recording
 
@@ -77,6 +78,18 @@ def test_the_twin_explains_the_power_of_the_reference_model(record, left_out) ->
         subject.residuals(TRUTH, 1)[0, : -subject.evidence], plain.residuals(TRUTH, 1)[0]
     )
     assert subject.costs(TRUTH, 1) == plain.costs(TRUTH, 1)
+
+
+@pytest.mark.parametrize("sensors", [{}, {"skew": 1.3e-5, "current_gain": 1.02}])
+def test_the_reference_leaves_the_same_without_the_fast_model_as_by_its_error(record, sensors):
+    """Of the current and, as evidence, the power; also of a comparison that is corrected."""
+    subject = BldcComparison(record, ACTUATOR).with_evidence()
+    values = {**{name: float(x[0]) for name, x in TRUTH.items()}, "friction": 0.3, **sensors}
+    slow = Comparison.exact_residuals(subject, values)
+    corrected = subject.with_missed(subject.missed(values))
+    for one in (subject, corrected):
+        off = np.linalg.norm(one.exact_residuals(values) - slow) / np.linalg.norm(slow)
+        assert off < (5e-3 if sensors else 1e-12)  # late commands are interpolated elsewhere
 
 
 def test_without_voltages_there_is_no_evidence(record) -> None:
