@@ -334,7 +334,7 @@ def little_motion(recording: Recording, actuator: Any, turn: float, said: str) -
     if travel < turn:
         moved, needed = apart(float(np.degrees(travel)), float(np.degrees(turn)))
         found.append(
-            f"The motor turns by {moved} degrees, less than the {needed} of one {said}. Record a "
+            f"The motor turns by {moved} degrees, less than the {needed} of {said}. Record a "
             f"motion of at least {1e3 * turn / gear.ratio:.3g} mrad of the output."
         )
     if travel < _GAPS * gear.backlash:

@@ -133,9 +133,14 @@ def _check_motion(record: Recording, actuator: BldcActuator) -> list[str]:
 
 
 def too_little_motion(record: Recording, actuator: BldcActuator) -> list[str]:
-    """Sentences on why a motion cannot tell faults: six sectors make a turn of the field."""
-    turn = 2.0 * np.pi / actuator.motor.pole_pairs
-    return little_motion(record, actuator, turn, "electrical turn: not every phase takes part")
+    """Sentences on why a motion cannot tell faults.
+
+    Six sectors make a turn of the field. In half of one each pair of phases conducts, and the other
+    half repeats it with the opposite sign.
+    """
+    half = np.pi / actuator.motor.pole_pairs
+    said = "half an electrical turn: not every pair of phases takes part"
+    return little_motion(record, actuator, half, said)
 
 
 def _check_currents(record: Recording, actuator: BldcActuator) -> None:

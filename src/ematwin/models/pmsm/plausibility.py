@@ -131,5 +131,5 @@ def _check_start(recording: Recording, actuator: PmsmActuator) -> list[str]:
 
 def too_little_motion(recording: Recording, actuator: PmsmActuator) -> list[str]:
     """Sentences on why a motion cannot tell faults."""
-    said = "turn: dynamic eccentricity does not show"
+    said = "one turn: dynamic eccentricity does not show"
     return little_motion(recording, actuator, 2.0 * np.pi, said)
