@@ -6,7 +6,7 @@ whole loops, linearly with all. `ematwin.estimation.correction` looks for the mi
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +14,7 @@ import numpy as np
 from ematwin.errors import ParameterError
 from ematwin.estimation.prior import Prior, coordinate
 from ematwin.estimation.problem import Problem, ResidualChange
+from ematwin.models.comparison import Comparison
 from ematwin.models.unknown import Unknown
 from ematwin.numerics.side_by_side import side_by_side
 
@@ -132,37 +133,38 @@ def missed_at(
 
     None where a recording has no reference, or the reference diverged.
     """
+    return _each(problem, point, lambda one, values: one.missed({**values, **(moved or {})}))
 
-    def missed(n: int) -> Mapping[str, np.ndarray] | None:
-        beside = {name: float(x[0]) for name, x in problem.candidates(point[None], n).items()}
+
+def exact_residuals(problem: Problem, point: np.ndarray) -> list[np.ndarray] | None:
+    """Residuals (K,) of each recording by the reference alone at a point (d,); None likewise."""
+
+    def left(one: Comparison, values: Mapping[str, float]) -> Mapping[str, np.ndarray] | None:
+        found = one.exact_residuals(values)
+        return None if found is None else {"": found}
+
+    every = _each(problem, point, left)
+    return None if every is None else [one[""] for one in every]
+
+
+def _each(
+    problem: Problem,
+    point: np.ndarray,
+    asked: Callable[[Comparison, Mapping[str, float]], Mapping[str, np.ndarray] | None],
+) -> list[Mapping[str, np.ndarray]] | None:
+    """What each recording is asked at a point (d,); None where one has no finite answer."""
+
+    def answer(n: int) -> Mapping[str, np.ndarray] | None:
+        values = {name: float(x[0]) for name, x in problem.candidates(point[None], n).items()}
         try:
-            found = problem.comparisons[n].missed({**beside, **(moved or {})})
+            found = asked(problem.comparisons[n], values)
         except ParameterError:  # a sampled loop that is unstable there
             return None
         if found is None or not all(np.isfinite(trace).all() for trace in found.values()):
             return None
         return found
 
-    every = side_by_side(missed, range(len(problem.comparisons)))
-    known = [one for one in every if one is not None]
-    return known if len(known) == len(every) else None
-
-
-def exact_residuals(problem: Problem, point: np.ndarray) -> list[np.ndarray] | None:
-    """Residuals (K,) of each recording by the reference alone at a point (d,).
-
-    None where a recording has no reference, or the reference diverged.
-    """
-
-    def left(n: int) -> np.ndarray | None:
-        values = {name: float(x[0]) for name, x in problem.candidates(point[None], n).items()}
-        try:
-            found = problem.comparisons[n].exact_residuals(values)
-        except ParameterError:  # a sampled loop that is unstable there
-            return None
-        return None if found is None or not np.isfinite(found).all() else found
-
-    every = side_by_side(left, range(len(problem.comparisons)))
+    every = side_by_side(answer, range(len(problem.comparisons)))
     known = [one for one in every if one is not None]
     return known if len(known) == len(every) else None
 
