@@ -38,7 +38,7 @@ class TorqueBalance:
 
     Attributes
     ----------
-    motion : Motion, smoothed as far as accelerations need
+    motion : Motion, smoothed enough for accelerations
     w_m, w_o : (S,) arrays, speeds of motor and output, rad/s
     size : float, norm of the recorded current, A
     slides : (S,) array of bool, samples that count
@@ -82,7 +82,7 @@ class TorqueBalance:
     def resistance(
         self, actuator: Any, values: Values | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Torques (S,) against the motion of motor and output, beside that of the contact, N m."""
+        """Torques (S,) against the motion of motor and output without the contact's, N m."""
         of_motor, of_output = self._sliding(actuator, values)
         against = actuator.motor.viscous_damping * self.w_m + of_motor * np.sign(self.w_m)
         if actuator.cogging is not None:
@@ -234,10 +234,10 @@ class Crossing:
         J_o dw_o/dt = -T_o sgn w_o - T_load.
 
     Where both move together only sums of their inertias and frictions show; here each shows alone.
-    Integrated twice, with angle and speed at the begin of each crossing free: recorded angles stand
-    as they are, and no acceleration is made of them. What is left has the covariance of white noise
-    of the angle, such as an encoder's counts, and of white noise of the torque, integrated twice;
-    it is whitened (generalised least squares).
+    The equations are integrated twice over each crossing. Its first angle and speed are free, and
+    recorded angles are not differentiated. The residual holds white noise of the angle, such as an
+    encoder's counts, and white noise of the torque, integrated twice. It is whitened (generalised
+    least squares).
 
     Attributes
     ----------

@@ -27,6 +27,7 @@ from ematwin.models.bldc.stretches import (
     initial_state,
     scores,
 )
+from ematwin.models.bldc.truer import REFERENCE_ALONE
 from ematwin.models.bldc.unknowns import MODEL_ERROR, POWER, SENSOR, UNKNOWNS
 from ematwin.models.bldc.zeros import counted, turned
 from ematwin.models.comparison import Candidates, Comparison, Placed
@@ -39,11 +40,6 @@ from ematwin.recordings.recording import Recording
 SMOOTH_CUTOFF = 100.0  # Hz: misfits of currents low-passed there have wide basins
 _TWIN_ERROR = 0.003  # relative misfit of the twin to healthy records of the reference model
 _REFERENCE_ERROR = 0.002  # of the reference model to simulators of other make: 0.0 to 0.18 %
-# sections of forms that the reference model alone has (docs/models.md, "Truer forms")
-_REFERENCE_ALONE = (
-    "emf.", "torque_ripple.", "cogging.", "presliding.", "winding_heat.", "supply.", "speed_loop.",
-    "current_loop.", "compliance.", "encoder.",
-)  # fmt: skip
 KEPT = 5_000  # samples of a response: more are thinned, as far as the low-pass allows
 _OVERSAMPLING = 8.0  # rate of kept samples over the cutoff, at least
 _AT_A_TIME = 4_000_000  # samples of answers that are held whole
@@ -56,8 +52,7 @@ class BldcComparison(Comparison):
 
     Parameters
     ----------
-    recording : drives the monitor model with its command and load, from its first position and
-        speed
+    recording : drives the monitor model from its first position and speed
     actuator : BldcActuator
     low_pass : filter of both currents
     rectify : compare magnitudes; None compares signed currents where the recording has the rotor
@@ -116,7 +111,7 @@ class BldcComparison(Comparison):
         self.state = initial_state(recording, actuator, current)
         self.constants = kernel_constants(actuator)
         self.unseen = frozenset(
-            place for place, *_ in actuator.parameters() if place.startswith(_REFERENCE_ALONE)
+            place for place, *_ in actuator.parameters() if place.startswith(REFERENCE_ALONE)
         )
         self.threads = threads or cores()
         self._filter(low_pass or LowPass())
@@ -130,20 +125,18 @@ class BldcComparison(Comparison):
 
     def exact(self, values: Mapping[str, float]) -> dict[str, np.ndarray]:
         """Filtered current (A) and, if it counts, power (W) of the reference, (S,) arrays."""
-        one = self.batch({name: np.array([value]) for name, value in values.items()}, 1)
-        shown = self._shown(*self._answered(values), one)
+        shown = self._shown(*self._answered(values), self._one(values))
         return {name: rows[0] for name, rows in shown.items()}
 
     def exact_residuals(self, values: Mapping[str, float]) -> np.ndarray:
         """Weighted residuals (K,) of the reference, without the monitor model and its error."""
         if self._missed:
             return self.with_missed({}).exact_residuals(values)
-        one = self.batch({name: np.array([value]) for name, value in values.items()}, 1)
-        whole, kept = self.whole, self.kept_of(self.whole)
-        stride = -(-whole.samples // kept)
-        response, watts = self._answered(values)
+        stride = -(-self.target.size // self.kept_of(self.whole))
+        current, watts = self._answered(values)
         some = None if watts is None else watts[:, ::stride].copy()
-        parts = self._compared(whole, one, response[:, ::stride].copy(), some, stride)
+        current = current[:, ::stride].copy()
+        parts = self._compared(self.whole, self._one(values), current, some)
         return np.concatenate(parts, axis=1)[0]
 
     def _answered(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray | None]:
@@ -241,7 +234,7 @@ class BldcComparison(Comparison):
             return None
         from ematwin.models.bldc.batch import monitor_trace
 
-        k = self.batch({name: np.array([value]) for name, value in values.items()}, 1).faults[0]
+        k = self._one(values).faults[0]
         trace = monitor_trace(
             k, self.command, self.load, self.state.copy(), self.constants, self.step, self.substeps,
             1, None if self.actuator.shorted_turns is None else np.zeros(4),
@@ -361,20 +354,14 @@ class BldcComparison(Comparison):
         costs, response, watts = self.run(stretches, batch.part(chosen), kept)
         if len(chosen) < len(back):
             costs, response, watts = costs[back], response[back], watts[back]
-        stride = -(-stretches.samples // kept)
         response[~np.isfinite(costs)] = np.nan  # a friction that is no number holds all at rest
-        counts = stretches.power is not None and self.power is not None
-        return self._compared(stretches, batch, response, watts if counts else None, stride)
+        return self._compared(stretches, batch, response, watts)
 
     def _compared(
-        self,
-        stretches: Stretches,
-        batch: Batch,
-        response: np.ndarray,
-        watts: np.ndarray | None,
-        stride: int,
+        self, stretches: Stretches, batch: Batch, response: np.ndarray, watts: np.ndarray | None
     ) -> list[np.ndarray]:
         """Currents (B, K), and power where it counts, changed in place to weighted residuals."""
+        stride = -(-stretches.samples // self.kept_of(stretches))
         late, found, power = batch.late(self.recording.interval), [], stretches.power
         if watts is not None and power is not None and self.power is not None:
             watts = batch.sensed_power(self.power, watts, response)
@@ -386,8 +373,11 @@ class BldcComparison(Comparison):
 
     def kept_of(self, stretches: Stretches) -> int:
         """How many samples of a response over a stretch are kept."""
-        rate = self.recording.sample_rate
-        return stretches.kept_within(int(rate / (_OVERSAMPLING * self.low_pass.cutoff)))
+        fastest = _OVERSAMPLING * self.low_pass.cutoff
+        return stretches.kept_within(int(self.recording.sample_rate / fastest))
+
+    def _one(self, values: Mapping[str, float]) -> Batch:
+        return self.batch({name: np.array([value]) for name, value in values.items()}, 1)
 
     def batch(self, candidates: Candidates, count: int) -> Batch:
         """Candidates as the kernel takes them."""
