@@ -224,9 +224,15 @@ class _Selection:
         return self._chosen(self.equations.fitted(best, places, fit), [*found, *new]), new
 
     def _matters(self, more: EquationFit, fit: EquationFit) -> bool:
-        """Whether forms explain a share of the residual beyond noise, and held-back data better."""
+        """Whether forms explain a share of the residual beyond noise, and held-back data better.
+
+        And more than the equation's own error, which may resemble a form.
+        """
         noise = min(self.equations.least(more.actuator), more.cost)
-        return more.cost - noise < (1.0 - _MATTERS) * (fit.cost - noise) and more.beats(fit)
+        if more.cost - noise >= (1.0 - _MATTERS) * (fit.cost - noise) or not more.beats(fit):
+            return False
+        own = self.equations.alike(more.actuator)
+        return fit.cost - more.cost > DECIDES * (more.weight + own)
 
     def _chosen(self, fit: EquationFit, forms: Sequence[Form]) -> EquationFit:
         """The fit with the alternatives chosen from lists, form by form."""
