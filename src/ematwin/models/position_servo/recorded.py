@@ -144,8 +144,7 @@ def check_units(recording: Recording, actuator: Any) -> None:
         )
     from ematwin.models.position_servo.twin import servo_constants
 
-    healthy = {one.name: one.healthy for one in unknowns(actuator)}
-    load = servo_constants(actuator, healthy, stated_arm(recording)).gravity
+    load = servo_constants(actuator, {}, stated_arm(recording)).gravity
     most = _LIFTS * actuator.motor.stall_torque
     if load > most:
         raise RecordError(
@@ -267,11 +266,10 @@ def _would_move(actuator: Any, recording: Recording, at: int, error: float) -> b
     from ematwin.models.position_servo.twin import servo_constants
 
     table = {one.name: one for one in unknowns(actuator)}
-    healthy = {name: one.healthy for name, one in table.items()}
     worst = {name: table[name].lower for name in ("gain", "torque")}
     worst |= {name: table[name].upper for name in ("friction", "payload")}
     for name, value in worst.items():
-        c = servo_constants(actuator, {**healthy, name: value}, stated_arm(recording))
+        c = servo_constants(actuator, {name: value}, stated_arm(recording))
         linear = c.stall_torque * min(c.gain * abs(error), 1.0)
         load = abs(c.gravity * np.sin(recording.channels["position"][at]) + c.load_torque)
         holds = load + friction.py_func(0.0, load, c)
