@@ -25,7 +25,6 @@ from ematwin.recordings.recording import Recording
 
 _READ = 0.004
 _LATE = 0.003  # s, by which reads and goals on a bus come sooner or later
-_NO_WEIGHT = 1e6  # times the noise
 
 
 class PositionServoModel(Model):
@@ -71,7 +70,7 @@ class PositionServoModel(Model):
         # at rest, or hunting within its play, it is off by one error: all samples count as one
         for a, b in rests(moved.position, actuator.gear.backlash, recording.interval):
             noise[a:b] *= max(1.0, math.sqrt(b - a) / self.model_error)
-        noise[false] *= _NO_WEIGHT
+        noise[false] = math.inf
         return {"position": noise}
 
     def respond(
