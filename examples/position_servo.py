@@ -66,12 +66,16 @@ def main() -> None:
             rows = [row for some in groups(runs, given.together) for row in together(some, twin)]
         else:
             detection = ematwin.identify(runs, twin)
-            found = [one.identification for one in detection.motions]
-            rows = [row_of(run, one, twin) for run, one in zip(runs, found, strict=True)]
+            found = [one.identification for one in detection.motions]  # after Ctrl-C the first ones
+            rows = [row_of(run, one, twin) for run, one in zip(runs, found, strict=False)]
+            if detection.missing:
+                print(f"Interrupted: {detection.missing} more were not judged.", file=sys.stderr)
             if given.page is not None:
                 detection.report(given.page)
     except EmatwinError as error:
         sys.exit(str(error))
+    except KeyboardInterrupt:
+        sys.exit("Interrupted; nothing was left half-written.")
     rows += [unread(run, why) for run, why in refused.items()]
     print(json.dumps({"runs": rows}, indent=2) if given.json else table(rows))
 

@@ -2,6 +2,7 @@
 
 import json
 import runpy
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -143,6 +144,18 @@ def test_the_example_says_which_column_or_servo_it_does_not_know(tables, capsys)
     runs[0].labels["servo"] = "MG996"
     assert example["template_of"](runs) == "sts3215"
     assert "holds 'MG996'" in capsys.readouterr().err
+
+
+def test_the_example_shows_what_was_judged_before_ctrl_c(tables, twin, monkeypatch, capsys):
+    done = ematwin.identify(ematwin.read(tables[1], actuator="sts3215", split=True)[:1], twin)
+    main = runpy.run_path(str(EXAMPLE))["main"]
+    monkeypatch.setitem(main.__globals__, "calibrated", lambda *_, **__: twin.calibration)
+    monkeypatch.setattr(ematwin, "identify", lambda runs, _: replace(done, missing=len(runs) - 1))
+    monkeypatch.setattr("sys.argv", [str(EXAMPLE), str(tables[0]), "--judge", str(tables[1])])
+    main()
+    shown = capsys.readouterr()
+    assert len(shown.out.splitlines()) == 2
+    assert f"{len(FAULTS) - 1} more were not judged" in shown.err
 
 
 def test_one_run_that_cannot_be_read_leaves_the_others(rows):

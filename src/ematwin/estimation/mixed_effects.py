@@ -3,9 +3,9 @@
 Beforehand an actuator is healthy or has one fault, rarely two, each as likely as the others and as
 far from healthy as its range allows (a spike and a slab: Mitchell and Beauchamp 1988, J. Am. Stat.
 Assoc. 83, 1023-1032). Each such set of faults is fitted with all that differs between healthy
-recordings free (`random_effects`), and its evidence says how probable it is (MacKay 1992). The
-probability of a fault is the sum over all sets with it; its value and interval are averages over
-these sets, weighed by their probabilities.
+recordings free (`random_effects`), and its evidence says how probable it is (MacKay 1992); of two
+minima of a set each has its own. The probability of a fault is the sum over all sets with it. Its
+value and interval are median and quantiles over these sets, weighed by their probabilities.
 
 Several recordings of one state of the actuator are judged together: the faults are shared, all else
 is each recording's own.
@@ -21,7 +21,7 @@ import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.estimation.baseline import Baseline
-from ematwin.estimation.constants import BEFOREHAND, IMPLAUSIBLE, WORSE, WORST
+from ematwin.estimation.constants import APART, BEFOREHAND, IMPLAUSIBLE, WORSE, WORST
 from ematwin.estimation.findings import implausible, unexplained, verdict_on
 from ematwin.estimation.free_unknowns import unknowns_of
 from ematwin.estimation.identification import Identification
@@ -50,45 +50,61 @@ def assessed_sets(
 ) -> tuple[FaultSets, Peak, int]:
     """The posterior of sets of faults, the peak of the best one, and the simulations it took."""
     slabs = {one.name: _slab(one) for one in faults}
+    spent = 0
 
-    def peak_of(names: Iterable[str], start: Mapping[str, float]) -> Peak:
-        return fit(comparisons, [slabs[name] for name in names], effects, start=start, held=held)
+    def peak_of(names: Sequence[str], start: Mapping[str, float]) -> Peak:
+        nonlocal spent
+        shared = [slabs[name] for name in names]
+        peak = fit(comparisons, shared, effects, start=start, held=held)
+        spent += peak.evaluations
+        return peak
 
     none = peak_of((), {})
-    peaks: dict[tuple[str, ...], Peak] = {(): none}
+    peaks: dict[tuple[str, ...], list[Peak]] = {}
     for name, slab in slabs.items():
         start = {**none.values, name: _scanned(comparisons, slab, effects, held)}
-        peaks[(name,)] = peak_of((name,), start)
-    lead = min((names for names in peaks if names), key=lambda names: _left(peaks[names]))
+        peaks[(name,)] = [peak_of((name,), start)]
+    lead = min(peaks, key=lambda names: _left(peaks[names][0]))
+    # what the scan found with all else healthy may be the further one of two minima
+    peaks[lead] = _distinct([*peaks[lead], peak_of(lead, none.values)], 1)
     # from where a fault led it, a descent without that fault may end lower
-    peaks[()] = min(none, peak_of((), peaks[lead].values), key=_left)
+    peaks[()] = [min(none, peak_of((), peaks[lead][0].values), key=_left)]
 
-    def log_of(names: tuple[str, ...], noise_of: Peak) -> tuple[float, np.ndarray]:
-        """Logarithm of the probability of a set, but for a constant, and its peak's covariance."""
-        log, covariance = peaks[names].with_noise_of(noise_of).approximated()
-        return log + math.log(_beforehand(len(names), len(slabs))), covariance
+    def log_of(size: int, peak: Peak, noise_of: Peak) -> tuple[float, np.ndarray]:
+        """Logarithm of the probability at a peak of a set, but for a constant; its covariance."""
+        log, covariance = peak.with_noise_of(noise_of).approximated()
+        return log + math.log(_beforehand(size, len(slabs))), covariance
 
     # a second fault only beside a first one that explains more than its prior takes
-    if log_of(lead, peaks[lead])[0] > log_of((), peaks[lead])[0]:
+    first = peaks[lead][0]
+    if log_of(1, first, first)[0] > log_of(0, peaks[()][0], first)[0]:
         for other in (name for name in slabs if name not in lead):
-            peaks[(*lead, other)] = peak_of((*lead, other), peaks[lead].values)
+            peaks[(*lead, other)] = [peak_of((*lead, other), first.values)]
+    each = [(names, peak) for names, some in peaks.items() for peak in some]
     # one noise for all sets, that of the best fit: else evidence would not compare
-    best_fit = min(peaks.values(), key=_left)
-    found = {names: log_of(names, best_fit) for names in peaks}
-    most = max(log for log, _ in found.values())
-    total = sum(math.exp(log - most) for log, _ in found.values())
+    best_fit = min((peak for _, peak in each), key=_left)
+    found = [log_of(len(names), peak, best_fit) for names, peak in each]
+    logs = np.array([log for log, _ in found])
+    shares = np.exp(logs - logs.max())
+    shares /= shares.sum()
     sets = [
-        FaultSet(
-            frozenset(names),
-            math.exp(log - most) / total,
-            _drawn(faults, names, peaks[names], covariance),
-        )
-        for names, (log, covariance) in found.items()
+        FaultSet(frozenset(names), share, _drawn(faults, names, peak, covariance))
+        for (names, peak), (_, covariance), share in zip(each, found, shares.tolist(), strict=True)
     ]
     sets.sort(key=lambda one: -one.probability)
-    best = max(found, key=lambda names: found[names][0])
-    spent = sum(peak.evaluations for peak in peaks.values())
-    return FaultSets(tuple(faults), tuple(sets)), peaks[best], spent
+    return FaultSets(tuple(faults), tuple(sets)), each[int(np.argmax(shares))][1], spent
+
+
+def _distinct(peaks: Sequence[Peak], size: int) -> list[Peak]:
+    """Peaks, the lowest first, without those whose ``size`` faults are as at a lower one."""
+    kept: list[Peak] = []
+    places: list[np.ndarray] = []
+    for peak in sorted(peaks, key=_left):
+        place = peak.problem.chart.from_values(peak.point[None])[0, :size]
+        if all(np.any(np.abs(place - other) > APART) for other in places):
+            kept.append(peak)
+            places.append(place)
+    return kept
 
 
 def _drawn(
@@ -182,7 +198,7 @@ def identified_by_sets(
     values, intervals, errors = {}, {}, []
     for one in faults:
         drawn = sets.given(one.name)
-        values[one.name] = float(drawn.of(one.name).mean())
+        values[one.name] = float(np.median(drawn.of(one.name)))
         intervals[one.name] = Interval(*sets.interval(one, values[one.name]))
         errors.append(deviations(one, drawn.of(one.name), values[one.name]).std())
     physical = {

@@ -143,6 +143,29 @@ def test_a_fault_is_probable_where_it_is_and_not_where_it_is_not(bend, named):
     assert low < bend < high
 
 
+class FoldedModel(LinesModel):
+    """The same with x (1.2 - x) t^2, x = log bend: two bends give the same answer."""
+
+    kind: ClassVar[str] = "folded lines"
+
+    def respond(self, actuator, inputs, candidates, count):
+        x = np.log(candidates.get("bend", np.ones(count)))
+        return super().respond(actuator, inputs, {**candidates, "bend": 1.0 + x * (1.2 - x)}, count)
+
+
+def test_a_fault_with_two_minima_has_an_interval_over_both():
+    """A scan with all else healthy finds the further one, a descent from healthy the other."""
+    model, rng = FoldedModel(), np.random.default_rng(7)
+    place = 1.0 + TIME + 0.4 * 0.8 * TIME**2 + 0.02 * rng.standard_normal(TIME.size)
+    given = model.compare(Recording(TIME, {"command": 0.0 * TIME, "place": place}), TEMPLATE)
+    effects = [
+        replace(MODEL.unknown(TEMPLATE, place), spread=0.02)
+        for place in ("line.height", "line.slope")
+    ]
+    low, high = interval(assessed_sets([given], model.faults(TEMPLATE)[:1], effects, {})[0])
+    assert math.log(low) < 0.4 < 0.8 < math.log(high)
+
+
 def interval(found):
     """95 % of a bend, if it is there."""
     one = MODEL.unknown(TEMPLATE, "bend")

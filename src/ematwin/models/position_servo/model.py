@@ -1,6 +1,7 @@
 """The position servo as a `Model`: its only entry for search, reports and commands."""
 
 import math
+from statistics import median
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,6 @@ from ematwin.recordings.recording import Recording
 
 _READ = 0.004
 _LATE = 0.003  # s, by which reads and goals on a bus come sooner or later
-_NO_WEIGHT = 1e6  # times the noise
 
 
 class PositionServoModel(Model):
@@ -70,7 +70,7 @@ class PositionServoModel(Model):
         # at rest, or hunting within its play, it is off by one error: all samples count as one
         for a, b in rests(moved.position, actuator.gear.backlash, recording.interval):
             noise[a:b] *= max(1.0, math.sqrt(b - a) / self.model_error)
-        noise[false] *= _NO_WEIGHT
+        noise[false] = math.inf
         return {"position": noise}
 
     def respond(
@@ -81,16 +81,16 @@ class PositionServoModel(Model):
         from ematwin.models.position_servo.twin import servo_constants
 
         given, motor = inputs.channels, actuator.motor
-        values = {**self.healthy(actuator), **candidates}
-        each = servo_constants(actuator.varied(values, self.fixed), values, stated_arm(inputs))
-        constants = np.array([np.full(count, one, dtype=float) for one in each])
+        servo = actuator.varied(candidates, self.fixed)
+        each = servo_constants(servo, candidates, stated_arm(inputs))
+        constants = np.array([one + np.zeros(count) for one in each])
         supply = np.ones(len(inputs))
         if "supply_voltage" in given:
             supply = given["supply_voltage"] / motor.rated_voltage
         if "torque_enabled" in given:
             supply = np.where(given["torque_enabled"] > 0.5, supply, 0.0)
         position = given.get("position")  # it rests where its first reads are, or at its goal
-        first = given["goal_position"][0] if position is None else np.median(position[:3])
+        first = given["goal_position"][0] if position is None else median(position[:3])
         substeps = math.ceil(inputs.interval / actuator.steps.twin - 1e-9)
         return {
             "position": traces(

@@ -5,7 +5,6 @@ False reads have no weight. Only the longest stretch with torque is compared, an
 before a trip of the protection.
 """
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -97,8 +96,11 @@ def stretch(recording: Recording, actuator: Any) -> Stretch:
     if voltage is not None and voltage[1]:
         said.append(f"The supply voltage is false in {voltage[1]} samples: the usual one counts.")
     moved = smooth(recording, false, first, stop)
-    rests = _runs_of(actuator, recording, moved, _rests, 2.0 * _LASTS)
-    ends = _runs_of(actuator, recording, moved, _falls, _LASTS)
+    # an error that asks a healthy servo for full duty; an arm that overshoots soon turns round
+    full = np.abs(moved.error) * actuator.controller.gain > 1.0
+    pace = moved.speed / actuator.motor.no_load_speed
+    rests = _lasting(full & (np.abs(pace) < _REST), 2.0 * _LASTS / interval)
+    ends = _lasting(full & (pace * np.sign(moved.error) < -_FALL), _LASTS / interval)
     what, why = "lost its torque", "as its overload protection does (trip)"
     if ends is None and rests is not None:
         if _would_move(actuator, recording, first + rests, moved.error[rests]):
@@ -144,8 +146,7 @@ def check_units(recording: Recording, actuator: Any) -> None:
         )
     from ematwin.models.position_servo.twin import servo_constants
 
-    healthy = {one.name: one.healthy for one in unknowns(actuator)}
-    load = servo_constants(actuator, healthy, stated_arm(recording)).gravity
+    load = servo_constants(actuator, {}, stated_arm(recording)).gravity
     most = _LIFTS * actuator.motor.stall_torque
     if load > most:
         raise RecordError(
@@ -229,33 +230,9 @@ def smooth(recording: Recording, false: np.ndarray, first: int, stop: int) -> _M
     return _Moved(position, error, np.gradient(position, time))
 
 
-def _rests(moved: _Moved, no_load_speed: float) -> np.ndarray:
-    """Where it rests."""
-    return np.asarray(np.abs(moved.speed) < _REST * no_load_speed)
-
-
-def _falls(moved: _Moved, no_load_speed: float) -> np.ndarray:
-    """Where it moves away from its goal."""
-    return np.asarray(moved.speed * np.sign(moved.error) < -_FALL * no_load_speed)
-
-
-def _runs_of(
-    actuator: Any,
-    recording: Recording,
-    moved: _Moved,
-    which: Callable[[_Moved, float], np.ndarray],
-    least: float,
-) -> int | None:
-    """First sample from which, for ``least`` seconds, an error asks a healthy servo for full duty.
-
-    An arm that only overshoots has turned round by then.
-    """
-    full = np.abs(moved.error) * actuator.controller.gain > 1.0
-    flags = full & which(moved, actuator.motor.no_load_speed)
-    for a, b in runs(flags):
-        if (b - a) * recording.interval >= least:
-            return a
-    return None
+def _lasting(flags: np.ndarray, least: float) -> int | None:
+    """First sample of flags (S,) that stay for ``least`` samples or more."""
+    return next((a for a, b in runs(flags) if b - a >= least), None)
 
 
 def _would_move(actuator: Any, recording: Recording, at: int, error: float) -> bool:
@@ -267,11 +244,10 @@ def _would_move(actuator: Any, recording: Recording, at: int, error: float) -> b
     from ematwin.models.position_servo.twin import servo_constants
 
     table = {one.name: one for one in unknowns(actuator)}
-    healthy = {name: one.healthy for name, one in table.items()}
     worst = {name: table[name].lower for name in ("gain", "torque")}
     worst |= {name: table[name].upper for name in ("friction", "payload")}
     for name, value in worst.items():
-        c = servo_constants(actuator, {**healthy, name: value}, stated_arm(recording))
+        c = servo_constants(actuator, {name: value}, stated_arm(recording))
         linear = c.stall_torque * min(c.gain * abs(error), 1.0)
         load = abs(c.gravity * np.sin(recording.channels["position"][at]) + c.load_torque)
         holds = load + friction.py_func(0.0, load, c)

@@ -6,7 +6,6 @@ from typing import Any
 
 from ematwin.models.position_servo.parameters import PositionServo
 from ematwin.models.position_servo.step import GRAVITY, Constants, State, constants_of, servo_step
-from ematwin.models.position_servo.unknowns import unknowns
 from ematwin.models.stepped import Stepped
 from ematwin.numerics.compile import part
 from ematwin.numerics.lanes import columns
@@ -20,27 +19,27 @@ def servo_constants(
     Parameters
     ----------
     actuator : its parameters, numbers or (B,) arrays
-    values : of all unknowns by name
+    values : of unknowns by name; a fault that is not named is healthy
     stated : parameters of the arm that a recording states, by name
     """
     controller, motor, friction = actuator.controller, actuator.motor, actuator.friction
     arm = actuator.arm
     given = {"mass": arm.mass, "length": arm.length, "arm_mass": arm.arm_mass, **(stated or {})}
     mass, length, arm_mass = given["mass"], given["length"], given["arm_mass"]
-    payload, rubs, weak = values["payload"], values["friction"], values["torque"]
+    payload, rubs, weak = (values.get(name, 1.0) for name in ("payload", "friction", "torque"))
     torque = motor.stall_torque * weak
     return Constants(
-        gain=controller.gain * values["gain"],
+        gain=controller.gain * values.get("gain", 1.0),
         startup=controller.startup,
-        delay=controller.delay * values["delay"],
+        delay=controller.delay * values.get("delay", 1.0),
         speed_limit=controller.speed_limit,
         late=0.5 * controller.interval,
-        offset=values["offset"],
+        offset=values.get("offset", 0.0),
         stall_torque=torque,
         back_emf=torque / motor.no_load_speed * weak,
         saturation=motor.saturation_torque * weak,
         inertia=actuator.gear.inertia,
-        half_gap=0.5 * actuator.gear.backlash * values["backlash"],
+        half_gap=0.5 * actuator.gear.backlash * values.get("backlash", 1.0),
         coulomb=friction.coulomb * rubs,
         stribeck=friction.stribeck * rubs,
         stribeck_speed=friction.stribeck_speed,
@@ -64,11 +63,10 @@ def stepped(actuator: PositionServo, most_delay: float, interval: float) -> Step
     _, state_of, write_state = columns(State)
     done = len(State._fields)
     goals = done + 1
-    healthy = {one.name: one.healthy for one in unknowns(actuator)}
     fixed = ("controller.delay",)  # the goals that are kept reach so far back
 
     def constants(candidates: Mapping[str, Any]) -> Constants:
-        return servo_constants(actuator.varied(candidates, fixed), {**healthy, **candidates})
+        return servo_constants(actuator.varied(candidates, fixed), candidates)
 
     @part
     def begin(c, u, x):  # type: ignore[no-untyped-def]
