@@ -251,7 +251,7 @@ def killed(address, times=20):
                 now = set(store.rows()["id"].to_pylist())
                 if len(now) > len(seen) or all(one.poll() is not None for one in both):
                     break
-                time.sleep(0.05)
+                time.sleep(0.5)
             time.sleep(moments.uniform(0.0, 1.0))  # about as long as judging takes
             lost += len(seen - now)
             seen, n = now, kills % 2

@@ -254,8 +254,7 @@ def history(unit: FleetActuator) -> Table:
 def _told(event: dict[str, Any], by: dict[str, dict[str, Any]]) -> str:
     """An event in words; ``by`` has the others by their id."""
     if event["what"] == "alarm":
-        magnitude = event["magnitude"].replace("_", " ")
-        return f"{magnitude}: {_ADVICE[event['step']]}. {_upper(event.get('why', ''))}"
+        return f"{_ADVICE[event['step']]}: {event.get('why', '')}"
     said, other = _brief(event), by.get(event.get("entry", ""))
     if other is not None:
         said += f" {_brief(other)} of {other['time']:%Y-%m-%d}"
