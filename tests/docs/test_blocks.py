@@ -36,6 +36,7 @@ from page_files import GIVEN
 ELSEWHERE = {
     ("README.md", "sh"): ".ci/run",
     ("examples/own_model/README.md", "indented"): ".ci/run",
+    ("docs/fleet.md", "sql"): "tests/fleet/test_machines.py",
 }
 BLOCKS = {str(page.relative_to(PROJECT)): blocks_of(page) for page in PAGES}
 EXTRAS = tomllib.loads((PROJECT / "pyproject.toml").read_text("utf-8"))["project"]

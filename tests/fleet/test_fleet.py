@@ -7,6 +7,7 @@ import urllib.request
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from threading import Thread
+from unittest.mock import Mock
 
 import pyarrow.parquet as pq
 import pytest
@@ -162,6 +163,15 @@ def test_an_overhaul_that_is_to_come_is_refused(alarmed):
         Fleet(alarmed[0], now=END)[alarmed[1]].overhaul("2126-05-01")
 
 
+def test_life_is_counted_anew_each_hour(filled, monkeypatch):
+    fleet = Fleet(filled)
+    before = fleet["EMA-01"]
+    hour = Mock(wraps=datetime, now=lambda zone: datetime.now(zone) + timedelta(hours=1))
+    monkeypatch.setattr("ematwin.fleet.fleet.datetime", hour)
+    fleet.refresh()
+    assert fleet["EMA-01"] is not before
+
+
 def state(fleet, level, slope=0.0, error=0.003):
     """A trend of friction at a level."""
     from dataclasses import replace
@@ -178,7 +188,7 @@ def state(fleet, level, slope=0.0, error=0.003):
 def lives(*draws):
     import numpy as np
 
-    return Life("friction", np.array(draws, dtype=float), 0.0, "wiener")
+    return Life("friction", np.array(draws, dtype=float), 0.0)
 
 
 def test_alarms_rise_with_the_life_that_is_left(fleet):
@@ -298,10 +308,14 @@ def test_the_state_of_a_fleet_is_asked_without_recordings(alarmed, tmp_path, ema
 
 def test_parts_are_merged_and_read_the_same(tmp_path):
     store = FleetStore(tmp_path)
-    for n in range(70):
-        row = row_of("A/1", END, content=f"{n}", motion=0, twin="t", kind="k", grade="healthy")
+    rows = [
+        row_of("A/1", END, content=f"{n}", motion=0, twin="t", kind="k", grade="healthy")
+        for n in range(70)
+    ]
+    for row in rows:
         store.add([row])
         store.add([row])  # twice is once
+    store.add(rows[:69])  # of a merger that was killed before it removed the parts
     before = store.rows()["id"].to_pylist()
     draft = next((tmp_path / "rows").rglob("*.parquet")).with_name(".half.parquet")
     draft.write_bytes(b"what a killed process left")
@@ -309,7 +323,8 @@ def test_parts_are_merged_and_read_the_same(tmp_path):
     assert store.rows()["id"].to_pylist() == before
     assert len(before) == 70
     draft.unlink()
-    assert len(list((tmp_path / "rows").rglob("*.parquet"))) == 1
+    (whole,) = (tmp_path / "rows").rglob("*.parquet")
+    assert pq.read_table(whole).num_rows == 70
 
 
 def test_a_serial_number_leads_nowhere_else(tmp_path):
@@ -425,6 +440,10 @@ def test_the_server_shows_pages_to_those_who_know_its_token_only(filled):
 def test_the_demo_of_a_fleet_writes_its_page(ematwin, tmp_path, monkeypatch):
     small = partial(SimulatedFleet, 2, 2.0, 30.0)
     monkeypatch.setattr("ematwin.fleet.simulated.SimulatedFleet", small)
+    with monkeypatch.context() as keys:
+        keys.setattr(Fleet, "update", Mock(side_effect=KeyboardInterrupt))
+        assert ematwin("demo", "--fleet", "--folder", "f").code == 130
+    assert list((tmp_path / "f").iterdir()) == []
     answer = ematwin("demo", "--fleet", "--folder", "f", "--json")
     assert answer.code == 0, answer.err
     said = json.loads(answer.out)

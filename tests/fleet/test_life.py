@@ -79,8 +79,8 @@ def test_an_unknown_process_is_refused():
 
 
 def test_the_sooner_of_two_lives_is_shorter_than_both():
-    a = Life("a", np.array([1.0, 5.0, 3.0]), 0.0, "wiener")
-    b = Life("b", np.array([2.0, 1.0, 1.0]), 0.0, "wiener")
+    a = Life("a", np.array([1.0, 5.0, 3.0]), 0.0)
+    b = Life("b", np.array([2.0, 1.0, 1.0]), 0.0)
     both = sooner([a, b])
     assert both.draws.tolist() == [1.0, 1.0, 1.0]
     assert both.name == "b"

@@ -5,6 +5,7 @@ how loops are sampled, that they integrate, the encoders and the cogging: calibr
 """
 
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Any
 
 import typer
@@ -53,9 +54,6 @@ def demo(
     json: options.JsonOption = False,
 ) -> None:
     """Learn how a drive is built from healthy records, and find the faults of a later one."""
-    if fleet:
-        _fleet(folder, seed, json)
-        return
     from ematwin import Faults, Noise, Scenario, load_actuator, simulate
     from ematwin.errors import FileError
     from ematwin.files import write_text
@@ -70,6 +68,9 @@ def demo(
         raise FileError(
             f"Cannot make the folder {folder}: {refusal.strerror}. Choose another with --folder."
         ) from None
+    if fleet:
+        _fleet(folder, seed, json)
+        return
     drive = load_actuator(DRIVE)
     sheet = load_actuator(SHEET).changed({place: drive.value(place) for place in KNOWN})
     sheet = sheet.with_tolerances(dict.fromkeys(KNOWN, 0.01))
@@ -145,16 +146,21 @@ def _fleet(folder: Path, seed: int, json: bool) -> None:
     from ematwin.fleet.fleet import Fleet
     from ematwin.fleet.simulated import SimulatedFleet
 
-    if (folder / "rows").exists():
+    if any((folder / name).exists() for name in ("rows", "fleet.toml")):
         raise InputError(f"{folder} holds a fleet already. Choose another with --folder.")
-    fleet = Fleet(folder)
-    with options.progress_bar("Simulating the fleet", not json) as progress:
+    with (
+        options.progress_bar("Simulating the fleet", not json) as progress,
+        TemporaryDirectory(dir=folder, prefix=".") as draft,  # gone where Ctrl-C ends this
+    ):
+        fleet = Fleet(draft)
         SimulatedFleet(seed=seed).fill(fleet.store)
         progress(0.3)
         fleet.refresh()
         fleet.update()
         progress(0.7)
-        fleet.report(folder / "fleet.html")
+        fleet.report(Path(draft) / "fleet.html")
+        for one in Path(draft).iterdir():
+            one.rename(folder / one.name)
     if json:
         options.print_json(
             {

@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 from ematwin.errors import InputError
 from ematwin.estimation.thresholds import thresholds_of
 from ematwin.files import check_target, write_text
-from ematwin.fleet.alarms import STEPS, Alarm, Before, judge, worst
+from ematwin.fleet.alarms import STEPS, Alarm, Before, by_urgency, judge
 from ematwin.fleet.life import Life, Requirement, job_left, life_left, sooner
 from ematwin.fleet.store import columns_of, moment_of, years
 from ematwin.fleet.trend import Series, Trend, trend
@@ -319,8 +319,8 @@ class FleetActuator:
 
     def row(self) -> dict[str, Any]:
         """State of the actuator as a row of `Fleet.table`."""
-        alarms, last = self.alarms(), self.rows[-1]
-        first, life = worst(alarms), self.life_left()
+        first, last = next(iter(by_urgency(self.alarms())), None), self.rows[-1]
+        life = self.life_left()
         low, high = (math.inf, math.inf) if life is None else life.interval
         advice = "none" if first is None or first.silenced else first.step
         why = "" if first is None or advice == "none" else first.why

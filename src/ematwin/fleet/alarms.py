@@ -68,7 +68,7 @@ class Alarm:
     magnitude : its name
     step : "none", "watch", "plan" or "act"
     probability : that the magnitude is larger than matters
-    soon : probability that its limit is passed within the time that made this step
+    ends : years, the lower end of the life until its limit; infinite where none is stated
     why : a sentence, and what to check
     since : years, when this step was reached
     acknowledged, silenced : whether somebody has seen it, or wants to hear no more of it for now
@@ -77,7 +77,7 @@ class Alarm:
     magnitude: str
     step: Step
     probability: float
-    soon: float
+    ends: float
     why: str
     since: float = math.nan
     acknowledged: bool = False
@@ -127,17 +127,21 @@ def judge(
     ):  # fmt: skip
         present = False
     step: Step = "watch" if present else "none"
-    soon = 0.0
+    limit = ""
     if present and life is not None:
         for name, time in (("act", policy.act), ("plan", policy.plan)):
-            soon = life.within(policy.look + time)
+            ahead = policy.look + time
+            soon = life.within(ahead)
             kept = STEPS.index(held.step) >= STEPS.index(name)
             if soon >= (0.5 * _SOON if kept else _SOON):
                 step = name  # type: ignore[assignment]
+                near = f"passes its limit within {spoken(ahead)} (probability {100 * soon:.0f} %)"
+                limit = "; it " + ("is beyond its limit" if life.interval[1] == 0.0 else near)
                 break
     since = held.since if step == held.step else moment
-    why = _why(one, life, moment, unknown, step)
-    return Alarm(unknown.name, step, probability, soon, why, since)
+    why = _why(one, moment, unknown, step, limit)
+    ends = math.inf if life is None else life.interval[0]
+    return Alarm(unknown.name, step, probability, ends, why, since)
 
 
 @dataclass(frozen=True)
@@ -149,7 +153,7 @@ class Before:
     cleared: float
 
 
-def _why(one: Trend, life: Life | None, moment: float, unknown: Any, step: Step) -> str:
+def _why(one: Trend, moment: float, unknown: Any, step: Step, limit: str) -> str:
     """One sentence on the magnitude, its slope and its limit; what to check where alarmed."""
     level, error, slope = one.at(one.time)
     share, spread = (level - unknown.healthy) / unknown.width, error / unknown.width
@@ -161,13 +165,11 @@ def _why(one: Trend, life: Life | None, moment: float, unknown: Any, step: Step)
         said += f" after a jump {spoken(moment - float(jumped[-1]))} ago"
     elif step != "none":
         said += f" and changes by {100 * slope / unknown.width:+.1f} % a year"
-    if life is not None and step in ("plan", "act"):
-        passed = life.interval[1] == 0.0
-        said += "; it is beyond its limit" if passed else f"; it passes its limit in {life}"
-    return said + (f". Check: {unknown.meaning.partition(',')[0]}." if step != "none" else ".")
+    return (
+        said + limit + (f". Check: {unknown.meaning.partition(',')[0]}." if step != "none" else ".")
+    )
 
 
-def worst(alarms: Mapping[str, Alarm]) -> Alarm | None:
-    """The most urgent alarm of an actuator; None without magnitudes."""
-    found = list(alarms.values())
-    return max(found, key=lambda one: (one.urgency, one.soon, one.probability), default=None)
+def by_urgency(alarms: Mapping[str, Alarm]) -> list[Alarm]:
+    """The alarms of an actuator, the most urgent first; of two, what ends its life sooner."""
+    return sorted(alarms.values(), key=lambda one: (-one.urgency, one.ends, -one.probability))

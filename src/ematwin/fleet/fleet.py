@@ -52,13 +52,15 @@ class Fleet:
     ) -> None:
         self.store = FleetStore(folder, create=create)
         self._now = None if now is None else moment_of(now)
-        self._version: tuple[str, ...] = ()
         self._read()
 
     @property
     def now(self) -> datetime:
         """The moment at which the fleet is looked at."""
         return self._now or datetime.now(UTC)
+
+    def _latest(self) -> tuple[str, ...]:
+        return (f"{self.now:%Y-%m-%d %H}", *self.store.version())  # life is counted from now
 
     def watch(self, recordings: Any, **settings: Any) -> Any:
         """Judge the recordings that are new; see `ematwin.fleet.watch.watch`."""
@@ -71,18 +73,17 @@ class Fleet:
         return found
 
     def refresh(self) -> None:
-        """Read the store again, where it has changed."""
-        if self.store.version() != self._version:
+        """Read the store again, where it has changed or an hour has passed."""
+        if self._latest() != self.version:
             self._read()
 
     def _read(self) -> None:
-        self._version = self.store.version()
+        latest, last = self._latest(), self.now
         path = self.store.folder / "fleet.toml"
         table = load_toml(path, "settings") if path.exists() else {}
         self.limits_given, self.policy, self.requirement, self.pattern = settings_of(table, path)
         self._rows: dict[str, list[dict[str, Any]]] = {}
         self.set_aside: list[dict[str, Any]] = []
-        last = self.now
         for row in self.store.rows().to_pylist():
             if row["grade"] == SET_ASIDE:
                 self.set_aside.append(row)
@@ -92,6 +93,7 @@ class Fleet:
         self._wear: dict[tuple[str, str], Wear] = {}
         self._process: dict[tuple[str, str], str] = {}
         self._units: dict[str, FleetActuator] = {}
+        self.version = latest
 
     # --- actuators -----------------------------------------------------------------------------
 
@@ -144,16 +146,16 @@ class Fleet:
                 before = unit.before(name)
                 if alarm.step != ("none" if before is None else before.step):
                     told = {"magnitude": name, "step": alarm.step, "why": alarm.why}
-                    self.store.note(unit.serial_number, "alarm", self.now, **told)
+                    noted = self.store.note(unit.serial_number, "alarm", self.now, **told)
+                    unit.history.append(noted)
+                    unit.events.append(noted)
                     changed.append({"serial_number": unit.serial_number, **told})
-        if changed:
-            self.refresh()
         return changed
 
     def table(self) -> list[dict[str, Any]]:
         """A row for each actuator, the most urgent first; names of fields as in ISO 13374.
 
-        State detection (grade, faults), health assessment (the magnitude furthest from healthy),
+        State detection (grade, faults), health assessment (the magnitude that matters most),
         prognostic assessment (life left, days), advisory (what to do, and why).
         """
         rows = [one.row() for one in self]

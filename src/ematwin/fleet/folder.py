@@ -48,7 +48,9 @@ class FolderRows:
             if len(files) <= _PARTS:
                 continue
             parts = [self._read(path) for path in files]
-            table = pa.concat_tables(p for p in parts if p is not None)
+            # by their ids: a merger that was killed has left rows in two parts
+            rows = {row["id"]: row for p in parts if p is not None for row in p.to_pylist()}
+            table = pa.Table.from_pylist(list(rows.values()), schema=self._schema)
             kept = self._write(table["serial_number"][0].as_py(), table)
             for path in files:
                 if path != kept:

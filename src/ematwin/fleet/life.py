@@ -37,14 +37,12 @@ class Life:
     name : the magnitude, or the requirement, that ends it
     draws : (N,) array, years from ``moment``; infinite where it lasts longer than ``horizon``
     moment : years, when it is asked
-    process : "wiener" or "gamma"
     horizon : years
     """
 
     name: str
     draws: np.ndarray
     moment: float
-    process: str
     horizon: float = HORIZON
 
     def within(self, years: float) -> float:
@@ -185,7 +183,7 @@ def life_left(
         with np.errstate(over="ignore", under="ignore"):
             chance = np.exp(-2.0 * np.clip(room[:, :-1] * room[:, 1:], 0.0, None) / variance)
         beyond[:, 1:] |= generator.random(chance.shape) < chance
-    return Life(name, _first(ahead, room, beyond), moment, process, horizon)
+    return Life(name, _first(ahead, room, beyond), moment, horizon)
 
 
 def _first(ahead: np.ndarray, room: np.ndarray, beyond: np.ndarray) -> np.ndarray:
@@ -211,7 +209,7 @@ def sooner(lives: Sequence[Life]) -> Life | None:
     first = np.bincount(np.argmin(table, axis=0), minlength=len(lives))
     first = np.where([np.isfinite(one.draws).any() for one in lives], first, -1)
     ends = lives[int(np.argmax(first))]
-    return Life(ends.name, table.min(axis=0), ends.moment, ends.process, ends.horizon)
+    return Life(ends.name, table.min(axis=0), ends.moment, ends.horizon)
 
 
 def process_of(fleet: Sequence[Trend]) -> tuple[str, float]:
@@ -367,5 +365,4 @@ def job_left(
                 middle = (low + high) // 2
                 low, high = (low, middle) if fails(draw, middle) else (middle, high)
             ends[draw] = 0.5 * (ahead[low] + ahead[high])
-    named = "/".join(sorted(set(process[name] for name in trends)))
-    return Life(requirement.measure, ends, moment, named, horizon)
+    return Life(requirement.measure, ends, moment, horizon)

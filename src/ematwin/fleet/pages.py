@@ -9,7 +9,7 @@ import numpy as np
 from markupsafe import Markup
 
 from ematwin.fleet.actuator import ENTRIES, FleetActuator, shortened
-from ematwin.fleet.alarms import Alarm, worst
+from ematwin.fleet.alarms import Alarm, by_urgency
 from ematwin.fleet.fleet import Fleet
 from ematwin.fleet.life import LEVEL, paths, spoken
 from ematwin.fleet.store import moment_at, years
@@ -35,9 +35,9 @@ def fleet_page(fleet: Fleet, link: str = "#{serial}") -> str:
     table, count = fleet.table(), {"act": 0, "plan": 0, "watch": 0, "none": 0}
     for row in table:
         count[row["advisory"]] += 1
-    asks = [f"{count[step]} {_ADVICE[step]}" for step in ("act", "plan", "watch") if count[step]]
+    asks = [f"{_ADVICE[step]}: {count[step]}" for step in ("act", "plan", "watch") if count[step]]
     lead = (
-        f"{len(table)} actuators: {', '.join(asks) or 'nothing to do'}. As of "
+        f"{len(table)} actuators; {', '.join(asks) or 'nothing to do'}. As of "
         f"{fleet.now:%Y-%m-%d}; life left is counted from then."
     )
     header = ["actuator", "what to do", "life left", "trend", "why", "last recording"]
@@ -57,8 +57,7 @@ def fleet_page(fleet: Fleet, link: str = "#{serial}") -> str:
 
 def actuator_page(unit: FleetActuator) -> str:
     """HTML page: every magnitude over time, what happened, and the recordings."""
-    row, first = unit.row(), worst(unit.alarms())
-    life = unit.life_left()
+    row, alarms, life = unit.row(), by_urgency(unit.alarms()), unit.life_left()
     why = row["advisory_reason"] or "No magnitude is larger than matters."
     left = "no limit is stated" if life is None else str(life)
     lead = f"{unit.serial_number}: {_ADVICE[row['advisory']]}. {_upper(why)} Life left: {left}."
@@ -68,8 +67,7 @@ def actuator_page(unit: FleetActuator) -> str:
              one["source"]], marked=one["grade"] == "fault")
         for one in reversed(unit.rows[-_RECORDINGS:])
     ]  # fmt: skip
-    alarms = unit.alarms()
-    drawn = [panel(unit, name, alarms[name], wide=True) for name in _order(alarms)]
+    drawn = [panel(unit, one, wide=True) for one in alarms]
     sections = [Section("History", text=_LEGEND, svg="".join(drawn))]
     if requirement := unit.fleet.requirement:
         text = str(unit.life_left(requirement=requirement))
@@ -81,8 +79,7 @@ def actuator_page(unit: FleetActuator) -> str:
         sections.append(Section("Events", table=replace(events, rows=rows)))
     header = ["recorded", "verdict", "because", "file"]
     sections.append(Section("Recordings", table=Table(header, known, texts=(1, 2, 3))))
-    step = "none" if first is None else row["advisory"]
-    grade = {"act": "fault", "plan": "changed", "watch": "changed"}.get(step, "healthy")
+    grade = {"act": "fault", "none": "healthy"}.get(row["advisory"], "changed")
     return render(unit.serial_number, lead, sections, grade=grade)
 
 
@@ -145,22 +142,16 @@ def _spark(unit: FleetActuator, name: str, color: str) -> str:
 
 def _history(unit: FleetActuator, advice: str) -> Section:
     """The magnitudes of an actuator that are alarmed, or the one furthest from healthy."""
-    alarms = unit.alarms()
-    order = _order(alarms)
-    shown = [name for name in order if alarms[name].step != "none"][:3] or order[:1]
-    panels = "".join(panel(unit, name, alarms[name]) for name in shown)
+    alarms = by_urgency(unit.alarms())
+    shown = [one for one in alarms if one.step != "none"][:3] or alarms[:1]
+    panels = "".join(panel(unit, one) for one in shown)
     mark = f'<a id="{escape(unit.serial_number)}" style="scroll-margin-top:5rem"></a>'
     return Section(f"{unit.serial_number}: {_ADVICE[advice]}", svg=f"{mark}{panels}")
 
 
-def _order(alarms: dict[str, Alarm]) -> list[str]:
-    return sorted(
-        alarms, key=lambda n: (-alarms[n].urgency, -alarms[n].soon, -alarms[n].probability)
-    )
-
-
-def panel(unit: FleetActuator, name: str, alarm: Alarm, wide: bool = False) -> str:
+def panel(unit: FleetActuator, alarm: Alarm, wide: bool = False) -> str:
     """A magnitude over time with its forecast, as an SVG of physical values."""
+    name = alarm.magnitude
     one, limit, unknown = unit.trend(name), unit.limit(name), unit.unknown(name)
     width, height = (460, 200) if wide else (340, 170)
     actuator = unit.twin.actuator
@@ -263,8 +254,7 @@ def history(unit: FleetActuator) -> Table:
 def _told(event: dict[str, Any], by: dict[str, dict[str, Any]]) -> str:
     """An event in words; ``by`` has the others by their id."""
     if event["what"] == "alarm":
-        magnitude = event["magnitude"].replace("_", " ")
-        return f"{magnitude}: {_ADVICE[event['step']]}. {_upper(event.get('why', ''))}"
+        return f"{_ADVICE[event['step']]}: {event.get('why', '')}"
     said, other = _brief(event), by.get(event.get("entry", ""))
     if other is not None:
         said += f" {_brief(other)} of {other['time']:%Y-%m-%d}"

@@ -33,26 +33,25 @@ class FleetServer(LocalServer):
     def __init__(self, fleet: Fleet, port: int = 0) -> None:
         self.fleet = fleet
         self.turn = threading.Lock()
-        self._pages: dict[tuple[str, object, str], str] = {}
+        self._pages: dict[str, str] = {}
+        self._version: tuple[str, ...] = ()
         super().__init__(_Handler, port)
 
     def page(self, serial_number: str) -> str | None:
         """A page; of the fleet for "", None for an actuator that there is not."""
         with self.turn:
-            version = self.fleet.store.version()
-            hour = f"{self.fleet.now:%Y-%m-%d %H}"  # life left is counted from now
-            if any(key[:2] != (hour, version) for key in self._pages):
+            self.fleet.refresh()
+            if self.fleet.version != self._version:
+                self._version = self.fleet.version
                 self._pages.clear()
-                self.fleet = Fleet(self.fleet.store.folder, create=False)
-            key = (hour, version, serial_number)
-            if key not in self._pages:
+            if serial_number not in self._pages:
                 if serial_number == "":
-                    self._pages[key] = fleet_page(self.fleet, link="{serial}")
+                    self._pages[""] = fleet_page(self.fleet, link="{serial}")
                 elif serial_number in self.fleet:
-                    self._pages[key] = actuator_page(self.fleet[serial_number])
+                    self._pages[serial_number] = actuator_page(self.fleet[serial_number])
                 else:
                     return None
-            return self._pages[key]
+            return self._pages[serial_number]
 
 
 class _Handler(LocalHandler):

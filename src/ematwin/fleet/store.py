@@ -170,22 +170,21 @@ class FleetStore:
 
     # --- events --------------------------------------------------------------------------------
 
-    def note(self, serial_number: str, what: str, when: datetime, **more: Any) -> None:
-        """Keep an event; the same one again is kept once."""
+    def note(self, serial_number: str, what: str, when: datetime, **more: Any) -> dict[str, Any]:
+        """Keep an event, and give it as `events` does; the same one again is kept once."""
         event = {"serial_number": serial_number, "what": what, "time": when.isoformat(), **more}
-        self._held.note(json.dumps(event, sort_keys=True, default=str))
+        text = json.dumps(event, sort_keys=True, default=str)
+        self._held.note(text)
+        return _event(text)
 
     def events(self) -> list[dict[str, Any]]:
         """All events by time, each with its ``id``, and since when it is ``known``; datetimes."""
         found = []
         for place, text in self._held.events():
             try:
-                event = json.loads(text)
-                event |= {"id": digest(text), "time": moment_of(event["time"])}
-                event["known"] = moment_of(event.pop("entered", event["time"]))
+                found.append(_event(text))
             except (ValueError, KeyError, TypeError):
                 raise FileError(f"{place} is damaged. Remove it.") from None
-            found.append(event)
         return sorted(found, key=lambda one: (one["time"], one["serial_number"], one["what"]))
 
     def version(self) -> tuple[str, ...]:
@@ -193,6 +192,13 @@ class FleetStore:
         settings = self.folder / "fleet.toml"
         age = str(settings.stat().st_mtime_ns) if settings.exists() else ""
         return (age, *self._held.version())
+
+
+def _event(text: str) -> dict[str, Any]:
+    event: dict[str, Any] = json.loads(text)
+    event |= {"id": digest(text), "time": moment_of(event["time"])}
+    event["known"] = moment_of(event.pop("entered", event["time"]))
+    return event
 
 
 @cache
