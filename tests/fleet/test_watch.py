@@ -162,9 +162,10 @@ def test_the_command_says_what_each_needs_and_ends_with_a_code(recordings, tmp_p
     assert (tmp_path / "fleet.html").exists()
     assert "S-1" in (tmp_path / "advisory.csv").read_text()
     assert ematwin(*arguments, "--fail-on", "act").code == 0
+    assert ematwin(*arguments, "--fail-on", "fault").code == 1
     wrong = ematwin(*arguments, "--fail-on", "panic")
     assert wrong.code == 2
-    assert "--fail-on takes watch, plan or act, received 'panic'" in wrong.err
+    assert "--fail-on takes fault, watch, plan or act, received 'panic'" in wrong.err
 
 
 def parts(folder):

@@ -25,7 +25,8 @@ NoteOption = Annotated[str, typer.Option(help="A remark that is kept, e.g. who a
 StepOption = Annotated[
     str | None,
     typer.Option(
-        help="End with exit code 1 if an actuator has reached this step: watch, plan or act."
+        help="End with exit code 1 if an actuator has reached this step (watch, plan, act), or if "
+        "its latest recording has a fault (fault)."
     ),
 ]
 
@@ -161,17 +162,19 @@ def _told(
 
 
 def check_step(fail_on: str | None) -> None:
-    """Refuse a ``--fail-on`` that is no step of an alarm."""
+    """Refuse a ``--fail-on`` that is neither a step of an alarm nor a fault."""
     from ematwin.fleet.alarms import STEPS
 
-    if fail_on is not None and fail_on not in STEPS[1:]:
-        raise InputError(f"--fail-on takes watch, plan or act, received {fail_on!r}.")
+    if fail_on is not None and fail_on not in ("fault", *STEPS[1:]):
+        raise InputError(f"--fail-on takes fault, watch, plan or act, received {fail_on!r}.")
 
 
 def reached(fleet: "Fleet", fail_on: str | None) -> bool:
-    """Whether an actuator has reached a step of ``--fail-on``."""
+    """Whether an actuator has reached what ``--fail-on`` names."""
     from ematwin.fleet.alarms import STEPS
 
+    if fail_on == "fault":
+        return any(row["state"] == "fault" for row in fleet.table())
     return fail_on is not None and any(
         row["advisory_level"] >= STEPS.index(fail_on) for row in fleet.table()
     )
