@@ -198,16 +198,21 @@ class Contact:
         self._face = face - face.mean() if face.size else face
         self.size = float(np.linalg.norm(self._about_mean(self._twist)))
 
-    def apart(self, actuator: Any) -> np.ndarray:
-        """(S,) of bool: samples at which the twist lies surely between both faces."""
+    def apart(self) -> np.ndarray:
+        """(S,) of bool: samples at which the twist lies surely between both faces.
+
+        Where these are follows from the twists that push them: the gear may give more than its file
+        says, and then motor and output still touch at a twist that a stiff gear never has.
+        """
         motion, pushed = self._balance.motion, self._torque > 0.0
         twist = np.subtract(*motion.recorded)
         if not pushed.any() or pushed.all():
             return np.zeros(twist.size, bool)
-        low, high = np.median(self._twist[~pushed]), np.median(self._twist[pushed])
-        gives = float(np.abs(self._torque).max()) / actuator.contact.stiffness
-        margin = gives + _CERTAIN * math.hypot(*motion.steps) / math.sqrt(12.0)
-        return np.asarray((twist > low + margin) & (twist < high - margin))
+        known = np.array([np.sign(self._torque), self._torque, np.ones(pushed.size)]).T
+        half, gives, middle = np.linalg.lstsq(known, self._twist, rcond=None)[0]
+        left = float(np.std(self._twist - known @ [half, gives, middle]))
+        margin = _CERTAIN * math.hypot(left, math.hypot(*motion.steps) / math.sqrt(12.0))
+        return np.asarray(np.abs(twist - middle) < half - margin)
 
     def _about_mean(self, twist: np.ndarray) -> np.ndarray:
         return twist - twist.mean() if twist.size else twist

@@ -1,5 +1,7 @@
 """Equations along a recorded motion: against plain Python, and a simulator of other make."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -142,11 +144,12 @@ def test_each_mass_shows_alone_while_the_output_crosses_the_gap(lines, faults, m
     structure, actuator = as_built(lines)
     record = recorded(structure, actuator, faults=faults, noise=0.02)
     balance = TorqueBalance(along_motion.Motion(record, actuator))
-    apart = Contact(balance, actuator, faults).apart(actuator)
+    apart = Contact(balance, actuator, faults).apart()
     for mass, of_motor in (("motor", True), ("transmission", False)):
         alone = Crossing(balance, apart, actuator, of_motor=of_motor)
         left = alone.left(actuator, faults)
-        assert np.linalg.norm(left) / alone.size < 2.0 * alone.least(actuator)
+        # bristles that bend the other way, after the motor has turned round, leave more than noise
+        assert np.linalg.norm(left) / alone.size < 3.0 * alone.least(actuator)
         for name in ("inertia" if of_motor else "output_inertia", "friction_torque"):
             place = f"{mass}.{name}"
             moved = actuator.changed({place: 1.02 * actuator.value(place)})
@@ -156,11 +159,21 @@ def test_each_mass_shows_alone_while_the_output_crosses_the_gap(lines, faults, m
             assert abs(off) < most
 
 
-def test_a_gear_that_gives_more_than_its_gap_hides_who_crosses_it():
+def test_a_gear_that_gives_more_than_its_file_says_does_not_seem_to_cross_its_gap():
+    """While its faces touch the output feels the motor, at twists that a stiff gear never has."""
     structure, actuator = as_built()
-    balance = TorqueBalance(along_motion.Motion(recorded(structure, actuator), actuator))
-    soft = actuator.changed({"transmission.contact_stiffness": 1.0})
-    apart = Contact(balance, actuator).apart(soft)
+    soft = replace(structure, gear_stiffness=100.0)
+    balance = TorqueBalance(along_motion.Motion(recorded(soft, actuator), actuator))
+    apart = Contact(balance, actuator).apart()
+    output = Crossing(balance, apart, actuator, of_motor=False)
+    assert apart.sum() > 100
+    assert np.linalg.norm(output.left(actuator)) / output.size < 2.0 * output.least(actuator)
+
+
+def test_where_one_face_alone_is_pushed_nothing_crosses_the_gap():
+    structure, actuator = as_built()
+    balance = TorqueBalance(along_motion.Motion(recorded(structure, actuator, 0.03), actuator))
+    apart = Contact(balance, actuator).apart()
     assert not apart.any()
     assert Crossing(balance, apart, actuator, of_motor=True).size == 0.0
 

@@ -277,7 +277,7 @@ def equations(recording: Recording, actuator: Any, values: Values | None) -> tup
 def _across_the_gap(balance: TorqueBalance, actuator: Any, values: Values) -> tuple[Equation, ...]:
     """The twist on the faces that push at these values, and either mass on its way between them."""
     contact = Contact(balance, actuator, values)
-    apart = contact.apart(actuator)
+    apart = contact.apart()
     motor = Crossing(balance, apart, actuator, of_motor=True)
     output = Crossing(balance, apart, actuator, of_motor=False)
 
