@@ -32,6 +32,7 @@ _INTEGRAL = (0.01, 0.03, 0.1)  # s
 _FILTER = (5e-5, 2e-4, 5e-4, 1e-3)  # s, of speeds
 _BANDWIDTH = (2000.0, 4000.0, 8000.0)  # rad/s
 _SLOTS = (3, 6, 9, 12, 15, 18, 24)
+_TURNED = 0.01  # of an angle: friction of a motor that has just turned round bends bristles first
 _DAMPED = 0.6  # 0.3 of critical: currents hardly show it
 _WINDINGS = ("short_a", "short_b", "short_c", "eccentricity", "eccentricity_phase")
 _SENSOR = ("current_gain", "current_offset")
@@ -296,7 +297,7 @@ def _across_the_gap(balance: TorqueBalance, actuator: Any, values: Values) -> tu
             ("motor.emf_constant", "motor.inertia", "motor.viscous_damping",
              "motor.friction_torque"),
             (), ("friction", *_WINDINGS, *_SENSOR),
-            rests="mechanics", at=again(1), alike=lambda actuator: LEAST,
+            rests="mechanics", at=again(1), alike=lambda actuator: _TURNED,
         ),
         Equation(
             "output in the gap", output.left, output.size, output.least,
