@@ -11,6 +11,7 @@ that differ that of poles (Zhu and Howe 2000, IEEE Trans. Energy Conversion 15(4
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import product
 from typing import Any
 
@@ -272,37 +273,47 @@ def equations(recording: Recording, actuator: Any, values: Values | None) -> tup
         (COGGING, ROUNDED),
         ("friction", *_WINDINGS, *LOAD, *_SENSOR),
     )  # fmt: skip
-    return of_controller, *_across_the_gap(balance, actuator, values or {}), of_mechanics
-
-
-def _across_the_gap(balance: TorqueBalance, actuator: Any, values: Values) -> tuple[Equation, ...]:
-    """The twist on the faces that push at these values, and either mass on its way between them."""
-    contact = Contact(balance, actuator, values)
-    apart = contact.apart()
-    motor = Crossing(balance, apart, actuator, of_motor=True)
-    output = Crossing(balance, apart, actuator, of_motor=False)
-
-    def again(n: int) -> Callable[[Values], Equation]:
-        return lambda values: _across_the_gap(balance, actuator, values)[n]
-
-    gives = () if actuator.compliance is None else ("compliance.stiffness",)
+    given = values or {}
     return (
-        Equation(
-            "contact", contact.left, contact.size, contact.least,
-            ("transmission.backlash", *gives), (), ("friction", "backlash", *LOAD),
-            rests="mechanics", at=again(0),
-        ),
-        Equation(
-            "motor in the gap", motor.left, motor.size, motor.least,
-            ("motor.emf_constant", "motor.inertia", "motor.viscous_damping",
-             "motor.friction_torque"),
-            (), ("friction", *_WINDINGS, *_SENSOR),
-            rests="mechanics", at=again(1), alike=lambda actuator: _TURNED,
-        ),
-        Equation(
-            "output in the gap", output.left, output.size, output.least,
-            ("transmission.output_inertia", "transmission.friction_torque"),
-            (), ("friction", *LOAD),
-            rests="mechanics", at=again(2), alike=lambda actuator: LEAST,
-        ),
+        of_controller,
+        _contact(balance, actuator, given),
+        _motor_alone(balance, actuator, given),
+        _output_alone(balance, actuator, given),
+        of_mechanics,
+    )
+
+
+def _contact(balance: TorqueBalance, actuator: Any, values: Values) -> Equation:
+    """The twist of the gear, on the faces that push at these values."""
+    contact = Contact(balance, actuator, values)
+    gives = () if actuator.compliance is None else ("compliance.stiffness",)
+    return Equation(
+        "contact", contact.left, contact.size, contact.least,
+        ("transmission.backlash", *gives), (), ("friction", "backlash", *LOAD),
+        rests="mechanics", at=partial(_contact, balance, actuator),
+    )  # fmt: skip
+
+
+def _motor_alone(balance: TorqueBalance, actuator: Any, values: Values) -> Equation:
+    """The motor while the output crosses the gap between the faces that push at these values."""
+    apart = Contact(balance, actuator, values).apart()
+    motor = Crossing(balance, apart, actuator, of_motor=True)
+    return Equation(
+        "motor in the gap", motor.left, motor.size, motor.least,
+        ("motor.emf_constant", "motor.inertia", "motor.viscous_damping", "motor.friction_torque"),
+        (), ("friction", *_WINDINGS, *_SENSOR),
+        rests="mechanics", at=partial(_motor_alone, balance, actuator),
+        alike=lambda actuator: _TURNED,
+    )  # fmt: skip
+
+
+def _output_alone(balance: TorqueBalance, actuator: Any, values: Values) -> Equation:
+    """The output on its way, likewise."""
+    apart = Contact(balance, actuator, values).apart()
+    output = Crossing(balance, apart, actuator, of_motor=False)
+    return Equation(
+        "output in the gap", output.left, output.size, output.least,
+        ("transmission.output_inertia", "transmission.friction_torque"), (), ("friction", *LOAD),
+        rests="mechanics", at=partial(_output_alone, balance, actuator),
+        alike=lambda actuator: LEAST,
     )  # fmt: skip
