@@ -7,18 +7,19 @@ faults and parameters and have one minimum, and there they give a normal distrib
 
     exp(-|r + J (z - z_0)|^2/2),   r in standard deviations,
 
-in the coordinates z of the problem's chart (`Information`). It counts beside the priors while the
-closed loop is fitted, as the equations of healthy recordings do in a calibration
-(`ematwin.estimation.forms`).
+in the coordinates z of the problem's chart (`Information`), which counts beside the priors. Where
+the equations tell every fault it takes the place of the closed loop.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from ematwin.errors import EmatwinError
 from ematwin.estimation.constants import DECIDES
+from ematwin.estimation.descent import TooFarError
 from ematwin.estimation.equation_fit import with_secant
 from ematwin.estimation.first_sample import found_first_sample
 from ematwin.estimation.levenberg_marquardt import NOTHING
@@ -26,7 +27,7 @@ from ematwin.estimation.prior import Information
 from ematwin.estimation.problem import Problem
 from ematwin.models.base import Model
 from ematwin.models.comparison import correlation_time
-from ematwin.models.optional import FIRST_SAMPLE, Equation
+from ematwin.models.optional import FIRST_SAMPLE, Equation, Values
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.numerics.linear_algebra import bounded_squares
 from ematwin.numerics.side_by_side import side_by_side
@@ -35,37 +36,78 @@ _STEP = 1e-3  # of a coordinate: the equations are smooth
 
 
 def informed(
-    model: Model, actuator: ParameterSet, problem: Problem, start: np.ndarray
+    model: Model,
+    actuator: ParameterSet,
+    problem: Problem,
+    start: np.ndarray,
+    most: float = math.inf,
 ) -> tuple[Problem, np.ndarray] | None:
     """A problem with the evidence of the equations along the motion, and their estimate (d,).
 
     Parameters
     ----------
-    problem : of one recording, with everything free
+    problem : with everything free
     start : (d,) array, values from which to descend
+    most : squared standard deviations; a problem of which slopes promise no less is given up
 
-    None where only the fast model is needed, or where the recording has no equations: it lacks
-    positions.
+    None where only the fast model is needed, or where no recording has equations: positions are
+    lacking.
+
+    Raises
+    ------
+    TooFarError
+        If more than ``most`` would be left.
     """
     if not problem.lacks_forms:
         return None
-    recording, chart = problem.comparisons[0].recording, problem.chart
+    chart = problem.chart
     z = chart.project(chart.from_values(start[None]))
-    values = problem.values(chart.to_values(z)[0])
-    every = [one for one in model.equations(recording, actuator, values) if one.size > 0.0]
+    values = _values(problem, z)
+    every = [
+        _Along(n, one)
+        for n, compared in enumerate(problem.comparisons)
+        for one in model.equations(compared.recording, actuator, values[n])
+        if one.size > 0.0
+    ]
     if not every:
         return None
-    rests = {one.rests for one in every}
-    if first := [one for one in every if one.name in rests]:
-        z, _ = _Fit(actuator, problem, first, z).run(z)
-        values = problem.values(chart.to_values(z)[0])
-        every = [one if one.at is None else one.at(values) for one in every]
-    fit = _Fit(actuator, problem, [one for one in every if one.size > 0.0], z)
-    z, known = fit.run(z)
-    if not recording.first_sample and fit.finds_first_sample(z):
-        z, known = fit.run(z)
-        problem = problem.sampled_first(fit.first_sample)
-    return problem.informed(known), chart.to_values(z)[0]
+    rests = {along.equation.rests for along in every}
+    if first := [along for along in every if along.equation.name in rests]:
+        z, _ = _Fit(actuator, problem, first, z).run(z, most)
+        values = _values(problem, z)
+        every = [along.at(values[along.recording]) for along in every]
+    fit = _Fit(actuator, problem, [one for one in every if one.equation.size > 0.0], z)
+    z, known = fit.run(z, most)
+    if fit.finds_first_samples(z):
+        z, known = fit.run(z, most)
+        problem = problem.sampled_first(fit.first_samples)
+    faults = {one.name for one in model.faults(actuator)}
+    told = all(
+        faults <= {name for one in every if one.recording == n for name in one.equation.unknowns}
+        for n in range(len(problem.comparisons))
+    )
+    return problem.informed(known, whole=told), chart.to_values(z)[0]
+
+
+def _values(problem: Problem, z: np.ndarray) -> list[dict[str, float]]:
+    """Values by name for each recording at coordinates (1, d)."""
+    point = problem.chart.to_values(z)
+    return [
+        {name: float(x[0]) for name, x in problem.candidates(point, n).items()}
+        for n in range(len(problem.comparisons))
+    ]
+
+
+class _Along(NamedTuple):
+    """An equation along the motion of the nth recording."""
+
+    recording: int
+    equation: Equation
+
+    def at(self, values: Values) -> "_Along":
+        """The same where it rests on values that are known better."""
+        at = self.equation.at
+        return self if at is None else self._replace(equation=at(values))
 
 
 class _Fit:
@@ -73,40 +115,51 @@ class _Fit:
 
     Attributes
     ----------
-    first_sample : s, first sample of the loops; 0 if unknown
+    first_samples : s, first sample of the loops in each recording; 0 if unknown
     """
 
     def __init__(
-        self, actuator: ParameterSet, problem: Problem, equations: Sequence[Equation], z: np.ndarray
+        self, actuator: ParameterSet, problem: Problem, every: Sequence[_Along], z: np.ndarray
     ) -> None:
-        self._actuator, self._problem, self._equations = actuator, problem, equations
-        self.first_sample = problem.comparisons[0].recording.first_sample
-        self._matters = [_matters(one, actuator, problem) for one in equations]
-        values = problem.values(problem.chart.to_values(z)[0])
+        self._actuator, self._problem, self._every = actuator, problem, every
+        self.first_samples = [one.recording.first_sample for one in problem.comparisons]
+        self._matters = [_matters(one, actuator, problem) for one in every]
+        here = problem.chart.to_values(z)[0]
         left = [
-            self._left(one, {name: values[name] for name in names})
-            for one, names in zip(equations, self._matters, strict=True)
+            self._left(one, {name: float(here[n]) for name, n in places.items()})
+            for one, places in zip(every, self._matters, strict=True)
         ]
         self._counts = [each.size for each in left]
         # what noise and the equations' own errors leave
+        equations = [one.equation for one in every]
         self._least = [one.least(actuator) * one.size for one in equations]
         self._alike = [one.alike(actuator) * one.size for one in equations]
         self._scales = [self._scale(n, each) for n, each in enumerate(left)]
-        matters = {name for some in self._matters for name in some}
-        self._free = np.array([n for n, name in enumerate(problem.names) if name in matters])
+        matters = {n for places in self._matters for n in places.values()}
+        self._free = np.array(sorted(matters), dtype=int)
+        self._last: tuple[np.ndarray, np.ndarray] | None = None
 
-    def run(self, z: np.ndarray) -> tuple[np.ndarray, Information]:
+    def run(self, z: np.ndarray, most: float = math.inf) -> tuple[np.ndarray, Information]:
         """Coordinates (1, d) of least squares next to others, by Gauss-Newton steps within bounds.
 
-        And the evidence of the equations there, by slopes that are fresh.
+        And the evidence of the equations there, by slopes that are fresh. A run begins with the
+        slopes of the one before.
+
+        Raises
+        ------
+        TooFarError
+            If slopes promise that more than ``most`` squared standard deviations will be left.
         """
         chart, free = self._problem.chart, self._free
-        here = self.residuals(z)[0]
-        slopes, fresh = self._slopes(z, here), True
+        here, fresh = self.residuals(z)[0], self._last is None
+        slopes = self._slopes(z, here) if self._last is None else self._last[1]
         for _ in range(20):  # at most: mostly four, as the equations are nearly linear
             low, high = chart.lower - z[0], chart.upper - z[0]
             step = np.zeros(z.shape[1])
             step[free] = bounded_squares(slopes.T, -here, low[free], high[free])
+            promised = here + step[free] @ slopes
+            if fresh and promised @ promised > most:
+                raise TooFarError
             tried = chart.project(z + np.outer((1.0, 0.3), step))  # shares of a step
             left = self.residuals(tried)
             costs = np.einsum("bk,bk->b", left, left)
@@ -132,34 +185,37 @@ class _Fit:
         rest = math.sqrt(max(0.0, float(here @ here - moved @ moved)))
         return z, Information(chart, z[0], every, np.append(moved, rest))
 
-    def finds_first_sample(self, z: np.ndarray) -> bool:
+    def finds_first_samples(self, z: np.ndarray) -> bool:
         """Find when loops sampled first, near coordinates (1, d) at which `run` ended.
 
-        Whether that explains more than another instant may by chance.
+        Whether that explains more of a recording than another instant may by chance.
         """
-        values = self._problem.values(self._problem.chart.to_values(z)[0])
-        actuator = self._actuator.changed({name: x for name, x in values.items() if "." in name})
+        assert self._last is not None
         here, slopes = self._last
-        basis = np.linalg.qr(slopes.T)[0]
+        basis, found = np.linalg.qr(slopes.T)[0], False
+        for m, values in enumerate(_values(self._problem, z)):
+            places = {name: x for name, x in values.items() if "." in name}
+            own = [n for n, one in enumerate(self._every) if one.recording == m]
+            actuator = self._actuator.changed(places)
+            sampled = [n for n in own if self._every[n].equation.first_samples(actuator)]
+            if self.first_samples[m] or not sampled:
+                continue
 
-        def cost(instant: float) -> float:
-            left = here.copy()
-            for n, one in enumerate(self._equations):
-                if one.first_samples(actuator):
+            def cost(instant: float, own: Sequence[int] = sampled, at: Values = values) -> float:
+                left = here.copy()
+                for n in own:
                     first = sum(self._counts[:n])
                     part = slice(first, first + self._counts[n])
-                    known = {name: values[name] for name in self._matters[n]}
-                    left[part] = self._scales[n] * self._left(one, known, instant)
-            along = left @ basis
-            return float(left @ left - along @ along)
+                    known = {name: at[name] for name in self._matters[n]}
+                    left[part] = self._scales[n] * self._left(self._every[n], known, instant)
+                along = left @ basis
+                return float(left @ left - along @ along)
 
-        for one in self._equations:
-            if instants := one.first_samples(actuator):
-                found = found_first_sample(cost, instants)
-                if cost(found) < cost(self.first_sample) - DECIDES:
-                    self.first_sample = found
-                    return True
-        return False
+            instants = self._every[sampled[0]].equation.first_samples(actuator)
+            instant = found_first_sample(cost, instants)
+            if cost(instant) < cost(0.0) - DECIDES:
+                self.first_samples[m], found = instant, True
+        return found
 
     def _weights(self, here: np.ndarray) -> np.ndarray:
         """Factors (K,) on residuals of the equations, by their size where that is more."""
@@ -187,13 +243,11 @@ class _Fit:
         least = max(self._least[n], noise)
         return 1.0 / math.sqrt(least**2 / independent + self._alike[n] ** 2)
 
-    def _left(
-        self, equation: Equation, values: Mapping[str, float], instant: float | None = None
-    ) -> np.ndarray:
+    def _left(self, one: _Along, values: Values, instant: float | None = None) -> np.ndarray:
         places = {name: value for name, value in values.items() if "." in name}
         beside = {name: value for name, value in values.items() if "." not in name}
-        beside[FIRST_SAMPLE] = self.first_sample if instant is None else instant
-        return equation.left(self._actuator.changed(places), beside)
+        beside[FIRST_SAMPLE] = self.first_samples[one.recording] if instant is None else instant
+        return one.equation.left(self._actuator.changed(places), beside)
 
     def residuals(self, z: np.ndarray) -> np.ndarray:
         """(B, K), in standard deviations, at coordinates (B, d); the priors' come last."""
@@ -203,17 +257,18 @@ class _Fit:
 
     def _of_equations(self, points: np.ndarray) -> np.ndarray:
         """(B, K) of the equations at points (B, d); infinite where a loop is unstable."""
-        asked: dict[tuple[int, tuple[float, ...]], Mapping[str, float]] = {}
+        asked: dict[tuple[int, tuple[float, ...]], Values] = {}
         rows = []
         for point in points:  # most columns of a Jacobian leave most equations as they are
-            values = self._problem.values(point)
-            each = [{name: values[name] for name in names} for names in self._matters]
+            each = [
+                {name: float(point[n]) for name, n in places.items()} for places in self._matters
+            ]
             rows.append([(n, tuple(one.values())) for n, one in enumerate(each)])
             asked |= dict(zip(rows[-1], each, strict=True))
 
         def answered(key: tuple[int, tuple[float, ...]]) -> np.ndarray | None:
             try:
-                return self._scales[key[0]] * self._left(self._equations[key[0]], asked[key])
+                return self._scales[key[0]] * self._left(self._every[key[0]], asked[key])
             except EmatwinError:  # a loop that is unstable
                 return None
 
@@ -225,8 +280,9 @@ class _Fit:
         return np.array([np.concatenate([known[key] for key in row]) for row in rows])
 
 
-def _matters(equation: Equation, actuator: ParameterSet, problem: Problem) -> list[str]:
-    """Names of the free unknowns on which an equation depends."""
-    stated = (place for form in equation.forms if form.is_stated(actuator) for place in form.fitted)
-    mine = {*equation.fitted, *stated, *equation.unknowns}
-    return [name for name in problem.names if name in mine]
+def _matters(along: _Along, actuator: ParameterSet, problem: Problem) -> dict[str, int]:
+    """Places among the free unknowns, by name, of those on which an equation depends."""
+    one = along.equation
+    stated = (place for form in one.forms if form.is_stated(actuator) for place in form.fitted)
+    mine = {*one.fitted, *stated, *one.unknowns}
+    return {name: n for name, n in problem.places(along.recording).items() if name in mine}

@@ -13,12 +13,12 @@ until it stays where it is: defect correction (Boehmer, Hemker and Stetter 1984,
 Where R - f changes with x the rounds converge slowly, or not at all. Then the last ones are
 combined to the point from which a round would lead nowhere, if rounds were linear (Anderson 1965,
 J. ACM 12, 547-560, with steps measured in standard errors). Behind loops that the fast model lacks
-its slopes are wrong too. There the reference alone is linearised
-(`ematwin.estimation.linearised`): from the start where that is as near as equations along the
-motion come, else from where rounds end. Rounds follow its answers (Broyden), from the lowest point
-so far. They end where the peak stays, or where three in succession lower nothing. Where the error
-of the model, below, is then more than what noise leaves, slopes are taken once more, over what is
-known by then.
+its slopes are wrong too. Where equations along the motion tell every fault, the peak is theirs, and
+the reference is asked there for what it leaves. Else the reference alone is linearised
+(`ematwin.estimation.linearised`), from what equations tell or from where rounds end. Rounds follow
+its answers (Broyden), from the lowest point so far. They end where the peak stays, or where three
+in succession lower nothing. Where the error of the model, below, is then more than what noise
+leaves, slopes are taken once more, over what is known by then.
 
 The truth lies elsewhere within the width of the minimum, where the error of the model differs:
 impacts, ripple and slopes change. With J the slopes of the residuals r, noise s and
@@ -38,7 +38,7 @@ import numpy as np
 
 from ematwin.estimation.constants import AS_GOOD
 from ematwin.estimation.corrected_problem import corrected_at
-from ematwin.estimation.descent import Descent
+from ematwin.estimation.descent import Descent, TooFarError
 from ematwin.estimation.laplace import (
     Laplace,
     laplace,
@@ -111,7 +111,6 @@ def corrected(
     *,
     steps: np.ndarray | None = None,
     like: Problem | None = None,
-    near: bool = False,
 ) -> Corrected:
     """The peak next to a point: of the reference model where the kind has one.
 
@@ -124,7 +123,6 @@ def corrected(
     steps : (d,) array, as of `laplace`, of the first round
     like : corrected near another point of the same recordings: its slopes of the reference serve
         here too
-    near : whether the start is as near as equations along the motion come
 
     Raises
     ------
@@ -133,7 +131,10 @@ def corrected(
     """
     chart = problem.chart
     z = chart.project(chart.from_values(start[None]))[0]
-    here = linear_at(problem, z) if problem.lacks_forms and (near or is_linear(like)) else None
+    if problem.is_told:
+        return _along_motion(problem, z, descent)
+    near = problem.is_informed or is_linear(like)
+    here = linear_at(problem, z) if problem.lacks_forms and near else None
     if here is not None:
         ways = principal(prior_information(problem, z), _WIDEST)
         return _linearised(problem, here, z, ways, descent, steps, like)
@@ -153,6 +154,25 @@ def corrected(
         peak = replace(nearer.peak, evaluations=spent)
         return replace(nearer, peak=peak, rounds=end.rounds + nearer.rounds)
     return end
+
+
+def _along_motion(problem: Problem, z: np.ndarray, descent: Descent) -> Corrected:
+    """The peak of what is known without the closed loop, next to coordinates (d,).
+
+    The reference is asked there for what it leaves.
+    """
+    here = linear_at(problem, z)
+    if here is None:
+        raise TooFarError
+    runs = 1
+    while True:
+        peak = laplace(here, here.chart.to_values(z[None])[0], descent)
+        moved = peak.z - z
+        near = np.abs(moved) <= _STAYS * np.sqrt(np.diag(peak.covariance))
+        there = None if near.all() or runs == _ROUNDS else linear_at(problem, peak.z)
+        if there is None:
+            return Corrected(peak, runs, moved[None])
+        here, z, runs = there, peak.z, runs + 1
 
 
 def _linearised(

@@ -8,11 +8,12 @@ Regression, section 3.2). Cross-validation judges it (Stone 1974, J. R. Statist.
 linearisation, and their residual has to fall by more than its scatter.
 
 Near their least squares the equations are linear in the logarithms of their parameters, so that
-all of them together give a normal distribution (`FoundForms.prior`), in which a parameter of two
-equations has one value; each is fitted with what those before it tell. What an equation idealises
+all of them together give a normal distribution, in which a parameter of two equations has one
+value; each is fitted with what those before it tell. What an equation idealises
 (`Equation.alike`) may resemble the effect of a parameter throughout, and counts as one sample.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -38,7 +39,7 @@ from ematwin.models.parameter_set import ParameterSet
 
 _MATTERS = 0.1  # share of what is left that a form has to explain
 _BEAM = 3  # choices of one form that are tried with those of the next
-_SURE = 0.004  # least standard error: simulators of other make differ by so much of a parameter
+SURE = 0.004  # least standard error: simulators of other make differ by so much of a parameter
 
 
 class Explained(NamedTuple):
@@ -68,8 +69,7 @@ class FoundForms:
     absent : names of those that were tried and explain nothing
     first_samples : first samples of the loops that were found, s, by number of the recording
     before, after : share of the recordings' energy that the equations leave without and with them
-    prior : of all that the equations hold, forms and parameters of the file, by logarithms; None of
-        an actuator without any form
+    values : of all that the equations hold, forms and parameters of the file, by place
     """
 
     actuator: ParameterSet
@@ -78,7 +78,7 @@ class FoundForms:
     absent: tuple[str, ...] = ()
     before: float = 0.0
     after: float = 0.0
-    prior: Prior | None = None
+    values: Mapping[str, float] = field(default_factory=dict)
     first_samples: Mapping[int, float] = field(default_factory=dict)
 
     @property
@@ -117,9 +117,13 @@ def find_forms(
         if any(selection.equations.first_samples):
             first_samples |= zip(some, selection.equations.first_samples, strict=True)
         progress((n + 1) / len(by_name))
-    every = [form for some in by_name.values() for form in next(iter(some.values())).forms]
-    has_forms = result.found or any(form.is_stated(template) for form in every)
-    return replace(result, prior=known if has_forms else None, first_samples=first_samples)
+    if known is None:
+        return result
+    values = {
+        place: math.exp(x) if has_sign(template, place) else float(x)
+        for place, x in zip(known.names, known.mean, strict=True)
+    }
+    return replace(result, values=values, first_samples=first_samples)
 
 
 def _together(template: ParameterSet, fits: Sequence[EquationFit]) -> Prior:
@@ -141,7 +145,7 @@ def _together(template: ParameterSet, fits: Sequence[EquationFit]) -> Prior:
         gradient[own] += slope + data @ (centre[own] - end)
     covariance = np.linalg.inv(curvature)
     mean = centre - covariance @ gradient
-    return Prior(tuple(places), mean, covariance + _SURE**2 * np.eye(len(places)))
+    return Prior(tuple(places), mean, covariance + SURE**2 * np.eye(len(places)))
 
 
 class _Selection:

@@ -75,7 +75,9 @@ def healthy_bias(
         left.remove(n)
     values, errors = (np.array(each) for each in list(zip(*found, strict=True))[:2])
     healthy = np.array([one.healthy for one in faults])
-    beyond = np.mean((values - healthy) ** 2 - errors**2, axis=0)
+    beyond = np.maximum(np.mean((values - healthy) ** 2 - errors**2, axis=0), 0.0)
+    if all(one.is_told for one in found):  # the closed loop tells nothing of faults
+        return {one.name: float(x) for one, x in zip(faults, np.sqrt(beyond), strict=True)}
     alone = [_descended_to(one, faults, held) for one, held in zip(compared, beside, strict=True)]
     off = np.mean((np.array(alone) - healthy) ** 2, axis=0)
     spread = np.sqrt(np.maximum(beyond, off))
@@ -94,12 +96,13 @@ def _descended_to(
 class _Judged(NamedTuple):
     """Faults (d,) of a recording, without directions, and their standard errors.
 
-    ``cost`` is of the data.
+    ``cost`` is of the data; ``is_told`` as of `Problem`.
     """
 
     values: np.ndarray
     errors: np.ndarray
     cost: float
+    is_told: bool
 
 
 def _judged(
@@ -110,7 +113,8 @@ def _judged(
     seen = assess(model, actuator, problem, find(problem, search), baseline)
     values = np.array([seen.values[name] for name in problem.names])
     chosen = [n for n, one in enumerate(problem.unknowns) if one.direction_of is None]
-    return _Judged(values[chosen], np.sqrt(np.diag(seen.covariance))[chosen], seen.cost)
+    told = seen.joint is not None and seen.joint.peaks[0].problem.is_told
+    return _Judged(values[chosen], np.sqrt(np.diag(seen.covariance))[chosen], seen.cost, told)
 
 
 def _odd(faults: Sequence[Unknown], found: Sequence[_Judged]) -> tuple[int, str] | None:

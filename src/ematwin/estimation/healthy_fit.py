@@ -7,12 +7,13 @@ fitted together, with sensors and load of each.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from ematwin.errors import RecordError
+from ematwin.estimation.along_motion import informed
 from ematwin.estimation.baseline import effective, frees_parameters, searched_range
 from ematwin.estimation.constants import AS_GOOD, SAME_COMMAND, WORSE
 from ematwin.estimation.corrected_problem import as_searched, corrected_at, reference_scatter
@@ -24,7 +25,6 @@ from ematwin.estimation.laplace import Laplace, laplace
 from ematwin.estimation.local import LocalDescent
 from ematwin.estimation.multistart import MultistartDescent
 from ematwin.estimation.noise import noise_at
-from ematwin.estimation.prior import Prior
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import find
 from ematwin.models.base import Model
@@ -113,44 +113,36 @@ class Fitted(NamedTuple):
 class HealthyFit:
     """Search and joint fit of some recordings.
 
-    ``prior`` comes from equations along the recorded motion, for an actuator that has forms; it
-    then takes the place of the search. The equations hold sample by sample, whereas two
-    simulations of a closed loop behind sampled loops scatter. The two residuals are mostly not
-    sensor noise and not the same, so that both count.
+    Equations along the recorded motion take the place of the search for an actuator with forms that
+    only the reference has. ``near`` are values from which they set out, by name.
     """
 
     model: Model
     template: ParameterSet
     nominals: Sequence[Unknown]
     floor: float
-    prior: Prior | None = None
+    near: Mapping[str, float] = field(default_factory=dict)
 
     def run(self, comparisons: Sequence[Comparison], tell: Progress = lambda share: None) -> Fitted:
         """The minimum of all recordings together."""
         beside = [one.with_evidence() for one in comparisons]
         own = healthy_nuisances(self.model, self.template, beside)
         mine = [one.name for one in own]
-        problem = Problem(beside, [*self.nominals, *own], own=mine)
+        problem = Problem(beside, [*self.nominals, *own], own=mine, start=self.near)
         if not frees_parameters(self.model):
             point, alone = self._from_template(problem, comparisons)
-        elif self.prior is None:
-            point, alone = self._searched(problem, comparisons, own, tell)
+        elif along := informed(self.model, self.template, problem, problem.start):
+            problem, point = along
+            alone = self.floor
         else:
-            known = self.prior.of(one.name for one in self.nominals)
-            rest = (one for one in problem.unknowns if one.name not in known.names)
-            means = dict(zip(known.names, np.exp(known.mean).tolist(), strict=True))
-            problem = Problem(
-                beside, [*self.nominals, *own], own=mine, start=means,
-                prior=known.and_(Prior.independent(rest)),
-            )  # fmt: skip
-            point, alone = problem.start, self.floor
+            point, alone = self._searched(problem, comparisons, own, tell)
         # coarse to fine: what is learnt here is what faults are multiples of
         scatter = reference_scatter(problem, point) if problem.lacks_forms else 0.0
         noise = noise_at(problem, scatter)
-        if self.prior is not None:  # what is left is alike throughout, and equations know better
+        if problem.is_informed:  # what is left is alike throughout, and equations know better
             noise *= problem.model_error
         near = Descent(self._aliases, settled=np.inf, least_noise=noise)
-        end = corrected(problem.refined(), point, near, near=self.prior is not None)
+        end = corrected(problem.refined(), point, near)
         left = end.peak.problem.relative_misfit(end.peak.cost)
         return Fitted(with_model_error(reweighed(end, near)), left, alone, scatter)
 

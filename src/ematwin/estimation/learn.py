@@ -33,7 +33,7 @@ from ematwin.estimation.constants import (
     WORST,
 )
 from ematwin.estimation.correction import Corrected
-from ematwin.estimation.forms import FoundForms, find_forms
+from ematwin.estimation.forms import SURE, FoundForms, find_forms
 from ematwin.estimation.healthy_bias import healthy_bias
 from ematwin.estimation.healthy_fit import HealthyFit, Progress, expected_misfit, refuse_odd
 from ematwin.estimation.held_healthy import profiled
@@ -131,7 +131,7 @@ def _learnt(
     """Fit an actuator with some forms to healthy recordings, which are compared with these."""
     nominals = uncertain(model, forms.actuator)
     floor = expected_misfit(comparisons, model.command)
-    fit = HealthyFit(model, forms.actuator, nominals, floor, forms.prior)
+    fit = HealthyFit(model, forms.actuator, nominals, floor, forms.values)
     found = fit.run(comparisons, lambda share: progress(0.2 + 0.5 * share))
     beyond = _beyond_tolerance(found.values, nominals, template)
     # as it is, the twin would judge nothing: what a tolerance holds back may be what is wrong
@@ -204,6 +204,8 @@ def _prior(end: Corrected, places: Sequence[str]) -> Prior:
     chosen = [problem.names.index(place) for place in places]
     widths, factor = problem.chart.widths[chosen], problem.model_error
     covariance = profiled(peak, end.covariance, chosen, factor, _REACHES)[np.ix_(chosen, chosen)]
+    if problem.is_informed:
+        covariance = covariance + np.diag(np.full(len(chosen), SURE) / widths) ** 2
     return Prior(tuple(places), np.log(peak.point[chosen]), covariance * np.outer(widths, widths))
 
 

@@ -80,7 +80,7 @@ def minima(
     )  # fmt: skip
 
     def peak_from(point: np.ndarray) -> Corrected:
-        return corrected(full, point, descent, near=full.is_informed)
+        return corrected(full, point, descent)
 
     def beside_it(near: Corrected, anew: bool = False) -> list[Corrected]:
         near_it = descent.afresh(settled=math.inf)

@@ -66,6 +66,7 @@ class Problem(HasUnknowns):
     noise : float, standard deviation of an independent residual: the unit in which priors count
     changes : tuple of ResidualChange, of a problem that the reference corrects
     linear : ResidualChange that takes the place of the fast model; None where that answers
+    is_told : bool, whether knowledge beside the priors tells all that the recordings tell of faults
     trust : float, how far evidence counts: one over its noise in the unit of that expected, 1 at
         most
     model_error : float, factor on standard errors for errors of the fast model that are the same
@@ -104,6 +105,7 @@ class Problem(HasUnknowns):
         self.changes: tuple[ResidualChange, ...] = ()
         self.linear: ResidualChange | None = None
         self._information: Information | None = None
+        self.is_told = False
         given = dict(start or {})
         self.start = np.array([given.get(one.name, one.healthy) for one in self.unknowns])
         self.starts = np.array(
@@ -194,23 +196,23 @@ class Problem(HasUnknowns):
         comparison = self.comparisons[n]
         if not self._each:
             return comparison.residuals(self.candidates(points, n), len(points))
-        mine = points[:, self._columns(n)]
+        mine = points[:, list(self.places(n).values())]
         _, chosen, back = np.unique(mine, axis=0, return_index=True, return_inverse=True)
         found = comparison.residuals(self.candidates(points[chosen], n), len(chosen))
         return np.asarray(found[back.ravel()])
 
-    def _columns(self, n: int) -> list[int]:
-        """Columns of points that a recording depends on."""
-        first = len(self._shared) + n * len(self._each)
-        return [*range(len(self._shared)), *range(first, first + len(self._each))]
-
     def candidates(self, points: np.ndarray, recording: int = 0) -> dict[str, np.ndarray]:
         """Values (B,) by name, as a comparison takes them, of points (B, d)."""
-        found = {name: np.full(len(points), value) for name, value in self.held.items()}
+        held = {name: np.full(len(points), value) for name, value in self.held.items()}
+        own = {name: points[:, column] for name, column in self.places(recording).items()}
+        return {**held, **own}
+
+    def places(self, recording: int) -> dict[str, int]:
+        """Columns of points, by name, of the unknowns on which a recording depends."""
+        first = len(self._shared) + recording * len(self._each)
+        columns = (*range(len(self._shared)), *range(first, first + len(self._each)))
         own = (*self._shared, *self._each)
-        for one, column in zip(own, self._columns(recording), strict=True):
-            found[one.name] = points[:, column]
-        return found
+        return {one.name: column for one, column in zip(own, columns, strict=True)}
 
     def from_box(self, points: np.ndarray) -> np.ndarray:
         """Points (B, d) of those (B, d) that a method sees which searches the box between bounds.
@@ -273,9 +275,10 @@ class Problem(HasUnknowns):
         """Whether only the reference has some forms of the actuator."""
         return any(one.unseen for one in self.comparisons)
 
-    def sampled_first(self, instant: float) -> "Problem":
-        """The same problem with a known first sample of the drive's loops, s after the start."""
-        return self.with_comparisons([one.sampled_first(instant) for one in self.comparisons])
+    def sampled_first(self, instants: Sequence[float]) -> "Problem":
+        """The same problem with first samples of the drive's loops, s after each start."""
+        pairs = zip(self.comparisons, instants, strict=True)
+        return self.with_comparisons([one.sampled_first(instant) for one, instant in pairs])
 
     def restarted(self) -> "Problem | None":
         """The same problem by stretches from recorded states, or None without states."""
@@ -323,10 +326,13 @@ class Problem(HasUnknowns):
         """Whether something is known of the unknowns besides their priors."""
         return self._information is not None
 
-    def informed(self, information: Information) -> "Problem":
-        """The same problem with further knowledge of its unknowns, which counts as a prior."""
+    def informed(self, information: Information, whole: bool = False) -> "Problem":
+        """The same problem with further knowledge of its unknowns, which counts as a prior.
+
+        ``whole`` says that it tells all that the recordings tell of faults.
+        """
         other = copy.copy(self)
-        other._information = information
+        other._information, other.is_told = information, whole
         return other
 
     @property
@@ -364,7 +370,7 @@ class Problem(HasUnknowns):
         other.noise, other.trust = self.noise, self.trust
         other.model_error = self.model_error
         other.changes, other.linear = self.changes, self.linear
-        other._information = self._information
+        other._information, other.is_told = self._information, self.is_told
         return other
 
     def with_noise(

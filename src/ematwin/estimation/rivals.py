@@ -6,6 +6,7 @@ all free that was free there, and the heights of both peaks are compared: how fa
 the recording and from the priors, in squared standard deviations.
 """
 
+import math
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -211,7 +212,12 @@ def _compared(
     if len(starts) > 1 and not costs[best] < _FAR**2 * peak.cost:
         return None
     start, as_found = starts[best], _start(full, full.names, {**own, **form.starts[best]})
-    if along := informed(model, form.actuator, full, as_found):
+    most = math.inf if unexplained else _FAR**2 * height(peak, peak.problem.noise)
+    try:
+        along = informed(model, form.actuator, full, as_found, most)
+    except TooFarError:
+        return None
+    if along:
         full, start = along
         if not unexplained and _excluded(full, start, peak):
             return None

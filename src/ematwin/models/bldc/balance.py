@@ -152,14 +152,20 @@ class TorqueBalance:
         current = gain * needed / (actuator.motor.emf_constant * scale)
         return self._filtered(current + offset - self.motion.alike(made))
 
+    @cached_property
+    def _turned(self) -> tuple[np.ndarray, np.ndarray]:
+        """Cosines and sines (S, 3) of the rotor's angle from each phase."""
+        turned = self._angle[:, None] - THIRD_TURN * np.arange(3)
+        return np.cos(turned), np.sin(turned)
+
     def _shares(self, actuator: Any, fault: FaultState) -> np.ndarray:
         """Factors (S, 3) of the torque constants by missing turns and an eccentric rotor."""
         offset = actuator.eccentricity
         turning = 1.0 if offset is None else offset.turning_share
+        cosines, sines = self._turned
         phases = THIRD_TURN * np.arange(3)
-        turned = self._angle[:, None] - phases
-        along = turning * np.cos(turned) + (1.0 - turning) * np.cos(phases)
-        across = (1.0 - turning) * np.sin(phases) - turning * np.sin(turned)
+        along = turning * cosines + (1.0 - turning) * np.cos(phases)
+        across = (1.0 - turning) * np.sin(phases) - turning * sines
         gaps = 1.0 + fault.zeta_cos * along + fault.zeta_sin * across
         return np.asarray(gaps * [fault.h_a, fault.h_b, fault.h_c])
 
