@@ -259,17 +259,17 @@ def _values(
 ) -> tuple[dict[str, float], dict[str, Interval], np.ndarray]:
     """Values and intervals by name, and the covariance (own, own) of the unknowns of the search.
 
-    For a fault they are conditional on its presence. Deviations of a logarithmic unknown are of the
-    logarithm, scaled such that a value is as many standard errors from healthy as its logarithm
-    is: halved and doubled are equally far. The covariance is infinite for a direction that has no
-    meaning, and for a value that may be anything.
+    Improbable faults are healthy; intervals of faults are conditional on their presence. Deviations
+    of a logarithmic unknown are of the logarithm, scaled such that a value is as many standard
+    errors from healthy as its logarithm is: halved and doubled are equally far. The covariance is
+    infinite for a direction that has no meaning, and for a value that may be anything.
     """
     values, intervals, errors = full.values(peak.point), {}, []
     for one in full.unknowns:
         given = sets.given(one.direction_of or one.name)
         is_fault = one.role == "fault" and one.direction_of is None
         if is_fault and sets.is_improbable(one.name):
-            values[one.name] = float(given.of(one.name).mean())
+            values[one.name] = one.healthy
         intervals[one.name] = Interval(
             *sets.interval(one, values[one.name])
             if is_fault

@@ -149,7 +149,7 @@ class Problem(HasUnknowns):
             squares = np.einsum("bk,bk->b", residuals, residuals)
             return np.where(np.isfinite(squares), squares, np.inf)
         cost: Any = 0.0
-        if self._priors:
+        if self._priors or self.is_informed:
             away = self.prior_distances(points)
             cost = np.einsum("bk,bk->b", away, away)
         for n, comparison in enumerate(self.comparisons):
@@ -173,7 +173,7 @@ class Problem(HasUnknowns):
             evidence = [part[:, end:] for part, end in zip(parts, ends, strict=True)]
             parts = [part[:, :end] for part, end in zip(parts, ends, strict=True)]
             parts += [self.noise * self.trust * part for part in evidence]
-        if self._priors:
+        if self._priors or self.is_informed:
             parts.append(self.prior_distances(points))
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 

@@ -17,7 +17,7 @@ from ematwin.models.bldc.along_motion import LEAST, Motion, fault_vector, noise_
 from ematwin.models.bldc.state import FaultState, fault_state
 from ematwin.models.optional import Values
 from ematwin.numerics.scalar import THIRD_TURN
-from ematwin.numerics.signals import LowPass, white_noise
+from ematwin.numerics.signals import LowPass, filtered, white_noise
 
 _SLOW = 200.0  # Hz: below it the acceleration of an encoder's position is known
 _STEEP = 500.0  # Hz, of counts before that: an acceleration's noise grows with f^2
@@ -181,9 +181,9 @@ def _excess(actuator: Any, speed: np.ndarray) -> np.ndarray:
 class Contact:
     """The twist between motor and output beside the pushing face's twist; while both slide.
 
-    With the torque T that the output needs, face sgn T and contact of stiffness k,
+    With the torque T that the output needs, face sgn T and contact of stiffness k and damping d,
 
-        theta_m - theta_o = sgn T gap/2 + T/k.
+        theta_m - theta_o = sgn T gap/2 + x,   d dx/dt + k x = T.
 
     The zero angles of both positions are known to less than the gap: only how far the two faces are
     apart counts. Where the twist is on the side of the other face the torque is wrong, or motor and
@@ -192,7 +192,7 @@ class Contact:
 
     def __init__(self, balance: TorqueBalance, actuator: Any, values: Values | None = None) -> None:
         self._balance = balance
-        torque, twist = balance.output_torque(actuator, values), balance.motion.twist()
+        torque, twist = self._elastic(actuator, values), balance.motion.twist()
         sure = np.abs(torque) > _SURELY * actuator.transmission.friction_torque
         self._pushes = balance.slides & balance.moves_together & sure
         self._gap = actuator.transmission.backlash
@@ -203,6 +203,13 @@ class Contact:
         face = np.sign(self._torque)
         self._face = face - face.mean() if face.size else face
         self.size = float(np.linalg.norm(self._about_mean(self._twist)))
+
+    def _elastic(self, actuator: Any, values: Values | None) -> np.ndarray:
+        """Torque (S,) of the stiffness alone, N m: what the output needs, later by d/k."""
+        balance, contact = self._balance, actuator.contact
+        share = math.exp(-contact.stiffness / (contact.damping * balance.motion.rate))
+        late = np.array([1.0 - share, 0.0, 0.0, -share, 0.0, 0.0, 0.0])
+        return filtered(late, balance.output_torque(actuator, values))[0]
 
     def apart(self) -> np.ndarray:
         """(S,) of bool: samples at which the twist lies surely between both faces.
@@ -233,7 +240,7 @@ class Contact:
 
     def left(self, actuator: Any, values: Values | None = None) -> np.ndarray:
         """Twist by the twin less the recorded one (K,), rad on the motor shaft."""
-        torque = self._balance.output_torque(actuator, values)[self._pushes]
+        torque = self._elastic(actuator, values)[self._pushes]
         apart = state_of(values, actuator).half_gap * self._face
         return apart + self._about_mean(torque / actuator.contact.stiffness - self._twist)
 

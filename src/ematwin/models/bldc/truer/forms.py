@@ -291,6 +291,7 @@ def _contact(balance: TorqueBalance, actuator: Any, values: Values) -> Equation:
         "contact", contact.left, contact.size, contact.least,
         ("transmission.backlash", *gives), (), ("friction", "backlash", *LOAD),
         rests="mechanics", at=partial(_contact, balance, actuator),
+        alike=lambda actuator: LEAST,
     )  # fmt: skip
 
 
