@@ -14,10 +14,12 @@ import numpy as np
 from ematwin.errors import EmatwinError
 from ematwin.estimation.constants import TWO_SIGMA
 from ematwin.estimation.first_sample import found_first_sample
+from ematwin.estimation.linearised import Scatter
 from ematwin.estimation.prior import Prior
 from ematwin.models.comparison import correlation_time
 from ematwin.models.optional import FIRST_SAMPLE, Equation, Values
 from ematwin.models.parameter_set import ParameterSet
+from ematwin.models.unknown import Unknown
 from ematwin.numerics.side_by_side import side_by_side
 
 WIDE = 3.0  # standard deviation of the logarithm of what no file states
@@ -142,6 +144,8 @@ class Equations:
     template : whose tolerances hold the parameters
     equations : one for each recording
     known : what other equations tell of the parameters, in place of the tolerances
+    beside : load and sensors, of which each recording has its own: what they may change counts as
+        noise, with its covariance
 
     Attributes
     ----------
@@ -149,11 +153,16 @@ class Equations:
     """
 
     def __init__(
-        self, template: ParameterSet, equations: Sequence[Equation], known: Prior | None = None
+        self,
+        template: ParameterSet,
+        equations: Sequence[Equation],
+        known: Prior | None = None,
+        beside: Sequence[Unknown] = (),
     ) -> None:
         self.each, self._stated, self._known = equations, stated_values(template), known
         self.first_samples = [0.0] * len(equations)
         self._size = math.sqrt(sum(one.size**2 for one in equations))
+        self._beside = [_changed_by(beside, one, template) for one in equations]
 
     def alike(self, actuator: ParameterSet) -> float:
         """Energy that the equation's own error leaves, alike throughout."""
@@ -165,7 +174,8 @@ class Equations:
     def _left_of(self, n: int, actuator: ParameterSet, values: Values) -> np.ndarray:
         """What an actuator leaves of a recording, as a share of all that is to be explained."""
         given = {FIRST_SAMPLE: values.get(FIRST_SAMPLE, self.first_samples[n])}
-        return self.each[n].left(actuator, given) / self._size
+        left = self.each[n].left(actuator, given)[None]
+        return self._beside[n].whitened(left)[0] / self._size
 
     def least(self, actuator: ParameterSet) -> float:
         """Energy that noise and the errors of the equation leave."""
@@ -299,6 +309,19 @@ class Equations:
 
         other.first_samples = [found(n) for n in range(len(self.each))]
         return other, other.fitted(actuator, fit.places, fit)
+
+
+def _changed_by(beside: Sequence[Unknown], equation: Equation, actuator: ParameterSet) -> Scatter:
+    """What load and sensors of a recording may change in an equation, by their priors."""
+    here = equation.left(actuator, {})
+    changes = [
+        equation.left(actuator, {one.name: one.healthy + one.spread}) - here
+        for one in beside
+        if one.name in equation.unknowns and one.spread is not None
+    ]
+    noise = equation.least(actuator) * equation.size
+    independent = math.sqrt(here.size / correlation_time(here))
+    return Scatter.of(np.array(changes).reshape(len(changes), here.size), noise / independent)
 
 
 def with_values(actuator: ParameterSet, values: Values) -> ParameterSet:

@@ -31,6 +31,7 @@ from ematwin.estimation.equation_fit import (
     stated_values,
     with_values,
 )
+from ematwin.estimation.healthy_fit import healthy_nuisances
 from ematwin.estimation.prior import Prior
 from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison
@@ -109,8 +110,10 @@ def find_forms(
                 by_name.setdefault(equation.name, {})[n] = equation
     result, fits, first_samples = FoundForms(template), list[EquationFit](), dict[int, float]()
     known: Prior | None = None
+    beside = healthy_nuisances(model, template, comparisons)
     for n, some in enumerate(by_name.values()):
-        selection = _Selection(result, list(some.values()), known)
+        equations = Equations(result.actuator, list(some.values()), known, beside)
+        selection = _Selection(result, equations)
         result, fit = selection.run()
         fits.append(fit)
         known = _together(template, fits)
@@ -151,11 +154,8 @@ def _together(template: ParameterSet, fits: Sequence[EquationFit]) -> Prior:
 class _Selection:
     """Forward selection of the forms of one equation, given for each recording."""
 
-    def __init__(
-        self, known: FoundForms, equations: Sequence[Equation], prior: Prior | None
-    ) -> None:
-        self._known = known
-        self.equations = Equations(known.actuator, equations, prior)
+    def __init__(self, known: FoundForms, equations: Equations) -> None:
+        self._known, self.equations = known, equations
 
     def run(self) -> tuple[FoundForms, EquationFit]:
         """Add the forms of this equation; return the forms so far and its fit."""

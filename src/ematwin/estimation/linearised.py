@@ -29,8 +29,8 @@ from ematwin.models.chart import Chart
 from ematwin.numerics.side_by_side import side_by_side
 
 
-class _Scatter(NamedTuple):
-    """Covariance of what answers of the reference scatter in one recording.
+class Scatter(NamedTuple):
+    """Covariance of residuals of one recording beside their noise, such as what answers scatter.
 
     Attributes
     ----------
@@ -42,8 +42,11 @@ class _Scatter(NamedTuple):
     parts: np.ndarray
 
     @classmethod
-    def of(cls, rest: np.ndarray, noise: float) -> "_Scatter":
-        """The sum over answers of what each is off the slopes, (n, K): all ways are moved along."""
+    def of(cls, rest: np.ndarray, noise: float) -> "Scatter":
+        """The sum over what each of some independent causes changes, (n, K).
+
+        ``noise`` is the standard deviation of an independent residual.
+        """
         _, sizes, parts = np.linalg.svd(rest, full_matrices=False)
         return cls(sizes / noise, parts)
 
@@ -69,7 +72,7 @@ class _Linear(NamedTuple):
     z: np.ndarray
     here: Sequence[np.ndarray]
     slopes: Sequence[np.ndarray]
-    scatter: Sequence[_Scatter] = ()
+    scatter: Sequence[Scatter] = ()
 
     def residuals(self, values: Mapping[str, np.ndarray], recording: int) -> np.ndarray:
         """(B, K), as `ResidualChange` says."""
@@ -138,7 +141,7 @@ def with_slopes(
         slope += shares @ (changes - moves @ slope)
         rest = changes - moves @ slope
         rest[:, len(then) - here.comparisons[n].evidence :] = 0.0  # it has a noise of its own
-        scatter.append(_Scatter.of(rest, here.noise))
+        scatter.append(Scatter.of(rest, here.noise))
     linear = linear._replace(slopes=slopes, scatter=linear.scatter or scatter)
     return here.linearised(linear), len(asked)
 
