@@ -24,7 +24,7 @@ from ematwin.estimation.levenberg_marquardt import LevenbergMarquardt
 from ematwin.estimation.prior import Prior, coordinate
 from ematwin.estimation.problem import Problem
 from ematwin.models.base import Model
-from ematwin.models.comparison import Comparison, correlation_time
+from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
 from ematwin.numerics.side_by_side import side_by_side
@@ -101,7 +101,9 @@ def fit(
 ) -> Peak:
     """Descend to the most probable point.
 
-    The residual of a start counts as noise until the descent explains it: no jump to far minima.
+    Each recording has the noise that its residuals show. Those of a start count until the descent
+    explains them: no jump to far minima. An error of the twin that leaves no residual pulls the
+    parameters of each recording in another direction: it is part of their learnt spread.
 
     Parameters
     ----------
@@ -113,37 +115,37 @@ def fit(
     problem = Problem(
         comparisons, [*shared, *own], held=held, own=[one.name for one in own], start=start
     )
-    chart, least, spent = problem.chart, comparisons[0].model_error, 0
+    chart, spent = problem.chart, len(comparisons)
     z = chart.project(chart.from_values(problem.start[None]))
-    noises = np.zeros(len(comparisons))
-    for _ in range(20):  # at most, of noise and point in turn
-        points = chart.to_values(z)
-        left = [problem.residuals_of(n, points)[0] for n in range(len(comparisons))]
-        before, noises = noises, np.array([max(least, _noise(one)) for one in left])
-        parts = [c.reweighed(r / least) for c, r in zip(comparisons, left, strict=True)]
-        weighed = problem.with_comparisons(parts).with_noise(least)
-        if not problem.names:
-            break
+    left = [problem.residuals_of(n, chart.to_values(z))[0] for n in range(len(comparisons))]
+    ends = np.cumsum([one.size for one in left])
+    found = np.r_[*left, problem.prior_distances(chart.to_values(z))[0]]
+    weights = np.ones(found.size)
+    for _ in range(20 if problem.names else 0):  # at most, of noise and point in turn
+        before, weights = weights, weights.copy()
+        weights[: ends[-1]] = np.concatenate(
+            [one.noise_weights(part) for one, part in zip(comparisons, left, strict=True)]
+        )
 
-        def residuals(z: np.ndarray, weighed: Problem = weighed) -> np.ndarray:
+        def residuals(z: np.ndarray, weights: np.ndarray = weights) -> np.ndarray:
             nonlocal spent
             spent += len(z) * len(comparisons)
-            return weighed.residuals(chart.to_values(z))
+            return weights * problem.residuals(chart.to_values(z))
 
-        descent = LevenbergMarquardt.start(z, residuals)
+        def known(z: np.ndarray, left: np.ndarray = weights * found) -> np.ndarray:
+            return left[None]
+
+        descent = LevenbergMarquardt.start(z, known)
         cost = float(descent.costs[0])
         descent.iterate(residuals, chart.lower, chart.upper, chart.project)
-        z = descent.points
-        gained = (cost - float(descent.costs[0])) / least**2
-        if gained < _GAIN and np.all(np.abs(noises - before) < _SETTLED * before):
+        z, found = descent.points, descent.residuals[0] / weights
+        left = np.split(found, ends)[:-1]
+        gained = (cost - float(descent.costs[0])) / problem.noise**2
+        if gained < _GAIN and np.all(np.abs(weights - before) < _SETTLED * before):
             break
+    parts = [one.reweighed(part) for one, part in zip(comparisons, left, strict=True)]
     misfits = np.array([math.sqrt(float(np.mean(one**2))) for one in left])
-    return Peak(weighed, chart.to_values(z)[0], misfits, spent)
-
-
-def _noise(left: np.ndarray) -> float:
-    """Standard deviation of an independent residual; samples that are alike count once."""
-    return math.sqrt(float(np.mean(left**2)) * correlation_time(left))
+    return Peak(problem.with_comparisons(parts), chart.to_values(z)[0], misfits, spent)
 
 
 def effects_of(model: Model, actuator: ParameterSet, baseline: Baseline) -> list[Unknown]:

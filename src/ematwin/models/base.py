@@ -64,7 +64,8 @@ class Model(ABC):
         alternatives will do, a group of them, each a tuple of channels
     default_search : name of the search method that `identify` uses
     model_error : factor on standard errors for errors of the twin that last throughout a recording;
-        the default was measured for the brushless actuator of version 0.1
+        the default was measured for the brushless actuator of version 0.1. Where
+        ``recordings_differ`` calibration learns such errors, and it does not count
     recordings_differ : whether recordings of a healthy actuator differ by more than noise, as those
         of servos do with their temperature: calibration then learns how much, and faults are judged
         beside it (`ematwin.estimation.random_effects`)

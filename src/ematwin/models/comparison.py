@@ -178,6 +178,10 @@ class Comparison(ABC):
         """
         return self
 
+    def noise_weights(self, residuals: np.ndarray) -> np.ndarray:
+        """Factors (K,) by which `reweighed` multiplies residuals; by default one."""
+        return np.ones(residuals.size)
+
     def reweighed(self, residuals: np.ndarray) -> "Comparison":
         """The same comparison with each channel weighed by the noise that residuals (K,) show.
 
@@ -265,19 +269,22 @@ class TraceComparison(Comparison):
         other._target = {n: trace - missed.get(n, 0.0) for n, trace in self._measured.items()}
         return other
 
-    def reweighed(self, residuals: np.ndarray) -> Self:
-        """The same comparison; channels with larger residuals than the kind states count less.
+    def noise_weights(self, residuals: np.ndarray) -> np.ndarray:
+        """Factors (K,); channels with larger residuals than the kind states count less.
 
         Correlated samples count once. Smaller residuals do not raise a weight: an error of the twin
         that pulls parameters throughout a recording leaves none, and no reference shows it.
         """
+        rows = residuals.reshape(len(self._noise), -1)
+        noise = [math.sqrt(float(np.mean(one**2)) * correlation_time(one)) for one in rows]
+        return np.repeat(1.0 / np.maximum(noise, 1.0), rows.shape[1])
+
+    def reweighed(self, residuals: np.ndarray) -> Self:
+        """The same comparison with each channel weighed by its residuals."""
         other = copy.copy(self)
-        other._noise = {}
-        for (name, noise), left in zip(
-            self._noise.items(), residuals.reshape(len(self._noise), -1), strict=True
-        ):
-            alike = correlation_time(left)
-            other._noise[name] = noise * max(1.0, math.sqrt(float(np.mean(left**2)) * alike))
+        each = self.noise_weights(residuals)[:: len(self.recording)].tolist()
+        noises = zip(self._noise.items(), each, strict=True)
+        other._noise = {name: noise / weight for (name, noise), weight in noises}
         other.independent = float(len(self._noise) * len(self.recording))
         return other
 

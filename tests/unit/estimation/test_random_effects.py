@@ -49,7 +49,6 @@ class LinesModel(Model):
         Channel("command", "m", "unused"),
         Channel("place", "m", "of the point"),
     )
-    model_error: ClassVar[float] = 1.0
     recordings_differ: ClassVar[bool] = True
     noise_level: ClassVar[float] = 0.02
 

@@ -21,6 +21,7 @@ from ematwin.models.position_servo.recorded import (
 )
 from ematwin.models.position_servo.unknowns import aliases, unknowns
 from ematwin.models.unknown import Alias, Unknown
+from ematwin.numerics.side_by_side import by_candidate
 from ematwin.recordings.recording import Recording
 
 _READ = 0.004
@@ -38,8 +39,6 @@ class PositionServoModel(Model):
     needs = ("position",)
     sample_rate = 100.0
     compared_rate = 200.0
-    # healthy recordings leave so many times the stated noise, what is alike counted once
-    model_error = 3.0
     recordings_differ = True
     fixed = ("steps.twin", "motor.rated_voltage")
     demands = (
@@ -69,7 +68,7 @@ class PositionServoModel(Model):
         noise = np.sqrt(_READ**2 + (_LATE * moved.speed) ** 2 + lost**2)
         # at rest, or hunting within its play, it is off by one error: all samples count as one
         for a, b in rests(moved.position, actuator.gear.backlash, recording.interval):
-            noise[a:b] *= max(1.0, math.sqrt(b - a) / self.model_error)
+            noise[a:b] *= math.sqrt(b - a)
         noise[false] = math.inf
         return {"position": noise}
 
@@ -83,7 +82,7 @@ class PositionServoModel(Model):
         given, motor = inputs.channels, actuator.motor
         servo = actuator.varied(candidates, self.fixed)
         each = servo_constants(servo, candidates, stated_arm(inputs))
-        constants = np.array([one + np.zeros(count) for one in each])
+        constants = np.ascontiguousarray(by_candidate(each, count).T)
         supply = np.ones(len(inputs))
         if "supply_voltage" in given:
             supply = given["supply_voltage"] / motor.rated_voltage

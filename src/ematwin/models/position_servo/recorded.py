@@ -130,7 +130,7 @@ def stretch(recording: Recording, actuator: Any) -> Stretch:
 def stated_arm(recording: Recording) -> dict[str, float]:
     """Parameters of the arm that a recording states, by name."""
     given = recording.channels
-    return {n: float(np.mean(given[n])) for n in ("mass", "length", "arm_mass") if n in given}
+    return {n: float(given[n].mean()) for n in ("mass", "length", "arm_mass") if n in given}
 
 
 def check_units(recording: Recording, actuator: Any) -> None:
