@@ -147,6 +147,15 @@ def test_cogging_without_a_phase_is_found():
     assert (found.speed_loop, found.current_loop, found.emf) == (None, None, None)
 
 
+def test_a_gear_that_gives_is_found_and_not_taken_for_a_wider_gap():
+    structure = other.Structure(gear_stiffness=100.0, gear_damping=0.01)
+    found = find_forms(MODEL, SHEET, compared(structure, recordings=1))
+    assert found.actuator.compliance.stiffness == pytest.approx(100.0, rel=0.3)
+    assert "ear that gives by 1 rad for" in found.said
+    gap = BUILT.transmission.backlash
+    assert found.values["transmission.backlash"] == pytest.approx(gap, rel=0.03)
+
+
 def test_without_positions_nothing_is_looked_for():
     beside = compared(other.Structure(cogging=0.002), without={"motor_position"})
     assert find_forms(MODEL, SHEET, beside) == FoundForms(SHEET)

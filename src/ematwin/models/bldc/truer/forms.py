@@ -30,6 +30,7 @@ _SLOWER = (*_SAMPLED, 75e-6, 150e-6, 200e-6, 250e-6)  # of speed loops
 _SHARES = tuple(n / 8 for n in range(8))  # of a sample time, at which loops sample first
 _MOST, _ALIKE = 8, 1e-3  # sample times after which both loops sample as before, nearly
 _INTEGRAL = (0.01, 0.03, 0.1)  # s
+_SOFTER = (0.3, 0.1, 0.03)  # than the contact of the file
 _FILTER = (5e-5, 2e-4, 5e-4, 1e-3)  # s, of speeds
 _BANDWIDTH = (2000.0, 4000.0, 8000.0)  # rad/s
 _SLOTS = (3, 6, 9, 12, 15, 18, 24)
@@ -188,6 +189,22 @@ ROUNDED = Form(
 )
 
 
+COMPLIANT = Form(
+    "compliant gear",
+    lambda a: a.compliance is not None,
+    ("compliance.stiffness", "compliance.damping"),
+    lambda a: [
+        {
+            "compliance.stiffness": share * a.contact.stiffness,
+            "compliance.damping": share * a.contact.damping,
+        }
+        for share in _SOFTER
+    ],
+    lambda a: f"gear that gives by 1 rad for {a.compliance.stiffness:.3g} N m on the motor shaft",
+    ("compliance.stiffness",),
+)
+
+
 def _digital(steps: tuple[float, float], ratio: float) -> tuple[Form, Form]:
     """Speed by differences of the counts in which positions (rad on the motor shaft) come.
 
@@ -286,10 +303,9 @@ def equations(recording: Recording, actuator: Any, values: Values | None) -> tup
 def _contact(balance: TorqueBalance, actuator: Any, values: Values) -> Equation:
     """The twist of the gear, on the faces that push at these values."""
     contact = Contact(balance, actuator, values)
-    gives = () if actuator.compliance is None else ("compliance.stiffness",)
     return Equation(
         "contact", contact.left, contact.size, contact.least,
-        ("transmission.backlash", *gives), (), ("friction", "backlash", *LOAD),
+        ("transmission.backlash",), (COMPLIANT,), ("friction", "backlash", *LOAD),
         rests="mechanics", at=partial(_contact, balance, actuator),
         alike=lambda actuator: LEAST,
     )  # fmt: skip
