@@ -19,7 +19,6 @@ import numpy as np
 import ematwin
 from ematwin.experiments.command_errors import expected_errors, fault_vectors, identified_errors
 from ematwin.experiments.experiment import excess
-from ematwin.experiments.search import BUDGET
 from ematwin.recordings.noise import Noise
 
 NOISE = Noise(white=0.02, bits=12)
@@ -29,7 +28,7 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--recordings", type=int, default=12)
-    parser.add_argument("--budget", type=int, default=BUDGET)
+    parser.add_argument("--budget", type=int)
     parser.add_argument("--command")
     parser.add_argument("--fault")
     parser.add_argument("--exact", action="store_true")
