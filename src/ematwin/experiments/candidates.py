@@ -1,14 +1,16 @@
 """Test commands that are compared: the motions by which drives are commissioned.
 
-Reversals, constant speed both ways, steps and chirps, of several sizes and rates, without load and
-under loads that drive and brake. `ranked` puts them in order. What makes a command good is the
-caller's: `design` asks for small errors, `discriminate` for explanations that lie far apart.
+Reversals, constant speed both ways, steps, chirps, and small reversals before a stroke, of several
+sizes and rates, without load and under loads that drive and brake. `ranked` puts them in order.
+What makes a command good is the caller's: `design` asks for small errors, `discriminate` for
+explanations that lie far apart.
 """
 
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import product
 
 import numpy as np
 
@@ -190,6 +192,17 @@ def _motions(
             f"chirp, {said(reach, unit, 2)} up to {n / duration:.3g} Hz",
             [Chirp(amplitude=reach, f_start=1.0 / duration, f_end=n / duration)],
         )
+    for n, share in product((8, 16), (0.03, 0.1)):  # gap and static friction are small
+        hertz = n / duration
+        small = _rounded(min(share * size, speed / (2.0 * math.pi * hertz)))
+        reach = _rounded(min(size - small, 0.1 * speed * duration))
+        time = [0.0, 0.7 * duration, 0.8 * duration, duration]
+        yield (
+            f"reversals of {said(small, unit, 2)} at {hertz:.3g} Hz, then a stroke of "
+            f"{said(reach, unit, 2)}",
+            [Sine(amplitude=small, frequency=hertz),
+             Profile(time=time, value=[0.0, 0.0, reach, reach])],
+        )  # fmt: skip
 
 
 def _rounded(size: float) -> float:
