@@ -1,4 +1,4 @@
-"""Test commands that are compared: the motions by which drives are commissioned.
+"""Test commands that are compared: the usual motions of commissioning.
 
 Reversals, constant speed both ways, steps, chirps, and small reversals before a stroke, of several
 sizes and rates, without load and under loads that drive and brake. `ranked` puts them in order.
@@ -82,20 +82,21 @@ def ranked(
     limits : of the demands, by name, SI
     cost_of : of a command, of the healthy recording of it by the fast model, and of a cost above
         which it does not matter; an error of `UNANSWERED` where there is none
-    budget : commands that are looked at; None takes all, or as many as `SECONDS` allow
+    budget : commands that are looked at, or more until one can be used; None takes all, or as
+        many as `SECONDS` allow
     seed : of the order in which they are looked at
     """
     commands = list(candidates(experiment.model, given, limits))
-    order = np.random.default_rng(seed).permutation(len(commands))[:budget].tolist()
+    order = np.random.default_rng(seed).permutation(len(commands)).tolist()
     found, ends = Ranking(), time.perf_counter() + (SECONDS if budget is None else math.inf)
-    found.stopped = "complete" if len(order) == len(commands) else "budget"
+    most = len(commands) if budget is None else min(budget, len(commands))
     seen: list[tuple[float, int]] = []
     with noting_interrupts() as interrupts:
         try:
             for n in order:
                 interrupts.check()
-                if found.evaluations and time.perf_counter() > ends:
-                    found.stopped = "time"
+                if seen and (found.evaluations >= most or time.perf_counter() > ends):
+                    found.stopped = "budget" if found.evaluations >= most else "time"
                     break
                 found.evaluations += 1
                 enough = seen[FINALISTS - 1][0] if len(seen) >= FINALISTS else math.inf
@@ -110,7 +111,11 @@ def ranked(
                 else:
                     seen = sorted([*seen, *([(cost, n)] if math.isfinite(cost) else [])])
                 if progress is not None:
-                    progress(found.evaluations, seen[0][0] if seen else math.inf, len(order))
+                    progress(
+                        found.evaluations,
+                        seen[0][0] if seen else math.inf,
+                        max(most, found.evaluations),
+                    )
         except KeyboardInterrupt:
             interrupts.pressed, found.stopped = False, "interrupted"
     found.costs, found.commands = [cost for cost, _ in seen], [commands[n] for _, n in seen]

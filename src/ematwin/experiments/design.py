@@ -246,7 +246,8 @@ def design(
     trials : simulated recordings of the best command, and of the given one, that are identified
         before one is chosen: the given one stays unless the other errs clearly less. 0 relies on
         the expected errors. Without a budget as many as half a minute allows
-    budget : commands that are compared; None takes all, or as many as a minute allows
+    budget : commands that are compared, or more until one can be used; None takes all, or as many
+        as a minute allows
     seed : of the fault vectors, the noise and the order of the commands
     threads : that share a batch; None takes one for each core
     progress : called after each command

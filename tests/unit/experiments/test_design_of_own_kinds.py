@@ -119,7 +119,8 @@ def test_trials_leave_out_a_sled_that_friction_holds(sled) -> None:
 def test_without_a_budget_a_slow_kind_ends_in_time_and_says_so(sled, monkeypatch) -> None:
     monkeypatch.setattr(candidates, "SECONDS", 0.0)
     found = ematwin.design(sled, trials=0, threads=1)
-    assert (found.stopped, found.evaluations) == ("time", 1)
+    assert found.stopped == "time"
+    assert found.evaluations < 5  # as soon as one can be used
     assert ematwin.design(sled, budget=5, trials=0, threads=1).evaluations == 5
 
 
