@@ -1,14 +1,12 @@
-"""Whether a designed command keeps its promise: docs/design.md.
+"""Whether a designed command keeps its promise: docs/lab/design.md.
 
     python benchmarks/design.py --recordings 12
-    python benchmarks/design.py --recordings 12 --command benchmarks/designed.toml
 
 The command for the weakest fault of an actuator that is known by its data sheet, within the travel
-and the current of the default command and in its 0.5 s; or, with ``--command``, one that was found
-before. Speed and load may be what the rig allows (``--speed``, ``--load``). Both commands are
-recorded from simulated actuators with other faults, parameters and noise than those of the search,
-by the reference model at half its step, and identified. Printed are the errors promised and
-observed.
+and the current of the default command and in its 0.5 s. Speed and load may be what the rig allows
+(``--speed``, ``--load``). Both commands are recorded from simulated actuators with other faults,
+parameters and noise than those by which it was chosen, by the reference model at half its step, and
+identified. Printed are the errors promised and observed.
 """
 
 import argparse
@@ -19,7 +17,6 @@ import numpy as np
 import ematwin
 from ematwin.experiments.command_errors import expected_errors, fault_vectors, identified_errors
 from ematwin.experiments.experiment import excess
-from ematwin.experiments.search import BUDGET
 from ematwin.recordings.noise import Noise
 
 NOISE = Noise(white=0.02, bits=12)
@@ -29,8 +26,7 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--recordings", type=int, default=12)
-    parser.add_argument("--budget", type=int, default=BUDGET)
-    parser.add_argument("--command")
+    parser.add_argument("--budget", type=int)
     parser.add_argument("--fault")
     parser.add_argument("--exact", action="store_true")
     parser.add_argument("--seed", type=int, default=1)
@@ -43,17 +39,14 @@ def main() -> None:
     started = time.process_time()
     found = ematwin.design(
         "servo48", fault=given.fault, exact=given.exact, noise=NOISE, seed=given.seed,
-        budget=1 if given.command else given.budget, threads=given.threads, speed=given.speed,
+        budget=given.budget, threads=given.threads, speed=given.speed,
         load=given.load,
     )  # fmt: skip
     command, experiment = found.scenario, found.experiment
-    if given.command:
-        command = ematwin.Scenario.load_file(given.command)
-    else:
-        spent = time.process_time() - started
-        found.save(given.out)
-        print(f"{found.evaluations} commands, {found.seconds:.0f} s, {spent:.0f} s of processor")
-        print(found.sentence, flush=True)
+    spent = time.process_time() - started
+    found.save(given.out)
+    print(f"{found.evaluations} commands, {found.seconds:.0f} s, {spent:.0f} s of processor")
+    print(found.sentence, flush=True)
     vectors = fault_vectors(
         experiment, found.draws, np.random.default_rng(given.seed + 1), {}, even=True
     )

@@ -12,7 +12,6 @@ from collections.abc import Callable
 import numpy as np
 
 import ematwin
-from ematwin.models.ball_screw.motions import out_and_back, simulate_motion
 from ematwin.models.ball_screw.twin import candidate_traces
 
 LOADS = (-400.0, 200.0, 400.0)  # N
@@ -26,16 +25,10 @@ def main() -> None:
         steps()
         return
     actuator = ematwin.BallScrew.load()
-    set_point, interval = out_and_back(actuator, 0.12, 5.0, 3.0)
     motions = [
-        simulate_motion(
-            actuator,
-            set_point,
-            interval,
-            load=load,
-            seed=1000 * run + 10 * motion + place,
-            labels={"load": f"{load:g}", "run": str(run), "motion": str(motion)},
-        )
+        ematwin.simulate(
+            None, None, {"load": load}, actuator, seed=1000 * run + 10 * motion + place
+        ).changed(labels={"load": f"{load:g}", "run": str(run), "motion": str(motion)})
         for place, load in enumerate(LOADS)
         for run in range(1, 6)
         for motion in range(1, 6)
@@ -52,7 +45,7 @@ def main() -> None:
 def steps() -> None:
     """Print the RMS difference to a step of 0.25 ms, as a share of the RMS."""
     actuator = ematwin.BallScrew.load()
-    set_point, interval = out_and_back(actuator, 0.12, 5.0, 3.0)
+    motion = ematwin.simulate(actuator=actuator)
     candidates = {
         "friction": np.array([1.0, 1.3]), "backlash": np.array([5e-5, 5e-4]),
         "load": np.array([200.0, -400.0]), "initial_error": np.array([0.0, 1e-3]),
@@ -60,7 +53,9 @@ def steps() -> None:
 
     def traces(step: float) -> list[np.ndarray]:
         finer = actuator.changed({"steps.twin": step})
-        return list(candidate_traces(finer, set_point, interval, candidates, 2).values())
+        return list(
+            candidate_traces(finer, motion.set_point, motion.interval, candidates, 2).values()
+        )
 
     finest = traces(0.25e-3)
     print("step, ms    current, %    position error, %")

@@ -18,7 +18,6 @@ from pathlib import Path
 import numpy as np
 
 import ematwin
-from ematwin.models.ball_screw.motions import simulate_motion
 from ematwin.models.reading import read
 from ematwin.monitoring.calibration_report import CalibrationReport
 from ematwin.monitoring.detection import Detection
@@ -262,12 +261,14 @@ def drifted(
     means = [m.current.mean() for m in healthy if m.labels["load_kgf"] == held]
     factor = float(np.exp(friction * calibration.reported.spread[0]))
     load = 9.80665 * float(held)
+    command = ematwin.Scenario.from_columns(motion.time, motion.set_point)
     before, after = (
-        simulate_motion(
-            calibration.actuator, motion.set_point, motion.interval, load=load, friction=x
+        ematwin.simulate(
+            None, command, {"load": load, "friction": x}, calibration.actuator,
+            sample_rate=motion.sample_rate,
         )
         for x in (1.0, factor)
-    )
+    )  # fmt: skip
     return motion.changed(
         current=motion.current + after.current - before.current + level * np.std(means),
         position_error=motion.position_error + after.position_error - before.position_error,

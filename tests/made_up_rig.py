@@ -1,10 +1,11 @@
 """A ball-screw rig that does not exist, with days on which it runs a little differently."""
 
+from collections.abc import Mapping
 from functools import cache
 
 import numpy as np
 
-from ematwin.models.ball_screw.motions import out_and_back, simulate_motion
+from ematwin.models.ball_screw.model import MODEL, SENSORS, as_sensed
 from ematwin.models.ball_screw.parameters import BallScrew
 from ematwin.recordings.recording import Recording
 
@@ -73,3 +74,35 @@ def run(
 def healthy_runs(count: int, first: int = 1, motions: int = 2) -> list[Recording]:
     """Motions of healthy runs, numbered from ``first``."""
     return [one for number in range(first, first + count) for one in run(number, motions)]
+
+
+def out_and_back(
+    actuator: BallScrew, stroke: float, seconds: float, rest: float
+) -> tuple[np.ndarray, float]:
+    """A set point (S,), m, that goes out, rests and comes back, and its interval, s."""
+    interval = actuator.controller.sample_time
+    time = np.arange(round((2.0 * seconds + rest) / interval)) * interval
+    knots = [0.0, seconds, seconds + rest, 2.0 * seconds + rest]
+    return np.interp(time, knots, [0.0, stroke, stroke, 0.0]), interval
+
+
+def simulate_motion(
+    actuator: BallScrew,
+    set_point: np.ndarray,
+    interval: float,
+    *,
+    noise: tuple[float, float] = SENSORS,
+    seed: int = 0,
+    labels: Mapping[str, str] | None = None,
+    **values: float,
+) -> Recording:
+    """One motion over any set point, with unknowns of the actuator by name."""
+    k = MODEL.values_of(actuator, values)
+    inputs = Recording(
+        np.arange(set_point.size) * interval, {"set_point": set_point},
+        labels=labels, source="simulated",
+    )  # fmt: skip
+    one = {name: np.array([value]) for name, value in k.items()}
+    answer = MODEL.respond(actuator, inputs, one, 1)
+    clean = inputs.changed(**{name: trace[0] for name, trace in answer.items()})
+    return as_sensed(clean, actuator, k["roughness"], noise, np.random.default_rng(seed))

@@ -128,8 +128,8 @@ def untouched(folder: Path, *words: str, said: str) -> None:
         (["actuators", "inductance.toml"], "motor.inductance must be greater than 0"),
         (["actuators", "folder.parquet"], "There is no actuator"),
         (["scenarios", "extra"], "extra"),
-        (["bench", "--quick"], "No such option: --quick"),
-        (["bench", "--repeats", "0"], "'--repeats'"),
+        (["units", "--quick"], "No such option: --quick"),
+        (["compare", "--workers", "0"], "'--workers'"),
     ],
 )
 def test_other_commands_refuse_in_one_sentence(files, arguments, said):

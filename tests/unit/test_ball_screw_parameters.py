@@ -17,7 +17,6 @@ import ematwin
 from ematwin.errors import FileError, ParameterError
 from ematwin.estimation.baseline import Baseline
 from ematwin.models.ball_screw.model import MODEL
-from ematwin.models.ball_screw.motions import out_and_back
 from ematwin.models.ball_screw.parameters import BallScrew
 from ematwin.models.ball_screw.twin import ball_screw_constants
 from ematwin.models.bldc.parameters import BldcActuator
@@ -25,6 +24,7 @@ from ematwin.models.registry import load_actuator, model_in, models, shipped_act
 from ematwin.monitoring.calibration import FORMAT, Calibration
 from ematwin.monitoring.population import HealthyRuns, Signature
 from ematwin.monitoring.population_calibration import PopulationCalibration
+from made_up_rig import out_and_back
 from refusals import refusal_of
 
 refusal = partial(refusal_of, kind=ParameterError)

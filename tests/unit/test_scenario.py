@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ematwin.errors import ParameterError
+from ematwin.errors import InputError, ParameterError
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.scenario import Chirp, Profile, Ramp, Scenario, Sine, Step, shipped_scenarios
 from ematwin.models.servo import check_travel
@@ -290,3 +290,35 @@ def test_components_made_in_python_are_refused_in_one_sentence_too():
         Scenario.from_columns(np.array([]), np.array([]))
     with pytest.raises(ParameterError, match="received 2 and 1"):
         Scenario.from_columns(np.array([0.0, 1.0]), np.array([0.0]))
+
+
+def test_a_longer_scenario_is_the_same_in_proportion() -> None:
+    given = Scenario(
+        duration=1.0,
+        command=[Step(value=1.0, time=0.5), Sine(amplitude=0.1, frequency=3.0, start=0.2)],
+        load=[Profile(time=[0.0, 1.0], value=[0.0, 2.0])],
+    )
+    longer = given.lasting(2.0)
+    assert longer.duration == 2.0
+    assert longer.command[0].time == 1.0
+    assert (longer.command[1].frequency, longer.command[1].start) == (3.0, 0.4)
+    assert longer.load[0].time == [0.0, 2.0]
+
+
+def test_a_profile_from_a_file_keeps_its_times(tmp_path) -> None:
+    given = Scenario(duration=1.0, command=[Profile(file=tmp_path / "a.csv", column="command")])
+    with pytest.raises(ParameterError, match="times of the file"):
+        given.lasting(2.0)
+
+
+def test_a_saved_scenario_loads_as_it_was(tmp_path) -> None:
+    given = Scenario(
+        name="mine",
+        duration=0.3,
+        command=[Chirp(amplitude=0.001, f_start=2.0, f_end=9.0), Step(value=-0.002, time=0.1)],
+        load=[Step(value=3.0)],
+    )
+    given.save(tmp_path / "mine.toml")
+    assert Scenario.load_file(tmp_path / "mine.toml") == given
+    with pytest.raises(InputError, match=r"\.toml"):
+        given.save(tmp_path / "mine.yaml")

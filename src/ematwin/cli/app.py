@@ -14,7 +14,6 @@ from typer.core import TyperGroup
 
 from ematwin.cli import (
     actuators,
-    bench,
     calibrate,
     channels,
     compare,
@@ -74,7 +73,6 @@ app.command("actuators")(actuators.actuators)
 app.command("scenarios")(actuators.scenarios)
 app.command("algorithms")(actuators.algorithms)
 app.command("units")(units.units)
-app.command("bench")(bench.bench)
 app.command("report")(report.report)
 app.add_typer(report.store, name="store")
 

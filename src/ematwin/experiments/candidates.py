@@ -1,25 +1,129 @@
-"""Healthy tests that are compared: the motions by which drives are commissioned.
+"""Test commands that are compared: the usual motions of commissioning.
 
-Reversals, constant speed both ways, steps and chirps, of several sizes and rates, without load and
-under loads that drive and brake.
+Reversals, constant speed both ways, steps, chirps, and small reversals before a stroke, of several
+sizes and rates, without load and under loads that drive and brake. `ranked` puts them in order.
+What makes a command good is the caller's: `design` asks for small errors, `discriminate` for
+explanations that lie far apart.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import product
 
 import numpy as np
 
+from ematwin.errors import InputError
+from ematwin.estimation.interrupt import noting_interrupts
+from ematwin.experiments.experiment import UNANSWERED, Experiment, RefusedError
 from ematwin.models.base import Model
 from ematwin.models.history import Chirp, Component, Profile, Sine, Step
 from ematwin.models.scenario import Scenario
+from ematwin.recordings.recording import Recording
 from ematwin.showing.text import said
+
+SECONDS = 60.0  # that a ranking without a budget takes at most
+FINALISTS = 5  # commands that are compared once more
 
 _SIZES = (0.95, 0.6, 0.3)  # shares of the travel; motion overshoots its command
 _RISES = (1e-3, 0.05)  # shares of the duration that a step takes: a profile has no jumps
 
+Progress = Callable[[int, float, int], object]
+"""Takes the number of commands so far, the best value, and how many there are."""
+
+
+@dataclass
+class Ranking:
+    """Commands within limits, the best first.
+
+    Attributes
+    ----------
+    costs, commands : of those that are worth recording
+    evaluations : how many were looked at
+    stopped : why it ended: "complete", "budget", "time" or "interrupted"
+    nearest : demands of the command next to the limits, of those beyond them
+    """
+
+    costs: list[float] = field(default_factory=list)
+    commands: list[Scenario] = field(default_factory=list)
+    evaluations: int = 0
+    stopped: str = "complete"
+    nearest: RefusedError | None = None
+
+    def refusal(self, actuator: str, asked: Mapping[str, float]) -> InputError:
+        """The error that says that no command keeps the limits."""
+        told = ", ".join(f"{name} {value:g}" for name, value in asked.items())
+        demands = {} if self.nearest is None else self.nearest.demands
+        near = ", ".join(f"{name} {size:.3g}" for name, size in demands.items())
+        return InputError(
+            f"No command of {actuator} keeps the limits "
+            f"({told or 'those of the given command'}) and moves enough to identify faults"
+            + (f"; the nearest demands {near}" if near else "")
+            + ". Raise the limits, leave some out, or begin from another scenario."
+        )
+
+
+def ranked(
+    experiment: Experiment,
+    given: Scenario,
+    limits: Mapping[str, float],
+    cost_of: Callable[[Scenario, Recording, float], float],
+    *,
+    budget: int | None,
+    seed: int,
+    progress: Progress | None,
+) -> Ranking:
+    """Rank the candidates in the duration of a given command, which is none of them.
+
+    Parameters
+    ----------
+    experiment : whose healthy actuator has to keep the limits
+    limits : of the demands, by name, SI
+    cost_of : of a command, of the healthy recording of it by the fast model, and of a cost above
+        which it does not matter; an error of `UNANSWERED` where there is none
+    budget : commands that are looked at, or more until one can be used; None takes all, or as
+        many as `SECONDS` allow
+    seed : of the order in which they are looked at
+    """
+    commands = list(candidates(experiment.model, given, limits))
+    order = np.random.default_rng(seed).permutation(len(commands)).tolist()
+    found, ends = Ranking(), time.perf_counter() + (SECONDS if budget is None else math.inf)
+    most = len(commands) if budget is None else min(budget, len(commands))
+    seen: list[tuple[float, int]] = []
+    with noting_interrupts() as interrupts:
+        try:
+            for n in order:
+                interrupts.check()
+                if seen and (found.evaluations >= most or time.perf_counter() > ends):
+                    found.stopped = "budget" if found.evaluations >= most else "time"
+                    break
+                found.evaluations += 1
+                enough = seen[FINALISTS - 1][0] if len(seen) >= FINALISTS else math.inf
+                try:
+                    healthy = experiment.move(commands[n], limits)
+                    cost = cost_of(commands[n], healthy, enough)
+                except RefusedError as error:
+                    least = math.inf if found.nearest is None else found.nearest.excess
+                    found.nearest = error if 0.0 < error.excess < least else found.nearest
+                except UNANSWERED:
+                    pass
+                else:
+                    seen = sorted([*seen, *([(cost, n)] if math.isfinite(cost) else [])])
+                if progress is not None:
+                    progress(
+                        found.evaluations,
+                        seen[0][0] if seen else math.inf,
+                        max(most, found.evaluations),
+                    )
+        except KeyboardInterrupt:
+            interrupts.pressed, found.stopped = False, "interrupted"
+    found.costs, found.commands = [cost for cost, _ in seen], [commands[n] for _, n in seen]
+    return found
+
 
 def candidates(model: Model, given: Scenario, limits: Mapping[str, float]) -> Iterator[Scenario]:
-    """Yield healthy tests in the duration of a given command.
+    """Yield test commands in the duration of a given one.
 
     Parameters
     ----------
@@ -93,6 +197,17 @@ def _motions(
             f"chirp, {said(reach, unit, 2)} up to {n / duration:.3g} Hz",
             [Chirp(amplitude=reach, f_start=1.0 / duration, f_end=n / duration)],
         )
+    for n, share in product((8, 16), (0.03, 0.1)):  # gap and static friction are small
+        hertz = n / duration
+        small = _rounded(min(share * size, speed / (2.0 * math.pi * hertz)))
+        reach = _rounded(min(size - small, 0.1 * speed * duration))
+        time = [0.0, 0.7 * duration, 0.8 * duration, duration]
+        yield (
+            f"reversals of {said(small, unit, 2)} at {hertz:.3g} Hz, then a stroke of "
+            f"{said(reach, unit, 2)}",
+            [Sine(amplitude=small, frequency=hertz),
+             Profile(time=time, value=[0.0, 0.0, reach, reach])],
+        )  # fmt: skip
 
 
 def _rounded(size: float) -> float:

@@ -65,7 +65,7 @@ class CommandErrors:
     def none(
         cls, experiment: Experiment, scenario: Scenario, demands: dict[str, float], obstacle: str
     ) -> "CommandErrors":
-        """Errors of a command of which nothing is known."""
+        """Infinite errors, for a command that cannot be judged."""
         ranges = {one.name: one.width for one in experiment.magnitudes}
         return cls(scenario, dict.fromkeys(ranges, math.inf), ranges, demands, obstacle=obstacle)
 

@@ -1,16 +1,16 @@
 """The test command with the smallest expected errors within limits: `design`.
 
 An optimal design of an experiment (Atkinson, Donev and Tobias 2007, Optimum Experimental Designs,
-with SAS, chapters 10 and 17): the numbers of a scenario are chosen so that the expected standard
-error (`ematwin.experiments.command_errors`)
+with SAS, chapters 10 and 17): of the commands of `ematwin.experiments.candidates` that one is
+chosen whose expected standard error (`ematwin.experiments.command_errors`)
 
     of one named fault, everything else being a nuisance (Ds-optimal), or
     of the fault that is worst in share of its range (min-max),
 
-is least. Differential evolution searches the box of `DesignSpace`, from the scenario itself. The
-best few are compared again at other faults, and `identify` answers simulated recordings of the best
-of these and of the given command, all of the same actuators. A few recordings are luck as well: the
-given one stays unless the other is expected to err clearly less and errs clearly less.
+is least. The best few are compared again at other faults, and `identify` answers simulated
+recordings of the best of these and of the given command, all of the same actuators. A few
+recordings are luck as well: the given one stays unless the other is expected to err clearly less
+and errs clearly less.
 """
 
 import math
@@ -24,6 +24,7 @@ import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.estimation.interrupt import noting_interrupts
+from ematwin.experiments.candidates import FINALISTS, SECONDS, Progress, Ranking, ranked
 from ematwin.experiments.command_errors import (
     CommandErrors,
     expected_errors,
@@ -33,7 +34,6 @@ from ematwin.experiments.command_errors import (
 )
 from ematwin.experiments.experiment import BEYOND, UNANSWERED, Experiment, excess
 from ematwin.experiments.identifiability import identifiability
-from ematwin.experiments.search import SECONDS, CommandSearch, Progress
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Scenario
 from ematwin.recordings.noise import Noise
@@ -46,7 +46,7 @@ CLEARLY = 1.1  # ratio of errors, expected and of `identify`, from which another
 
 @dataclass(frozen=True)
 class Design:
-    """Command that was found, beside the one from which it was made.
+    """Command that was found, beside the given one.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Design:
     held : what counts as known while commands are compared, because none of them determines it
     draws, left_out : fault vectors over which the errors are averaged, and how many more were
         drawn at which the given command does not determine the same faults
-    evaluations, seconds, stopped, seed : of the search
+    evaluations, seconds, stopped, seed : commands that were compared, and how
     experiment : the actuator, its uncertainty, and the noise
     checked : whether the errors observed come from `check`; else from the recordings by which the
         command was chosen
@@ -233,23 +233,24 @@ def design(
     ----------
     actuator : a parameter set of any kind, its name or file; calibrated or not
     fault : the fault to identify; None takes the one of largest error, as a share of its range
-    scenario : the command to begin from, whose numbers are chosen; a `Scenario`, the name of
-        a shipped one, or a file. None takes the kind's default
+    scenario : a command that is compared with the others, and whose demands are the limits where
+        none are given; a `Scenario`, the name of a shipped one, or a file. None takes the kind's
+        default
     duration : float, s; None takes the scenario's
     faults : values of some faults; the others are drawn
     noise : of the sensors; None for that which the kind simulates by itself
     exact : parameters, load and sensors are known exactly
     sample_rate : float, Hz; None takes the kind's
-    draws : fault vectors over which errors are averaged in the search
+    draws : fault vectors over which errors are averaged in the first comparison
     fresh : others, on which the best commands and the given one are compared anew
     trials : simulated recordings of the best command, and of the given one, that are identified
         before one is chosen: the given one stays unless the other errs clearly less. 0 relies on
         the expected errors. Without a budget as many as half a minute allows
-    budget : commands that are compared; None takes `search.BUDGET`, or as many as
-        `search.SECONDS` allow
-    seed : of the fault vectors, the noise and the search
+    budget : commands that are compared, or more until one can be used; None takes all, or as many
+        as a minute allows
+    seed : of the fault vectors, the noise and the order of the commands
     threads : that share a batch; None takes one for each core
-    progress : called after each batch of commands
+    progress : called after each command
     trying : called with the share of the trials that is done
     limits : the largest travel, speed, current, load, in SI; others are limited by the
         demands of the scenario. `Model.demands` has the names
@@ -289,8 +290,7 @@ def design(
             enough=enough,
         ).worst(fault)  # fmt: skip
 
-    search = CommandSearch(experiment, given, within, cost_of)
-    search.run(budget, seed, progress)
+    found = ranked(experiment, given, within, cost_of, budget=budget, seed=seed, progress=progress)
     others = shown_by(experiment, given, vectors(fresh, seed + 1), fault)
     final = experiment.limits(experiment.demanded(given, fast=False), limits)
 
@@ -303,18 +303,18 @@ def design(
             demands = getattr(error, "demands", demands)
             return CommandErrors.none(experiment, command, demands, str(error))
 
-    best, default = _finalists(search, judged, given, final, fault)
+    best, default = _finalists(found, judged, given, final, fault)
     if default.obstacle and best is default:
-        raise search.refusal(limits)
+        raise found.refusal(chosen.name, limits)
     both = [default] if best is default else [best, default]
-    asked = trials if len(both) > 1 and search.stopped != "interrupted" else 0
+    asked = trials if len(both) > 1 and found.stopped != "interrupted" else 0
     errors = identified_errors(
-        # seeds of trials lie so far from those of a search and of `Design.check`
+        # seeds of trials lie so far from those of the comparison and of `Design.check`
         experiment, [one.scenario for one in both], asked, seed=7919 + seed, progress=trying,
         seconds=SECONDS / 2.0 if budget is None else math.inf,
     )  # fmt: skip
     if len(errors) < asked:
-        search.stopped = "interrupted"
+        found.stopped = "interrupted"
     errors = _answered(errors)
     both = [one.with_observed(errors[:, n]) for n, one in enumerate(both)]
     if len(errors) and not default.obstacle:
@@ -335,9 +335,9 @@ def design(
         held=held,
         draws=len(others),
         left_out=fresh - len(others),
-        evaluations=search.evaluations,
+        evaluations=found.evaluations,
         seconds=time.perf_counter() - started,
-        stopped=search.stopped,
+        stopped=found.stopped,
         seed=seed,
         experiment=experiment,
     )
@@ -349,16 +349,16 @@ def _answered(errors: np.ndarray) -> np.ndarray:
 
 
 def _finalists(
-    search: CommandSearch,
+    found: Ranking,
     judged: Callable[[Scenario, Mapping[str, float]], CommandErrors],
     given: Scenario,
     limits: Mapping[str, float],
     fault: str | None,
 ) -> tuple[CommandErrors, CommandErrors]:
-    """The best of the search and the given command, compared at fresh faults.
+    """The best command and the given one, compared at fresh faults.
 
-    The search has fitted its best commands to the few faults that it saw: the given one is the best
-    unless another is expected to err clearly less.
+    The best of many at a few faults is so by chance as well: the given one is the best unless
+    another is expected to err clearly less.
     """
     default = judged(given, {})
     if not default.obstacle and excess(default.demands, limits) > 0.0:
@@ -367,12 +367,11 @@ def _finalists(
     least = math.inf if default.obstacle else default.worst(fault) / CLEARLY
     with noting_interrupts() as interrupts:
         try:
-            # commands that are compared anew
-            for one in search.best(1 if search.stopped == "interrupted" else 5):
+            for one in found.commands[: 1 if found.stopped == "interrupted" else FINALISTS]:
                 interrupts.check()
                 errors = judged(one, limits)
                 if not errors.obstacle and errors.worst(fault) < least:
                     best, least = errors, errors.worst(fault)
         except KeyboardInterrupt:
-            interrupts.pressed, search.stopped = False, "interrupted"
+            interrupts.pressed, found.stopped = False, "interrupted"
     return best, default

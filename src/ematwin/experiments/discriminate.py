@@ -27,8 +27,8 @@ from ematwin.estimation.baseline import with_all_free
 from ematwin.estimation.constants import SIGMAS
 from ematwin.estimation.levenberg_marquardt import LevenbergMarquardt
 from ematwin.estimation.problem import Problem
+from ematwin.experiments.candidates import Progress, ranked
 from ematwin.experiments.experiment import UNANSWERED, Experiment
-from ematwin.experiments.search import CommandSearch, Progress
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Scenario
@@ -36,7 +36,6 @@ from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 from ematwin.showing.results import plain
 
-BUDGET = 200
 _ITERATIONS = 4  # of the fit of an explanation to the other: they start near
 _WHOLE = 16  # of a fit that is followed to its end
 
@@ -57,7 +56,7 @@ class Discrimination:
     first, second : the explanations
     actuator : ParameterSet
     limits, demands : of motions of a healthy actuator, and of this one
-    evaluations, seconds, stopped, seed : of the search
+    evaluations, seconds, stopped, seed : commands that were compared, and how
     """
 
     scenario: Scenario
@@ -152,19 +151,20 @@ def discriminate(
     pair = Pair(experiment, first, second)
     before = experiment.record(given, fast=True)
     within = experiment.limits(experiment.model.demanded(before), limits)
-    search = CommandSearch(
-        experiment, given, within, lambda _, healthy, __: -pair.distance(healthy, _ITERATIONS)
-    )
-    search.run(budget, seed, lambda n, cost, total: progress and progress(n, -cost, total), BUDGET)
-    # fits of a search stop early: the given command and the best few are fitted to the end
+    ranking = ranked(
+        experiment, given, within, lambda _, healthy, __: -pair.distance(healthy, _ITERATIONS),
+        budget=budget, seed=seed,
+        progress=lambda n, cost, total: progress and progress(n, -cost, total),
+    )  # fmt: skip
+    # these fits stop early: the given command and the best few are fitted to the end
     found = []
-    for command in [given, *search.best(3)]:
+    for command in [given, *ranking.commands[:3]]:
         with suppress(*UNANSWERED):
             healthy = experiment.move(command, within)
             demands = experiment.model.demanded(healthy)
             found.append((pair.distance(healthy, _WHOLE), command, demands))
     if not found:
-        raise search.refusal(limits)
+        raise ranking.refusal(experiment.actuator.name, limits)
     distance, best, demands = max(found, key=lambda one: one[0])
     return Discrimination(
         scenario=best,
@@ -176,9 +176,9 @@ def discriminate(
         actuator=experiment.actuator,
         limits=within,
         demands=demands,
-        evaluations=search.evaluations,
+        evaluations=ranking.evaluations,
         seconds=time.perf_counter() - started,
-        stopped=search.stopped,
+        stopped=ranking.stopped,
         seed=seed,
     )
 

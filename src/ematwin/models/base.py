@@ -24,7 +24,7 @@ from ematwin.models.comparison import Candidates, Comparison, TraceComparison
 from ematwin.models.monitoring import Monitoring, Reported, Statistic
 from ematwin.models.optional import Demand, Equation, Form, OtherForm, Signal, Study
 from ematwin.models.parameter_set import ParameterSet, not_searchable
-from ematwin.models.scenario import Component, Scenario, shipped_scenarios
+from ematwin.models.scenario import Scenario, shipped_scenarios
 from ematwin.models.unknown import (
     Alias,
     Contrast,
@@ -81,8 +81,6 @@ class Model(ABC):
     study : what studies of search methods need of it
     demands : quantities of a motion that a designed test may limit, the travel first; the size of
         the command where none is given
-    designable : by "command" and "load", parts that a design may add to those that a scenario has
-        (each with the size of zero); of each its `Component.designed` may be chosen
     """
 
     kind: ClassVar[str]
@@ -105,7 +103,6 @@ class Model(ABC):
     monitoring: ClassVar[Monitoring | None] = None
     study: ClassVar[Study] = Study()
     demands: ClassVar[tuple[Demand, ...]] = ()
-    designable: ClassVar[Mapping[str, tuple[Component, ...]]] = {}
 
     def of_file(self, table: Mapping[str, Any], what: str) -> "Model":
         """The model of the content of a parameter file; itself unless the file states a kind."""

@@ -5,7 +5,7 @@ A command or load is the sum of such parts (`ematwin.models.scenario`).
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
@@ -39,15 +39,9 @@ Hertz = Annotated[float, _unit("Hz"), Field(allow_inf_nan=False, ge=0)]
 
 
 class Component(BaseModel):
-    """A part of a history. Amplitudes are in SI: rad for the command of a rotary actuator.
-
-    ``designed`` says which of its numbers a design may choose, and what each is: a "size" or "rate"
-    of the history, which has a sign; an "amplitude", which has none; a "frequency"; a "time"; or a
-    "phase".
-    """
+    """A part of a history. Amplitudes are in SI: rad for the command of a rotary actuator."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
-    designed: ClassVar[Mapping[str, str]] = {}
 
     def __init__(self, **values: Any) -> None:
         try:
@@ -75,7 +69,6 @@ class Step(Component):
     type: Literal["step"] = "step"
     value: Finite
     time: Seconds = 0.0
-    designed: ClassVar[Mapping[str, str]] = {"value": "size", "time": "time"}
 
     def at(self, time: np.ndarray) -> np.ndarray:  # noqa: D102
         return np.where(time >= self.time, self.value, 0.0)
@@ -88,7 +81,6 @@ class Ramp(Component):
     rate: Finite
     start: Seconds = 0.0
     stop: Seconds | None = None
-    designed: ClassVar[Mapping[str, str]] = {"rate": "rate", "start": "time", "stop": "time"}
 
     def stretched(self, factor: float) -> Self:  # noqa: D102
         return super().stretched(factor).model_copy(update={"rate": self.rate / factor})
@@ -106,9 +98,6 @@ class Sine(Component):
     frequency: Hertz
     phase: Finite = 0.0
     start: Seconds = 0.0
-    designed: ClassVar[Mapping[str, str]] = {
-        "amplitude": "amplitude", "frequency": "frequency", "phase": "phase",
-    }  # fmt: skip
 
     def at(self, time: np.ndarray) -> np.ndarray:  # noqa: D102
         wave = np.sin(2.0 * np.pi * self.frequency * (time - self.start) + self.phase)
@@ -127,9 +116,6 @@ class Chirp(Component):
     f_end: Hertz
     start: Seconds = 0.0
     duration: Duration | None = None
-    designed: ClassVar[Mapping[str, str]] = {
-        "amplitude": "amplitude", "f_start": "frequency", "f_end": "frequency",
-    }  # fmt: skip
 
     def within(self, duration: float) -> Self:  # noqa: D102
         if self.duration is not None:
@@ -161,7 +147,6 @@ class Profile(Component):
     value: list[float] | None = None
     file: Path | None = None
     column: str | None = None
-    designed: ClassVar[Mapping[str, str]] = {"value": "size"}
 
     def stretched(self, factor: float) -> Self:  # noqa: D102
         if self.time is None:

@@ -2,7 +2,7 @@
 
 ``math.sin`` stops the lanes from vectorising; ``math.floor`` gives an integer, which costs two
 conversions; ``min`` and ``max`` test for NaN twice. Together these made a step of the monitor
-model 1.3 times slower (`ematwin bench`).
+model 1.3 times slower (docs/speed.md).
 """
 
 import math

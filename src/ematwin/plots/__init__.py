@@ -8,23 +8,7 @@ Each function takes a result and returns a figure of plotly. Names are loaded wh
 """
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from ematwin.plots.calibration import plot_before_and_after, plot_learnt, plot_residuals
-    from ematwin.plots.channels import plot_channels, plot_recording
-    from ematwin.plots.design import (
-        plot_command,
-        plot_errors,
-        plot_healthy_tests,
-        plot_learnt_errors,
-    )
-    from ematwin.plots.detection import plot_trend
-    from ematwin.plots.identifiability import plot_correlation, plot_smallest
-    from ematwin.plots.identification import plot_convergence, plot_faults, plot_fit
-    from ematwin.plots.simulation import plot_response
-    from ematwin.plots.study import plot_study
-    from ematwin.plots.uncertainty import plot_posterior, plot_profile
+from typing import Any
 
 _HOMES = {
     "plot_before_and_after": "calibration",
@@ -48,27 +32,7 @@ _HOMES = {
     "plot_trend": "detection",
 }
 
-__all__ = [
-    "plot_before_and_after",
-    "plot_channels",
-    "plot_command",
-    "plot_convergence",
-    "plot_correlation",
-    "plot_errors",
-    "plot_faults",
-    "plot_fit",
-    "plot_healthy_tests",
-    "plot_learnt",
-    "plot_learnt_errors",
-    "plot_posterior",
-    "plot_profile",
-    "plot_recording",
-    "plot_residuals",
-    "plot_response",
-    "plot_smallest",
-    "plot_study",
-    "plot_trend",
-]
+__all__ = list(_HOMES)
 
 
 def __getattr__(name: str) -> Any:

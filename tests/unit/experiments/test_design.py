@@ -11,6 +11,7 @@ import ematwin
 from ematwin.errors import InputError
 from ematwin.estimation.corrected_problem import corrected_at
 from ematwin.estimation.noise import with_shown_noise
+from ematwin.experiments.candidates import candidates
 from ematwin.experiments.command_errors import expected_errors, fault_vectors, identified_errors
 from ematwin.experiments.experiment import Experiment, RefusedError
 from ematwin.models.scenario import Chirp, Scenario
@@ -77,6 +78,20 @@ def test_expected_errors_are_those_of_a_linear_fit() -> None:
     expected["eccentricity"] = max(expected["eccentricity"], expected["eccentricity_phase"])
     for one in setting.magnitudes:
         assert found[one.name] == pytest.approx(expected[one.name] * one.width, rel=0.2)
+
+
+@pytest.mark.parametrize("actuator", ["servo48", "rm1605", "emps", "servo400"])
+def test_candidates_differ_and_ask_for_no_more_than_travel_and_load(actuator: str) -> None:
+    setting = Experiment.of(actuator, threads=1)
+    given = setting.model.load_scenario(None)
+    limits = {**setting.demanded(given), "load": 8.0}
+    made = list(candidates(setting.model, given, limits))
+    assert len({one.description for one in made}) == len(made) > 30
+    for one in made:
+        command, load = one.histories(np.linspace(0.0, one.duration, 2001))
+        assert 0.0 < np.abs(command).max() <= limits["travel"]
+        assert np.abs(load).max() <= 8.0
+        assert one.duration == given.duration
 
 
 def test_a_command_beyond_its_limits_or_within_the_gap_is_refused() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 import ematwin
 from ematwin.errors import RecordError
-from ematwin.experiments import search
+from ematwin.experiments import candidates
 from ematwin.experiments.command_errors import fault_vectors, identified_errors, shown_by
 from ematwin.experiments.experiment import Experiment
 from ematwin.models import registry
@@ -117,9 +117,10 @@ def test_trials_leave_out_a_sled_that_friction_holds(sled) -> None:
 
 
 def test_without_a_budget_a_slow_kind_ends_in_time_and_says_so(sled, monkeypatch) -> None:
-    monkeypatch.setattr(search, "SECONDS", 0.0)
+    monkeypatch.setattr(candidates, "SECONDS", 0.0)
     found = ematwin.design(sled, trials=0, threads=1)
-    assert (found.stopped, found.evaluations) == ("time", 1)
+    assert found.stopped == "time"
+    assert found.evaluations < 5  # as soon as one can be used
     assert ematwin.design(sled, budget=5, trials=0, threads=1).evaluations == 5
 
 

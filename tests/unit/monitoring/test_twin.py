@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from ematwin.errors import InputError, RecordError
 from ematwin.models.ball_screw.model import MODEL
-from ematwin.models.ball_screw.motions import out_and_back
 from ematwin.models.ball_screw.parameters import FIXED, BallScrew
 from ematwin.models.ball_screw.step import (
     LEAST_FRICTION,
@@ -20,6 +19,7 @@ from ematwin.models.ball_screw.step import (
 )
 from ematwin.models.ball_screw.twin import ball_screw_constants, candidate_traces, steps_of
 from ematwin.recordings.recording import Recording
+from made_up_rig import out_and_back
 from naive import ball_screw as naive
 
 ACTUATOR = BallScrew.load()

@@ -6,7 +6,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ematwin.models.ball_screw.monitoring import MONITORING
-from ematwin.models.ball_screw.motions import SENSORS, as_sensed
 from ematwin.models.ball_screw.parameters import FIXED, BallScrew
 from ematwin.models.ball_screw.plausibility import check_signals, check_spans, position_error
 from ematwin.models.base import Demand, Model, Signal, Study, Values
@@ -16,6 +15,7 @@ from ematwin.recordings.channel import Channel, Derivation
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 
+SENSORS = (0.03, 2e-4)  # A and m: standard deviations of a usual rig
 _MOST_BACKLASH = 5e-3  # m
 _MOST_LOAD = 2.0  # of the friction at standstill
 _MOST_ERROR = 5e-3  # m
@@ -156,6 +156,31 @@ class BallScrewModel(Model):
             Signal("Current of the drive", "A", recording.channels["current"]),
             Signal("Position error", "mm", 1e3 * position_error(recording)),
         ]
+
+
+def as_sensed(
+    clean: Recording,
+    actuator: Any,
+    roughness: float,
+    noise: tuple[float, float],
+    random: np.random.Generator,
+) -> Recording:
+    """A simulated motion with roughness and the noise (A, m) of its sensors.
+
+    Roughness is a simple measure of surface damage: a share of the moving current swings once a
+    turn of the screw and, half as much, with its second harmonic; the nut swings with it by the
+    same share of a millimetre.
+    """
+    set_point, current, error = clean.set_point, clean.current, clean.position_error
+    turns = (set_point - error) / actuator.screw.lead
+    phase = random.uniform(0.0, 2.0 * np.pi, 2)
+    swing = np.sin(2.0 * np.pi * turns + phase[0])
+    swing += 0.5 * np.sin(4.0 * np.pi * turns + phase[1])
+    moving = current - actuator.drive.idle_current
+    current = current + roughness * moving * swing + random.normal(0.0, noise[0], current.size)
+    error = error + roughness * 1e-3 * swing * (np.abs(np.gradient(set_point)) > 0.0)
+    error = error + random.normal(0.0, noise[1], error.size)
+    return clean.changed(current=np.abs(current), position_error=error)
 
 
 MODEL = BallScrewModel()

@@ -17,7 +17,6 @@ from ematwin.models.bldc.unknowns import (
     aliases,
     nuisances,
 )
-from ematwin.models.scenario import Chirp, Component, Ramp, Step
 from ematwin.models.servo import (
     ServoModel,
     current_laws,
@@ -64,13 +63,6 @@ class BldcModel(ServoModel):
         Demand("current", "A", CURRENTS),
         Demand("load", "N*m", ("load",)),
     )
-    # an offset that is gone to and stays, a second chirp, and a second step of the load
-    designable: ClassVar[dict[str, tuple[Component, ...]]] = {
-        "command": (
-            Ramp(rate=0.0, stop=0.05), Chirp(amplitude=0.0, f_start=10.0, f_end=10.0),
-        ),
-        "load": (Step(value=0.0),),
-    }  # fmt: skip
 
     def unknowns(self, actuator: Any) -> tuple[Unknown, ...]:
         """The eight components of the paper's fault vector; load and sensors."""
