@@ -12,7 +12,7 @@ the equations tell every fault it takes the place of the closed loop.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -41,6 +41,7 @@ def informed(
     problem: Problem,
     start: np.ndarray,
     most: float = math.inf,
+    like: Problem | None = None,
 ) -> tuple[Problem, np.ndarray] | None:
     """A problem with the evidence of the equations along the motion, and their estimate (d,).
 
@@ -49,6 +50,7 @@ def informed(
     problem : with everything free
     start : (d,) array, values from which to descend
     most : squared standard deviations; a problem of which slopes promise no less is given up
+    like : of the same recordings, with which this one is compared: its standard deviations count
 
     None where only the fast model is needed, or where no recording has equations: positions are
     lacking.
@@ -60,7 +62,8 @@ def informed(
     """
     if not problem.lacks_forms:
         return None
-    chart = problem.chart
+    chart, known = problem.chart, None if like is None else like.information
+    scales = {} if known is None else known.scales
     z = chart.project(chart.from_values(start[None]))
     values = _values(problem, z)
     every = [
@@ -73,10 +76,11 @@ def informed(
         return None
     rests = {along.equation.rests for along in every}
     if first := [along for along in every if along.equation.name in rests]:
-        z, _ = _Fit(actuator, problem, first, z).run(z, most)
+        z, _ = _Fit(actuator, problem, first, z, scales).run(z, most)
         values = _values(problem, z)
         every = [along.at(values[along.recording]) for along in every]
-    fit = _Fit(actuator, problem, [one for one in every if one.equation.size > 0.0], z)
+    every = [along for along in every if along.equation.size > 0.0]
+    fit = _Fit(actuator, problem, every, z, scales)
     z, known = fit.run(z, most)
     if fit.finds_first_samples(z):
         z, known = fit.run(z, most)
@@ -119,7 +123,12 @@ class _Fit:
     """
 
     def __init__(
-        self, actuator: ParameterSet, problem: Problem, every: Sequence[_Along], z: np.ndarray
+        self,
+        actuator: ParameterSet,
+        problem: Problem,
+        every: Sequence[_Along],
+        z: np.ndarray,
+        scales: Mapping[tuple[int, str], float],
     ) -> None:
         self._actuator, self._problem, self._every = actuator, problem, every
         self.first_samples = [one.recording.first_sample for one in problem.comparisons]
@@ -134,6 +143,7 @@ class _Fit:
         equations = [one.equation for one in every]
         self._least = [one.least(actuator) * one.size for one in equations]
         self._alike = [one.alike(actuator) * one.size for one in equations]
+        self._given = scales
         self._scales = [self._scale(n, each) for n, each in enumerate(left)]
         matters = {n for places in self._matters for n in places.values()}
         self._free = np.array(sorted(matters), dtype=int)
@@ -176,14 +186,17 @@ class _Fit:
             else:
                 slopes, fresh = self._slopes(z, here), True
         self._last = here, slopes
-        weights = self._weights(here)
+        ends = self._ends(here)
+        weights = np.repeat(np.array(ends) / self._scales, self._counts)
         here = weights * here[: weights.size]
         rotation, root = np.linalg.qr((weights * slopes[:, : weights.size]).T)
         every = np.zeros((free.size + 1, z.shape[1]))
         every[:-1, free] = root
         moved = rotation.T @ here
         rest = math.sqrt(max(0.0, float(here @ here - moved @ moved)))
-        return z, Information(chart, z[0], every, np.append(moved, rest))
+        names = [(one.recording, one.equation.name) for one in self._every]
+        scales = dict(zip(names, ends, strict=True))
+        return z, Information(chart, z[0], every, np.append(moved, rest), scales)
 
     def finds_first_samples(self, z: np.ndarray) -> bool:
         """Find when loops sampled first, near coordinates (1, d) at which `run` ended.
@@ -217,15 +230,14 @@ class _Fit:
                 self.first_samples[m], found = instant, True
         return found
 
-    def _weights(self, here: np.ndarray) -> np.ndarray:
-        """Factors (K,) on residuals of the equations, by their size where that is more."""
+    def _ends(self, here: np.ndarray) -> list[float]:
+        """The scale of each equation by residuals (K,), by their size where that is more."""
         found, first = [], 0
         for n, (count, scale) in enumerate(zip(self._counts, self._scales, strict=True)):
             left = here[first : first + count] / scale
-            new = self._scale(n, left, float(np.linalg.norm(left)))
-            found.append(np.full(count, new / scale))
+            found.append(self._scale(n, left, float(np.linalg.norm(left))))
             first += count
-        return np.concatenate(found)
+        return found
 
     def _slopes(self, z: np.ndarray, here: np.ndarray) -> np.ndarray:
         """(f, K), of residuals (K,) at coordinates (1, d), by those that matter."""
@@ -239,6 +251,9 @@ class _Fit:
 
         ``noise`` is the norm of the noise, where it is more than an equation leaves at least.
         """
+        along = self._every[n]
+        if (given := self._given.get((along.recording, along.equation.name))) is not None:
+            return given
         independent = left.size / correlation_time(left)
         least = max(self._least[n], noise)
         return 1.0 / math.sqrt(least**2 / independent + self._alike[n] ** 2)

@@ -146,9 +146,12 @@ def _worth_a_look(full: Problem, found: Found, problem: Problem) -> list[np.ndar
 def height(peak: Laplace, noise: float, informed: bool = True) -> float:
     """How far a peak lies from the recording and from the priors, squared standard deviations.
 
-    Not ``informed`` leaves out knowledge beside priors (`Problem.informed`).
+    Not ``informed`` leaves out knowledge beside priors (`Problem.informed`). Where that tells all
+    of the recording, the closed loop does not count.
     """
     distances = peak.problem.prior_distances(peak.point[None], informed)[0] / peak.problem.noise
+    if peak.problem.is_told and informed:
+        return float(distances @ distances)
     data = (peak.cost + peak.evidence) / noise**2
     return data + float(distances @ distances)
 

@@ -86,12 +86,14 @@ class Information(NamedTuple):
     z : (d,) array, coordinates z_0
     root : (k, d) array
     left : (k,) array
+    scales : by recording and name of an equation, one over the standard deviation of its residuals
     """
 
     chart: Chart
     z: np.ndarray
     root: np.ndarray
     left: np.ndarray
+    scales: Mapping[tuple[int, str], float]
 
     def distances(self, values: Mapping[str, np.ndarray]) -> np.ndarray:
         """(B, k), standard deviations, of values (B,) by name."""

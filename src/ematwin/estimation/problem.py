@@ -66,6 +66,7 @@ class Problem(HasUnknowns):
     noise : float, standard deviation of an independent residual: the unit in which priors count
     changes : tuple of ResidualChange, of a problem that the reference corrects
     linear : ResidualChange that takes the place of the fast model; None where that answers
+    information : Information, knowledge beside the priors; None without
     is_told : bool, whether knowledge beside the priors tells all that the recordings tell of faults
     trust : float, how far evidence counts: one over its noise in the unit of that expected, 1 at
         most
@@ -104,7 +105,7 @@ class Problem(HasUnknowns):
         self._logarithmic = np.array([self.unknowns[n].logarithmic for n in self._priors], bool)
         self.changes: tuple[ResidualChange, ...] = ()
         self.linear: ResidualChange | None = None
-        self._information: Information | None = None
+        self.information: Information | None = None
         self.is_told = False
         given = dict(start or {})
         self.start = np.array([given.get(one.name, one.healthy) for one in self.unknowns])
@@ -311,8 +312,8 @@ class Problem(HasUnknowns):
         if self._logarithmic.any():
             z[:, self._logarithmic] = np.log(z[:, self._logarithmic])
         distances = self.noise * self.prior.distances(z)
-        if self._information is not None and informed:
-            known = self._information.distances(self._by_name(points))
+        if self.information is not None and informed:
+            known = self.information.distances(self._by_name(points))
             distances = np.hstack([distances, self.noise * known])
         return np.asarray(distances)
 
@@ -324,7 +325,7 @@ class Problem(HasUnknowns):
     @property
     def is_informed(self) -> bool:
         """Whether something is known of the unknowns besides their priors."""
-        return self._information is not None
+        return self.information is not None
 
     def informed(self, information: Information, whole: bool = False) -> "Problem":
         """The same problem with further knowledge of its unknowns, which counts as a prior.
@@ -332,7 +333,7 @@ class Problem(HasUnknowns):
         ``whole`` says that it tells all that the recordings tell of faults.
         """
         other = copy.copy(self)
-        other._information, other.is_told = information, whole
+        other.information, other.is_told = information, whole
         return other
 
     @property
@@ -342,7 +343,7 @@ class Problem(HasUnknowns):
 
     def split(self, residuals: np.ndarray) -> Residuals:
         """Residuals (..., K) by where they come from; recordings in their order."""
-        known = 0 if self._information is None else self._information.left.size
+        known = 0 if self.information is None else self.information.left.size
         priors = residuals.shape[-1] - len(self._priors) - known
         data = priors - sum(one.evidence for one in self.comparisons)
         return Residuals(
@@ -370,7 +371,7 @@ class Problem(HasUnknowns):
         other.noise, other.trust = self.noise, self.trust
         other.model_error = self.model_error
         other.changes, other.linear = self.changes, self.linear
-        other._information, other.is_told = self._information, self.is_told
+        other.information, other.is_told = self.information, self.is_told
         return other
 
     def with_noise(

@@ -214,7 +214,7 @@ def _compared(
     start, as_found = starts[best], _start(full, full.names, {**own, **form.starts[best]})
     most = math.inf if unexplained else _FAR**2 * height(peak, peak.problem.noise)
     try:
-        along = informed(model, form.actuator, full, as_found, most)
+        along = informed(model, form.actuator, full, as_found, most, like=peak.problem)
     except TooFarError:
         return None
     if along:
