@@ -144,8 +144,8 @@ class Equations:
     template : whose tolerances hold the parameters
     equations : one for each recording
     known : what other equations tell of the parameters, in place of the tolerances
-    beside : load and sensors, of which each recording has its own: what they may change counts as
-        noise, with its covariance
+    beside : load, sensors and timing, of which each recording has its own: what they may change
+        (`Equation.changes`) counts as noise, with its covariance
 
     Attributes
     ----------
@@ -312,16 +312,16 @@ class Equations:
 
 
 def _changed_by(beside: Sequence[Unknown], equation: Equation, actuator: ParameterSet) -> Scatter:
-    """What load and sensors of a recording may change in an equation, by their priors."""
-    here = equation.left(actuator, {})
+    """What load, sensors and timing of a recording may change in an equation, by their priors."""
+    left, slopes = equation.left(actuator, {}), equation.changes(actuator)
     changes = [
-        equation.left(actuator, {one.name: one.healthy + one.spread}) - here
+        one.spread * slopes[one.name]
         for one in beside
-        if one.name in equation.unknowns and one.spread is not None
+        if one.name in slopes and one.spread is not None
     ]
     noise = equation.least(actuator) * equation.size
-    independent = math.sqrt(here.size / correlation_time(here))
-    return Scatter.of(np.array(changes).reshape(len(changes), here.size), noise / independent)
+    independent = math.sqrt(left.size / correlation_time(left))
+    return Scatter.of(np.array(changes).reshape(len(changes), left.size), noise / independent)
 
 
 def with_values(actuator: ParameterSet, values: Values) -> ParameterSet:

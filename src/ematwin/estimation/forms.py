@@ -207,7 +207,9 @@ class _Selection:
             fit = self._chosen(fit, found)
         told = self._told(plain, fit, found, absent)
         told = replace(told, explained=(*self._known.explained, *gains))
-        return told, replace(fit, alike=self.equations.alike(fit.actuator))
+        # what noise does not explain is a discrepancy, alike throughout
+        beyond = max(0.0, fit.cost - self.equations.least(fit.actuator))
+        return told, replace(fit, alike=self.equations.alike(fit.actuator) + beyond)
 
     def _with_more(
         self, fit: EquationFit, found: Sequence[Form], rest: Sequence[Form], most: int

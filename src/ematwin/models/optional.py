@@ -186,3 +186,4 @@ class Equation(NamedTuple):
     together: Sequence[Choices] = ()
     first_samples: Callable[[Any], Sequence[float]] = lambda actuator: ()
     alike: Callable[[ParameterSet], float] = lambda actuator: 0.0
+    changes: Callable[[ParameterSet], Mapping[str, np.ndarray]] = lambda actuator: {}

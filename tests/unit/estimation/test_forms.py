@@ -92,7 +92,7 @@ def test_the_lag_of_an_encoders_speed_is_not_taken_for_that_of_the_current_loop(
         current_bandwidth=2600.0, encoder_lines=10_000.0, output_lines=80_000.0,
         sampling_phase=0.3,
     )  # fmt: skip
-    beside = compared(structure, {"load"}, duration=0.2, recordings=1)
+    beside = compared(structure, {"load"}, duration=0.3)
     forms = find_forms(MODEL, SHEET, beside)
     assert sum(one.forms for one in forms.explained) == len(forms.found)
     assert {one.equation for one in forms.explained} == {"controller"}

@@ -256,6 +256,16 @@ class Controller:
         gain, offset = given.get("current_gain", 1.0), given.get("current_offset", 0.0)
         return gain * self._equivalent(currents) + offset - self._seen
 
+    def changes(self, actuator: Any) -> dict[str, np.ndarray]:
+        """How the residual (S - 1,), A, changes with the skew (s), which may pass for a lag.
+
+        As if the current followed its demand: the ripple of a comparator drowns such a change.
+        """
+        motion, own, count = self._motion, actuator.controller, self._seen.size + 1
+        demand = own.position_gain * own.speed_gain / (2.0 * actuator.motor.emf_constant)
+        pace = np.gradient(motion.command[:count], motion.time[:count])[1:]
+        return {"skew": demand * self._low_pass.apply(pace, motion.rate)}
+
     def least(self, actuator: Any) -> float:
         """Share of the recorded current that noise and the error of the equation leave."""
         noise = noise_of(self._signed, self._low_pass, self._motion.rate, self._seen.size)

@@ -276,6 +276,7 @@ def equations(recording: Recording, actuator: Any, values: Values | None) -> tup
         ),
         first_samples=_first_samples,
         alike=controller.alike,
+        changes=controller.changes,
     )  # fmt: skip
     if "load" not in recording.channels:
         return (of_controller,)
