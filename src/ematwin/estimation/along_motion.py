@@ -249,14 +249,15 @@ class _Fit:
     def _scale(self, n: int, left: np.ndarray, noise: float = 0.0) -> float:
         """One over the standard deviation of residuals of the nth equation; independent ones count.
 
-        ``noise`` is the norm of the noise, where it is more than an equation leaves at least.
+        ``noise`` is the norm of what is left at the end; beyond noise it is a discrepancy, which is
+        alike throughout and counts once.
         """
         along = self._every[n]
         if (given := self._given.get((along.recording, along.equation.name))) is not None:
             return given
-        independent = left.size / correlation_time(left)
-        least = max(self._least[n], noise)
-        return 1.0 / math.sqrt(least**2 / independent + self._alike[n] ** 2)
+        independent, least = left.size / correlation_time(left), self._least[n]
+        beyond = max(0.0, noise**2 - least**2)
+        return 1.0 / math.sqrt(least**2 / independent + self._alike[n] ** 2 + beyond)
 
     def _left(self, one: _Along, values: Values, instant: float | None = None) -> np.ndarray:
         places = {name: value for name, value in values.items() if "." in name}
