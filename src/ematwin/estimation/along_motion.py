@@ -8,7 +8,7 @@ faults and parameters and have one minimum, and there they give a normal distrib
     exp(-|r + J (z - z_0)|^2/2),   r in standard deviations,
 
 in the coordinates z of the problem's chart (`Information`), which counts beside the priors. Where
-the equations tell every fault it takes the place of the closed loop.
+the equations show every fault it takes the place of the closed loop.
 """
 
 import math
@@ -49,7 +49,7 @@ def informed(
     ----------
     problem : with everything free
     start : (d,) array, values from which to descend
-    most : squared standard deviations; a problem of which slopes promise no less is given up
+    most : squared standard deviations; where slopes promise no less the problem is given up
     like : of the same recordings, with which this one is compared: its standard deviations count
 
     None where only the fast model is needed, or where no recording has equations: positions are
@@ -249,8 +249,8 @@ class _Fit:
     def _scale(self, n: int, left: np.ndarray, noise: float = 0.0) -> float:
         """One over the standard deviation of residuals of the nth equation; independent ones count.
 
-        ``noise`` is the norm of what is left at the end; beyond noise it is a discrepancy, which is
-        alike throughout and counts once.
+        ``noise`` is the norm of the residuals at the end. Beyond the least it is a discrepancy,
+        which is alike throughout and counts once.
         """
         along = self._every[n]
         if (given := self._given.get((along.recording, along.equation.name))) is not None:

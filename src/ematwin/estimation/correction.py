@@ -13,12 +13,12 @@ until it stays where it is: defect correction (Boehmer, Hemker and Stetter 1984,
 Where R - f changes with x the rounds converge slowly, or not at all. Then the last ones are
 combined to the point from which a round would lead nowhere, if rounds were linear (Anderson 1965,
 J. ACM 12, 547-560, with steps measured in standard errors). Behind loops that the fast model lacks
-its slopes are wrong too. Where equations along the motion tell every fault, the peak is theirs, and
-the reference is asked there for what it leaves. Else the reference alone is linearised
-(`ematwin.estimation.linearised`), from what equations tell or from where rounds end. Rounds follow
-its answers (Broyden), from the lowest point so far. They end where the peak stays, or where three
-in succession lower nothing. Where the error of the model, below, is then more than what noise
-leaves, slopes are taken once more, over what is known by then.
+its slopes are wrong too. Where equations along the motion show every fault, the peak is theirs, and
+the reference only checks it. Else the reference alone is linearised
+(`ematwin.estimation.linearised`), where equations or rounds end. Rounds then follow its answers
+(Broyden), from the lowest point so far. They end where the peak stays, or where three in succession
+lower nothing. Where the error of the model, below, is then larger than noise, slopes are taken once
+more, over the width that is left.
 
 The truth lies elsewhere within the width of the minimum, where the error of the model differs:
 impacts, ripple and slopes change. With J the slopes of the residuals r, noise s and
@@ -157,9 +157,9 @@ def corrected(
 
 
 def _along_motion(problem: Problem, z: np.ndarray, descent: Descent) -> Corrected:
-    """The peak of what is known without the closed loop, next to coordinates (d,).
+    """The peak of priors and equations, next to coordinates (d,), with the reference's residuals.
 
-    The reference is asked there for what it leaves.
+    The closed loop does not move it.
     """
     here = linear_at(problem, z)
     if here is None:

@@ -144,8 +144,8 @@ class Equations:
     template : whose tolerances hold the parameters
     equations : one for each recording
     known : what other equations tell of the parameters, in place of the tolerances
-    beside : load, sensors and timing, of which each recording has its own: what they may change
-        (`Equation.changes`) counts as noise, with its covariance
+    beside : load, sensors and timing, which differ from recording to recording: the changes they
+        may make (`Equation.changes`) count as noise, with their covariance
 
     Attributes
     ----------

@@ -67,7 +67,7 @@ class Problem(HasUnknowns):
     changes : tuple of ResidualChange, of a problem that the reference corrects
     linear : ResidualChange that takes the place of the fast model; None where that answers
     information : Information, knowledge beside the priors; None without
-    is_told : bool, whether knowledge beside the priors tells all that the recordings tell of faults
+    is_told : bool, whether knowledge beside the priors holds all that the recordings show
     trust : float, how far evidence counts: one over its noise in the unit of that expected, 1 at
         most
     model_error : float, factor on standard errors for errors of the fast model that are the same
@@ -330,7 +330,7 @@ class Problem(HasUnknowns):
     def informed(self, information: Information, whole: bool = False) -> "Problem":
         """The same problem with further knowledge of its unknowns, which counts as a prior.
 
-        ``whole`` says that it tells all that the recordings tell of faults.
+        ``whole`` says that it holds all that the recordings show of faults.
         """
         other = copy.copy(self)
         other.information, other.is_told = information, whole

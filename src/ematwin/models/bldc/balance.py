@@ -205,7 +205,7 @@ class Contact:
         self.size = float(np.linalg.norm(self._about_mean(self._twist)))
 
     def _elastic(self, actuator: Any, values: Values | None) -> np.ndarray:
-        """Torque (S,) of the stiffness alone, N m: what the output needs, later by d/k."""
+        """Torque (S,) of the stiffness alone, N m: that on the output, later by d/k."""
         balance, contact = self._balance, actuator.contact
         share = math.exp(-contact.stiffness / (contact.damping * balance.motion.rate))
         late = np.array([1.0 - share, 0.0, 0.0, -share, 0.0, 0.0, 0.0])
