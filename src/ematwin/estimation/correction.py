@@ -38,7 +38,7 @@ import numpy as np
 
 from ematwin.estimation.constants import AS_GOOD
 from ematwin.estimation.corrected_problem import corrected_at
-from ematwin.estimation.descent import Descent, TooFarError
+from ematwin.estimation.descent import Descent
 from ematwin.estimation.laplace import (
     Laplace,
     laplace,
@@ -131,10 +131,10 @@ def corrected(
     """
     chart = problem.chart
     z = chart.project(chart.from_values(start[None]))[0]
-    if problem.is_told:
-        return _along_motion(problem, z, descent)
     near = problem.is_informed or is_linear(like)
     here = linear_at(problem, z) if problem.lacks_forms and near else None
+    if here is not None and problem.is_told:
+        return _along_motion(problem, here, z, descent)
     if here is not None:
         ways = principal(prior_information(problem, z), _WIDEST)
         return _linearised(problem, here, z, ways, descent, steps, like)
@@ -156,14 +156,11 @@ def corrected(
     return end
 
 
-def _along_motion(problem: Problem, z: np.ndarray, descent: Descent) -> Corrected:
-    """The peak of priors and equations, next to coordinates (d,), with the reference's residuals.
+def _along_motion(problem: Problem, here: Problem, z: np.ndarray, descent: Descent) -> Corrected:
+    """The peak of priors and equations, with the reference's residuals there.
 
-    The closed loop does not move it.
+    From coordinates (d,) at which ``here`` is answered. The closed loop does not move it.
     """
-    here = linear_at(problem, z)
-    if here is None:
-        raise TooFarError
     runs = 1
     while True:
         peak = laplace(here, here.chart.to_values(z[None])[0], descent)

@@ -10,6 +10,7 @@ from ematwin.estimation.correction import corrected, with_model_error
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.laplace import laplace
 from ematwin.estimation.linearised import linear_at, missed_by, with_secant, with_slopes
+from ematwin.estimation.prior import Information
 from ematwin.estimation.problem import Problem
 from naive.toy import BASES, NOISE, SAMPLES, OneChannel, fault, stacked
 
@@ -265,3 +266,22 @@ def test_at_a_bound_both_answers_lie_on_the_other_side(start):
     assert np.linalg.norm(missed_by(linear, inside)) < 0.2 * np.linalg.norm(
         here.residuals(inside[None])[0] - linear_at(problem, inside).residuals(inside[None])[0]
     )
+
+
+@pytest.mark.parametrize("lost", [False, True])
+def test_where_knowledge_is_whole_the_closed_loop_is_checked_and_moves_nothing(lost):
+    problem = Problem([OnlyTheReferenceHasALoop(1.0)], FAULTS)
+    problem.comparisons[0].lost = lost
+    z = problem.chart.from_values(np.array([[0.6, 0.2]]))[0]
+    known = Information(problem.chart, z, 1e3 * EYE, np.zeros(2), {})
+    told = problem.informed(known, whole=True)
+    end = corrected(told, np.array([0.5, 0.3]), Descent(settled=np.inf))
+    assert end.peak.point == pytest.approx([0.6, 0.2], abs=5e-3)
+    if lost:  # the reference has no answer: the fast model alone is left
+        assert end.rounds == 0
+        return
+    left = told.comparisons[0].recording.y - true_answer(0.6, 0.2)[0]
+    assert end.peak.cost == pytest.approx(left @ left)
+    errors = np.sqrt(np.diag(end.covariance))
+    assert errors == pytest.approx(1e-3, rel=0.01)
+    assert with_model_error(end).covariance == pytest.approx(end.covariance)
