@@ -94,8 +94,9 @@ def minima(
     misfit = full.relative_misfit(min(one.peak.cost for one in (best, *others)))
     usual = max(healthy, best.peak.problem.recorded_misfit)
     explained = full.relative_misfit(best.peak.cost) <= AS_GOOD * usual
-    # from further off no other load has led to a verdict
-    if misfit <= worst_misfit(baseline.misfit) and (strained(best.peak) or not explained):
+    # equations have one minimum; and from further off no other load has led to a verdict
+    doubtful = not full.is_told and (strained(best.peak) or not explained)
+    if misfit <= worst_misfit(baseline.misfit) and doubtful:
         others += beside_it(best)
         noise = best.peak.problem.noise
         nearest = min((best, *others), key=lambda one: height(one.peak, noise))
