@@ -50,7 +50,8 @@ def informed(
     problem : with everything free
     start : (d,) array, values from which to descend
     most : squared standard deviations; where slopes promise no less the problem is given up
-    like : of the same recordings, with which this one is compared: its standard deviations count
+    like : of the same recordings, with which this one is compared: its standard deviations count,
+        and its first samples
 
     None where only the fast model is needed, or where no recording has equations: positions are
     lacking.
@@ -82,7 +83,7 @@ def informed(
     every = [along for along in every if along.equation.size > 0.0]
     fit = _Fit(actuator, problem, every, z, scales)
     z, known = fit.run(z, most)
-    if fit.finds_first_samples(z):
+    if like is None and fit.finds_first_samples(z):
         z, known = fit.run(z, most)
         problem = problem.sampled_first(fit.first_samples)
     faults = {one.name for one in model.faults(actuator)}
