@@ -207,7 +207,8 @@ class Contact:
     def _elastic(self, actuator: Any, values: Values | None) -> np.ndarray:
         """Torque (S,) of the stiffness alone, N m: that on the output, later by d/k."""
         balance, contact = self._balance, actuator.contact
-        share = math.exp(-contact.stiffness / (contact.damping * balance.motion.rate))
+        lag = contact.damping / contact.stiffness
+        share = math.exp(-1.0 / (lag * balance.motion.rate)) if lag > 0.0 else 0.0
         late = np.array([1.0 - share, 0.0, 0.0, -share, 0.0, 0.0, 0.0])
         return filtered(late, balance.output_torque(actuator, values))[0]
 

@@ -170,6 +170,19 @@ def test_a_gear_that_gives_more_than_its_file_says_does_not_seem_to_cross_its_ga
     assert np.linalg.norm(output.left(actuator)) / output.size < 2.0 * output.least(actuator)
 
 
+def test_without_damping_the_twist_of_a_gear_follows_its_torque_at_once():
+    structure, actuator = as_built()
+    record = recorded(structure, actuator)
+    left = [
+        Contact(TorqueBalance(along_motion.Motion(record, gear)), gear).left(gear)
+        for gear in (
+            actuator.changed({"compliance.stiffness": 1000.0, "compliance.damping": damping})
+            for damping in (0.0, 1e-6)
+        )
+    ]
+    np.testing.assert_allclose(left[0], left[1], atol=1e-9)
+
+
 def test_where_one_face_alone_is_pushed_nothing_crosses_the_gap():
     structure, actuator = as_built()
     balance = TorqueBalance(along_motion.Motion(recorded(structure, actuator, 0.03), actuator))
