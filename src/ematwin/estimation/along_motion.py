@@ -20,7 +20,7 @@ import numpy as np
 from ematwin.errors import EmatwinError
 from ematwin.estimation.constants import DECIDES
 from ematwin.estimation.descent import TooFarError
-from ematwin.estimation.equation_fit import with_secant
+from ematwin.estimation.equation_fit import with_secant, with_values
 from ematwin.estimation.first_sample import found_first_sample
 from ematwin.estimation.levenberg_marquardt import NOTHING
 from ematwin.estimation.prior import Information
@@ -140,6 +140,8 @@ class _Fit:
             for one, places in zip(every, self._matters, strict=True)
         ]
         self._counts = [each.size for each in left]
+        ends = np.cumsum(self._counts).tolist()
+        self._parts = [slice(a, b) for a, b in zip([0, *ends], ends, strict=False)]
         # what noise and the equations' own errors leave
         equations = [one.equation for one in every]
         self._least = [one.least(actuator) * one.size for one in equations]
@@ -208,20 +210,21 @@ class _Fit:
         here, slopes = self._last
         basis, found = np.linalg.qr(slopes.T)[0], False
         for m, values in enumerate(_values(self._problem, z)):
-            places = {name: x for name, x in values.items() if "." in name}
-            own = [n for n, one in enumerate(self._every) if one.recording == m]
-            actuator = self._actuator.changed(places)
-            sampled = [n for n in own if self._every[n].equation.first_samples(actuator)]
+            actuator = with_values(self._actuator, values)
+            sampled = [
+                n for n, one in enumerate(self._every)
+                if one.recording == m and one.equation.first_samples(actuator)
+            ]  # fmt: skip
             if self.first_samples[m] or not sampled:
                 continue
 
             def cost(instant: float, own: Sequence[int] = sampled, at: Values = values) -> float:
                 left = here.copy()
                 for n in own:
-                    first = sum(self._counts[:n])
-                    part = slice(first, first + self._counts[n])
                     known = {name: at[name] for name in self._matters[n]}
-                    left[part] = self._scales[n] * self._left(self._every[n], known, instant)
+                    left[self._parts[n]] = self._scales[n] * self._left(
+                        self._every[n], known, instant
+                    )
                 along = left @ basis
                 return float(left @ left - along @ along)
 
@@ -233,12 +236,8 @@ class _Fit:
 
     def _ends(self, here: np.ndarray) -> list[float]:
         """The scale of each equation by residuals (K,), by their size where that is more."""
-        found, first = [], 0
-        for n, (count, scale) in enumerate(zip(self._counts, self._scales, strict=True)):
-            left = here[first : first + count] / scale
-            found.append(self._scale(n, left, float(np.linalg.norm(left))))
-            first += count
-        return found
+        every = [here[part] / x for part, x in zip(self._parts, self._scales, strict=True)]
+        return [self._scale(n, left, float(np.linalg.norm(left))) for n, left in enumerate(every)]
 
     def _slopes(self, z: np.ndarray, here: np.ndarray) -> np.ndarray:
         """(f, K), of residuals (K,) at coordinates (1, d), by those that matter."""
@@ -261,10 +260,9 @@ class _Fit:
         return 1.0 / math.sqrt(least**2 / independent + self._alike[n] ** 2 + beyond)
 
     def _left(self, one: _Along, values: Values, instant: float | None = None) -> np.ndarray:
-        places = {name: value for name, value in values.items() if "." in name}
         beside = {name: value for name, value in values.items() if "." not in name}
         beside[FIRST_SAMPLE] = self.first_samples[one.recording] if instant is None else instant
-        return one.equation.left(self._actuator.changed(places), beside)
+        return one.equation.left(with_values(self._actuator, values), beside)
 
     def residuals(self, z: np.ndarray) -> np.ndarray:
         """(B, K), in standard deviations, at coordinates (B, d); the priors' come last."""

@@ -174,8 +174,8 @@ class Equations:
     def _left_of(self, n: int, actuator: ParameterSet, values: Values) -> np.ndarray:
         """What an actuator leaves of a recording, as a share of all that is to be explained."""
         given = {FIRST_SAMPLE: values.get(FIRST_SAMPLE, self.first_samples[n])}
-        left = self.each[n].left(actuator, given)[None]
-        return self._beside[n].whitened(left)[0] / self._size
+        left, beside = self.each[n].left(actuator, given), self._beside[n]
+        return (left if beside is None else beside.whitened(left[None])[0]) / self._size
 
     def least(self, actuator: ParameterSet) -> float:
         """Energy that noise and the errors of the equation leave."""
@@ -311,17 +311,24 @@ class Equations:
         return other, other.fitted(actuator, fit.places, fit)
 
 
-def _changed_by(beside: Sequence[Unknown], equation: Equation, actuator: ParameterSet) -> Scatter:
-    """What load, sensors and timing of a recording may change in an equation, by their priors."""
-    left, slopes = equation.left(actuator, {}), equation.changes(actuator)
+def _changed_by(
+    beside: Sequence[Unknown], equation: Equation, actuator: ParameterSet
+) -> Scatter | None:
+    """What load, sensors and timing of a recording may change in an equation, by their priors.
+
+    None where they change nothing that may pass for a form.
+    """
+    slopes = equation.changes(actuator)
     changes = [
         one.spread * slopes[one.name]
         for one in beside
         if one.name in slopes and one.spread is not None
     ]
-    noise = equation.least(actuator) * equation.size
+    if not changes:
+        return None
+    left, noise = equation.left(actuator, {}), equation.least(actuator) * equation.size
     independent = math.sqrt(left.size / correlation_time(left))
-    return Scatter.of(np.array(changes).reshape(len(changes), left.size), noise / independent)
+    return Scatter.of(np.array(changes), noise / independent)
 
 
 def with_values(actuator: ParameterSet, values: Values) -> ParameterSet:

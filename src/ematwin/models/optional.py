@@ -172,6 +172,8 @@ class Equation(NamedTuple):
     first_samples : gives instants at which loops may sample first, evenly spaced on a circle
     alike : gives the share of it that the equation's own error leaves, alike throughout: standard
         errors count it once, however many samples there are
+    changes : gives how the residual (K,) changes with load, sensors or timing that may pass for a
+        form, by name
     """
 
     name: str

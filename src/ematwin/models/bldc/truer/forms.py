@@ -295,8 +295,8 @@ def equations(recording: Recording, actuator: Any, values: Values | None) -> tup
     return (
         of_controller,
         _contact(balance, actuator, given),
-        _motor_alone(balance, actuator, given),
-        _output_alone(balance, actuator, given),
+        _alone(balance, actuator, True, given),
+        _alone(balance, actuator, False, given),
         of_mechanics,
     )
 
@@ -312,26 +312,28 @@ def _contact(balance: TorqueBalance, actuator: Any, values: Values) -> Equation:
     )  # fmt: skip
 
 
-def _motor_alone(balance: TorqueBalance, actuator: Any, values: Values) -> Equation:
-    """The motor while the output crosses the gap between the faces that push at these values."""
+def _alone(balance: TorqueBalance, actuator: Any, of_motor: bool, values: Values) -> Equation:
+    """Motor or output, while the output crosses the gap: faces are those pushed at these values."""
     apart = Contact(balance, actuator, values).apart()
-    motor = Crossing(balance, apart, actuator, of_motor=True)
+    mass = Crossing(balance, apart, actuator, of_motor)
+    name, fitted, unknowns, error = _OF_MOTOR if of_motor else _OF_OUTPUT
     return Equation(
-        "motor in the gap", motor.left, motor.size, motor.least,
-        ("motor.emf_constant", "motor.inertia", "motor.viscous_damping", "motor.friction_torque"),
-        (), ("friction", *_WINDINGS, *_SENSOR),
-        rests="mechanics", at=partial(_motor_alone, balance, actuator),
-        alike=lambda actuator: _TURNED,
+        f"{name} in the gap", mass.left, mass.size, mass.least, fitted, (), unknowns,
+        rests="mechanics", at=partial(_alone, balance, actuator, of_motor),
+        alike=lambda actuator: error,
     )  # fmt: skip
 
 
-def _output_alone(balance: TorqueBalance, actuator: Any, values: Values) -> Equation:
-    """The output on its way, likewise."""
-    apart = Contact(balance, actuator, values).apart()
-    output = Crossing(balance, apart, actuator, of_motor=False)
-    return Equation(
-        "output in the gap", output.left, output.size, output.least,
-        ("transmission.output_inertia", "transmission.friction_torque"), (), ("friction", *LOAD),
-        rests="mechanics", at=partial(_output_alone, balance, actuator),
-        alike=lambda actuator: LEAST,
-    )  # fmt: skip
+# of a mass alone: name, places, unknowns, and the equation's own error
+_OF_MOTOR = (
+    "motor",
+    ("motor.emf_constant", "motor.inertia", "motor.viscous_damping", "motor.friction_torque"),
+    ("friction", *_WINDINGS, *_SENSOR),
+    _TURNED,
+)
+_OF_OUTPUT = (
+    "output",
+    ("transmission.output_inertia", "transmission.friction_torque"),
+    ("friction", *LOAD),
+    LEAST,
+)
