@@ -32,7 +32,8 @@ from ematwin.models.parameter_set import ParameterSet
 from ematwin.numerics.linear_algebra import bounded_squares
 from ematwin.numerics.side_by_side import side_by_side
 
-_STEP = 1e-3  # of a coordinate: the equations are smooth
+_STEP = 1e-3  # of a coordinate: most equations are smooth
+_STANDS_OUT = 10.0  # times the error of an equation
 
 
 def informed(
@@ -91,7 +92,7 @@ def informed(
         faults <= {name for one in every if one.recording == n for name in one.equation.unknowns}
         for n in range(len(problem.comparisons))
     )
-    return problem.informed(known, whole=told), chart.to_values(z)[0]
+    return problem.informed(known._replace(whole=told)), chart.to_values(z)[0]
 
 
 def _values(problem: Problem, z: np.ndarray) -> list[dict[str, float]]:
@@ -189,7 +190,11 @@ class _Fit:
             else:
                 slopes, fresh = self._slopes(z, here), True
         self._last = here, slopes
-        ends = self._ends(here)
+        norms = [
+            float(np.linalg.norm(here[part] / x))
+            for part, x in zip(self._parts, self._scales, strict=True)
+        ]
+        ends = self._ends(here, norms)
         weights = np.repeat(np.array(ends) / self._scales, self._counts)
         here = weights * here[: weights.size]
         rotation, root = np.linalg.qr((weights * slopes[:, : weights.size]).T)
@@ -199,7 +204,11 @@ class _Fit:
         rest = math.sqrt(max(0.0, float(here @ here - moved @ moved)))
         names = [(one.recording, one.equation.name) for one in self._every]
         scales = dict(zip(names, ends, strict=True))
-        return z, Information(chart, z[0], every, np.append(moved, rest), scales)
+        unexplained = max(
+            math.sqrt(max(0.0, norm**2 - least**2)) / one.equation.size
+            for norm, least, one in zip(norms, self._least, self._every, strict=True)
+        )
+        return z, Information(chart, z[0], every, np.append(moved, rest), scales, unexplained)
 
     def finds_first_samples(self, z: np.ndarray) -> bool:
         """Find when loops sampled first, near coordinates (1, d) at which `run` ended.
@@ -234,17 +243,38 @@ class _Fit:
                 self.first_samples[m], found = instant, True
         return found
 
-    def _ends(self, here: np.ndarray) -> list[float]:
-        """The scale of each equation by residuals (K,), by their size where that is more."""
-        every = [here[part] / x for part, x in zip(self._parts, self._scales, strict=True)]
-        return [self._scale(n, left, float(np.linalg.norm(left))) for n, left in enumerate(every)]
+    def _ends(self, here: np.ndarray, norms: Sequence[float]) -> list[float]:
+        """The scale of each equation by residuals (K,), by their norm where that is more."""
+        return [self._scale(n, here[self._parts[n]], left) for n, left in enumerate(norms)]
 
     def _slopes(self, z: np.ndarray, here: np.ndarray) -> np.ndarray:
-        """(f, K), of residuals (K,) at coordinates (1, d), by those that matter."""
-        steps = np.where(z[0] + _STEP <= self._problem.chart.upper, _STEP, -_STEP)[self._free]
-        beside = np.tile(z, (self._free.size, 1))
-        beside[np.arange(self._free.size), self._free] += steps
-        return np.asarray((self.residuals(beside) - here) / steps[:, None])
+        """(f, K), of residuals (K,) at coordinates (1, d), by those that matter.
+
+        Columns that do not stand out from the error of an equation over a small step are taken
+        over one that it gives.
+        """
+        every = np.arange(self._free.size)
+        slopes = self._differenced(z, here, every, _STEP, range(len(self._every)))
+        for n, one in enumerate(self._every):
+            part, error = self._parts[n], self._alike[n] * self._scales[n]
+            if one.equation.step:
+                changes = _STEP * np.linalg.norm(slopes[:, part], axis=1)
+                weak = np.flatnonzero((changes > 0.0) & (changes < _STANDS_OUT * error))
+                wide = self._differenced(z, here, weak, one.equation.step, [n])
+                slopes[weak, part] = wide[:, : part.stop - part.start]
+        return slopes
+
+    def _differenced(
+        self, z: np.ndarray, here: np.ndarray, which: np.ndarray, step: float, some: Sequence[int]
+    ) -> np.ndarray:
+        """(w, K), slopes of some equations, and of the priors, by w of the coordinates."""
+        free = self._free[which]
+        steps = np.where(z[0] + step <= self._problem.chart.upper, step, -step)[free]
+        beside = np.tile(z, (free.size, 1))
+        beside[np.arange(free.size), free] += steps
+        parts = [*(self._parts[n] for n in some), slice(self._parts[-1].stop, None)]
+        before = np.concatenate([here[one] for one in parts])
+        return np.asarray((self.residuals(beside, some) - before) / steps[:, None])
 
     def _scale(self, n: int, left: np.ndarray, noise: float = 0.0) -> float:
         """One over the standard deviation of residuals of the nth equation; independent ones count.
@@ -264,21 +294,23 @@ class _Fit:
         beside[FIRST_SAMPLE] = self.first_samples[one.recording] if instant is None else instant
         return one.equation.left(with_values(self._actuator, values), beside)
 
-    def residuals(self, z: np.ndarray) -> np.ndarray:
+    def residuals(self, z: np.ndarray, some: Sequence[int] | None = None) -> np.ndarray:
         """(B, K), in standard deviations, at coordinates (B, d); the priors' come last."""
         points = self._problem.chart.to_values(z)
         priors = self._problem.prior_distances(points) / self._problem.noise
-        return np.hstack([self._of_equations(points), priors])
+        own = range(len(self._every)) if some is None else some
+        return np.hstack([self._of_equations(points, own), priors])
 
-    def _of_equations(self, points: np.ndarray) -> np.ndarray:
-        """(B, K) of the equations at points (B, d); infinite where a loop is unstable."""
+    def _of_equations(self, points: np.ndarray, some: Sequence[int]) -> np.ndarray:
+        """(B, K) of some equations at points (B, d); infinite where a loop is unstable."""
         asked: dict[tuple[int, tuple[float, ...]], Values] = {}
         rows = []
         for point in points:  # most columns of a Jacobian leave most equations as they are
             each = [
-                {name: float(point[n]) for name, n in places.items()} for places in self._matters
+                {name: float(point[place]) for name, place in self._matters[n].items()}
+                for n in some
             ]
-            rows.append([(n, tuple(one.values())) for n, one in enumerate(each)])
+            rows.append([(n, tuple(one.values())) for n, one in zip(some, each, strict=True)])
             asked |= dict(zip(rows[-1], each, strict=True))
 
         def answered(key: tuple[int, tuple[float, ...]]) -> np.ndarray | None:

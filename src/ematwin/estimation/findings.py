@@ -13,7 +13,7 @@ import numpy as np
 from ematwin.errors import EmatwinError
 from ematwin.estimation.assess import Assessment
 from ematwin.estimation.baseline import Baseline
-from ematwin.estimation.constants import HOPELESS, TELLING, WORSE
+from ematwin.estimation.constants import HOPELESS, TELLING, WORSE, WORST
 from ematwin.estimation.estimate import Estimate
 from ematwin.estimation.intervals import Interval
 from ematwin.estimation.problem import Problem
@@ -122,10 +122,14 @@ def obstacles_to(
     limit = most_misfit(baseline.misfit, has_reference, assessed.scatter)
     if found.problem is not None:
         misfit = found.problem.relative_misfit(assessed.cost)
+    known = None if assessed.joint is None else assessed.joint.peaks[0].problem.information
+    if known is not None and known.whole and baseline.misfit > WORST:
+        # loops near instability answer otherwise each time: the equations alone can check
+        misfit, limit = known.unexplained, WORST
     if misfit > max(limit, WORSE * problem.expected_misfit):
         usual = (
             f"healthy recordings left {100.0 * baseline.misfit:.2f} %"
-            if math.isfinite(baseline.misfit)
+            if baseline.misfit <= WORST
             else f"a good fit leaves less than {100.0 * limit:.2g} %"
         )
         told += [unexplained(misfit, usual), *late_channel(problem, assessed.values)]

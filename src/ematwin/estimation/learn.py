@@ -183,7 +183,7 @@ def _learnt(
         actuator, replace(baseline, scatter=scatter),
         _parameters(forms.actuator, fit.nominals, prior),
         _tied(prior),
-        [*map(_as_finding, beyond.values()), *_notes(misfit, floor)],
+        [*map(_as_finding, beyond.values()), *_notes(misfit, floor, end.peak.problem.is_told)],
         forms,
         beside,
     )  # fmt: skip
@@ -275,11 +275,22 @@ def _tied(prior: Prior) -> list[tuple[str, ...]]:
     return groups
 
 
-def _notes(misfit: float, floor: float) -> list[str]:
+def _notes(misfit: float, floor: float, told: bool) -> list[str]:
+    """Sentences on what healthy recordings leave; ``told`` as `Problem.is_told`."""
+    left = f"The twin leaves {100.0 * misfit:.1f} % of the healthy recordings unexplained"
+    if misfit > WORST and told:
+        return [
+            f"{left} once its loops are closed, as near instability. Recordings are judged by the "
+            "equations along their motion alone."
+        ]
+    if misfit > WORST:
+        return [
+            f"{left}, and judges only what it explains to {100.0 * WORST:.0f} %: this actuator has "
+            "something that the twin has not, such as loops near instability."
+        ]
     if misfit < WORSE * floor:
         return []
     return [
-        f"The twin leaves {100.0 * misfit:.1f} % of the healthy recordings unexplained, where "
-        f"noise and its known errors would leave {100.0 * floor:.1f} %: this actuator has "
-        "something that the twin has not. Intervals are wider for it."
+        f"{left}, where noise and its known errors would leave {100.0 * floor:.1f} %: this "
+        "actuator has something that the twin has not. Intervals are wider for it."
     ]

@@ -15,14 +15,13 @@ import numpy as np
 from ematwin.estimation.aliases import aliases_of
 from ematwin.estimation.along_motion import informed
 from ematwin.estimation.baseline import Baseline, frees_parameters, with_all_free
-from ematwin.estimation.constants import APART, AS_GOOD, HOPELESS, IMPLAUSIBLE
+from ematwin.estimation.constants import APART, AS_GOOD, HOPELESS, IMPLAUSIBLE, WORST
 from ematwin.estimation.correction import Corrected, corrected, reweighed
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.laplace import Laplace
 from ematwin.estimation.other_minima import other_minima
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
-from ematwin.estimation.verdict import worst_misfit
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.numerics.side_by_side import side_by_side
@@ -96,7 +95,7 @@ def minima(
     explained = full.relative_misfit(best.peak.cost) <= AS_GOOD * usual
     # equations have one minimum; and from further off no other load has led to a verdict
     doubtful = not full.is_told and (strained(best.peak) or not explained)
-    if misfit <= worst_misfit(baseline.misfit) and doubtful:
+    if misfit <= WORST and doubtful:
         others += beside_it(best)
         noise = best.peak.problem.noise
         nearest = min((best, *others), key=lambda one: height(one.peak, noise))

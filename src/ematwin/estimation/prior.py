@@ -87,6 +87,8 @@ class Information(NamedTuple):
     root : (k, d) array
     left : (k,) array
     scales : by recording and name of an equation, one over the standard deviation of its residuals
+    unexplained : float, largest share that an equation leaves beyond noise
+    whole : bool, whether it holds all that the recordings show of faults
     """
 
     chart: Chart
@@ -94,6 +96,8 @@ class Information(NamedTuple):
     root: np.ndarray
     left: np.ndarray
     scales: Mapping[tuple[int, str], float]
+    unexplained: float = 0.0
+    whole: bool = False
 
     def distances(self, values: Mapping[str, np.ndarray]) -> np.ndarray:
         """(B, k), standard deviations, of values (B,) by name."""

@@ -67,7 +67,6 @@ class Problem(HasUnknowns):
     changes : tuple of ResidualChange, of a problem that the reference corrects
     linear : ResidualChange that takes the place of the fast model; None where that answers
     information : Information, knowledge beside the priors; None without
-    is_told : bool, whether knowledge beside the priors holds all that the recordings show
     trust : float, how far evidence counts: one over its noise in the unit of that expected, 1 at
         most
     model_error : float, factor on standard errors for errors of the fast model that are the same
@@ -106,7 +105,6 @@ class Problem(HasUnknowns):
         self.changes: tuple[ResidualChange, ...] = ()
         self.linear: ResidualChange | None = None
         self.information: Information | None = None
-        self.is_told = False
         given = dict(start or {})
         self.start = np.array([given.get(one.name, one.healthy) for one in self.unknowns])
         self.starts = np.array(
@@ -327,13 +325,15 @@ class Problem(HasUnknowns):
         """Whether something is known of the unknowns besides their priors."""
         return self.information is not None
 
-    def informed(self, information: Information, whole: bool = False) -> "Problem":
-        """The same problem with further knowledge of its unknowns, which counts as a prior.
+    @property
+    def is_told(self) -> bool:
+        """Whether that holds all that the recordings show of faults."""
+        return self.information is not None and self.information.whole
 
-        ``whole`` says that it holds all that the recordings show of faults.
-        """
+    def informed(self, information: Information) -> "Problem":
+        """The same problem with further knowledge of its unknowns, which counts as a prior."""
         other = copy.copy(self)
-        other.information, other.is_told = information, whole
+        other.information = information
         return other
 
     @property
@@ -371,7 +371,7 @@ class Problem(HasUnknowns):
         other.noise, other.trust = self.noise, self.trust
         other.model_error = self.model_error
         other.changes, other.linear = self.changes, self.linear
-        other.information, other.is_told = self.information, self.is_told
+        other.information = self.information
         return other
 
     def with_noise(

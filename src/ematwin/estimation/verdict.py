@@ -79,12 +79,7 @@ def most_misfit(healthy: float, has_reference: bool = False, scatter: float = 0.
         return UNCALIBRATED
     least = 0.0 if has_reference else EXPLAINED
     # near instability answers differ by more than they have in common: scatter excuses no such fit
-    return min(max(least, WORSE * math.hypot(healthy, scatter)), worst_misfit(healthy))
-
-
-def worst_misfit(healthy: float) -> float:
-    """The relative misfit beyond which no fit is a ground for a verdict; ``healthy`` as above."""
-    return WORST if math.isnan(healthy) else max(WORST, 1.2 * healthy)
+    return min(max(least, WORSE * math.hypot(healthy, scatter)), WORST)
 
 
 def judged(

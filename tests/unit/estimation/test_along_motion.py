@@ -1,12 +1,18 @@
 """What equations along a recorded motion say of faults, beside the truth of a simulation."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from ematwin import Noise, simulate
 from ematwin.estimation.along_motion import informed
+from ematwin.estimation.assess import unassessed
 from ematwin.estimation.baseline import Baseline, with_all_free
+from ematwin.estimation.findings import obstacles_to
 from ematwin.estimation.problem import Problem
+from ematwin.estimation.search import Found
 from ematwin.models.registry import load_actuator, model_of
 
 DRIVE = load_actuator("servo48").changed({
@@ -17,6 +23,17 @@ DRIVE = load_actuator("servo48").changed({
 })  # fmt: skip
 MODEL = model_of(DRIVE)
 FAULTS = {"friction": 0.3, "backlash": 0.1, "short_b": 0.25, "eccentricity": 0.2, "gain": 0.3}
+
+
+COGGING = {"cogging.torque": 0.002, "cogging.cycles": 12, "cogging.phase": 0.3}
+
+
+def covariance_of(known, point):
+    """(d, d), of coordinates by priors and equations."""
+    chart, step = known.chart, 1e-4 * np.eye(len(point))
+    z = chart.from_values(point[None])
+    rows = known.prior_distances(chart.to_values(z + step)) - known.prior_distances(point[None])
+    return np.linalg.inv(rows @ rows.T / (1e-4 * known.noise) ** 2)
 
 
 def everything_free(recording, actuator=DRIVE):
@@ -38,15 +55,10 @@ def found(recording):
 
 def test_equations_lead_from_healthy_to_the_faults_within_standard_errors(found):
     problem, known, point = found
-    chart = problem.chart
-    z = chart.from_values(point[None])
-    step = 1e-4 * np.eye(len(point))
-    rows = known.prior_distances(chart.to_values(z + step)) - known.prior_distances(point[None])
-    covariance = np.linalg.inv(rows @ rows.T / (1e-4 * known.noise) ** 2)
     truth = np.array([FAULTS.get(one.name, one.healthy) for one in problem.unknowns])
-    away = (z - chart.from_values(truth[None]))[0]
+    away = (problem.chart.from_values(point[None]) - problem.chart.from_values(truth[None]))[0]
     faults = [n for n, one in enumerate(problem.unknowns) if one.role == "fault"]
-    errors = np.sqrt(np.diag(covariance))
+    errors = np.sqrt(np.diag(covariance_of(known, point)))
     assert (np.abs(away[faults]) < 4.0 * errors[faults] + 1e-3).all()
     assert (errors[faults] < 0.1).all()
 
@@ -84,3 +96,38 @@ def test_without_positions_or_forms_there_is_nothing_to_know(recording):
     simple = load_actuator("servo48")
     problem = everything_free(recording, simple)
     assert informed(MODEL, simple, problem, problem.healthy) is None
+
+
+def test_ripple_of_a_comparator_is_no_evidence_of_shorts():
+    """All shorts alike and a weaker torque constant make the same torque."""
+    actuator = load_actuator("servo48").changed(COGGING)
+    recording = simulate("reference", actuator=actuator, noise=Noise(white=0.02), seed=4)
+    problem = everything_free(recording, actuator)
+    known, point = informed(MODEL, actuator, problem, problem.healthy)
+    alike = np.array([one.name.startswith("short") for one in problem.unknowns]) / 3.0
+    error = np.sqrt(alike @ covariance_of(known, point) @ alike)
+    constant = problem.prior.of(["motor.emf_constant"])
+    assert error > 0.5 * np.sqrt(constant.covariance[0, 0])
+
+
+@pytest.mark.parametrize(
+    ("left", "whole", "said"),
+    [
+        (0.02, True, []),
+        (0.4, True, ["leaves 40 % of this recording"]),  # by the equations
+        (0.02, False, ["leaves 50 % of this recording"]),  # by the closed loop
+    ],
+)
+def test_equations_check_where_the_closed_loop_fails_healthy_recordings(
+    recording, found, left, whole, said
+):
+    problem, known, point = found
+    known = known.informed(known.information._replace(unexplained=left, whole=whole))
+    baseline = replace(Baseline.of_template(MODEL, DRIVE), misfit=0.5, recordings=3)
+    end = Found(point, 1.0, 1, np.empty((0, 2)), "good fit", "by hand", 1)
+    assessed = replace(
+        unassessed(MODEL, DRIVE, problem, end, baseline),
+        joint=SimpleNamespace(peaks=[SimpleNamespace(problem=known)]),
+    )
+    told = obstacles_to("load", recording, problem, end, 0.5, assessed, baseline)
+    assert [text[: text.index(" unexplained")].removeprefix("The twin ") for text in told] == said

@@ -273,8 +273,7 @@ def test_where_knowledge_is_whole_the_closed_loop_is_checked_and_moves_nothing(l
     problem = Problem([OnlyTheReferenceHasALoop(1.0)], FAULTS)
     problem.comparisons[0].lost = lost
     z = problem.chart.from_values(np.array([[0.6, 0.2]]))[0]
-    known = Information(problem.chart, z, 1e3 * EYE, np.zeros(2), {})
-    told = problem.informed(known, whole=True)
+    told = problem.informed(Information(problem.chart, z, 1e3 * EYE, np.zeros(2), {}, whole=True))
     end = corrected(told, np.array([0.5, 0.3]), Descent(settled=np.inf))
     assert end.peak.point == pytest.approx([0.6, 0.2], abs=5e-3)
     if lost:  # the reference has no answer: the fast model alone is left

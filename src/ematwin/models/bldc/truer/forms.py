@@ -35,6 +35,7 @@ _FILTER = (5e-5, 2e-4, 5e-4, 1e-3)  # s, of speeds
 _BANDWIDTH = (2000.0, 4000.0, 8000.0)  # rad/s
 _SLOTS = (3, 6, 9, 12, 15, 18, 24)
 _TURNED = 0.01  # of an angle: friction of a motor that has just turned round bends bristles first
+_RIPPLES = 0.05  # of a range: over less the ripple of a comparator passes for a slope
 _DAMPED = 0.6  # 0.3 of critical: currents hardly show it
 _WINDINGS = ("short_a", "short_b", "short_c", "eccentricity", "eccentricity_phase")
 _SENSOR = ("current_gain", "current_offset")
@@ -277,6 +278,7 @@ def equations(recording: Recording, actuator: Any, values: Values | None) -> tup
         first_samples=_first_samples,
         alike=controller.alike,
         changes=controller.changes,
+        step=_RIPPLES if actuator.current_loop is None else 0.0,
     )  # fmt: skip
     if "load" not in recording.channels:
         return (of_controller,)
