@@ -123,13 +123,15 @@ def obstacles_to(
     if found.problem is not None:
         misfit = found.problem.relative_misfit(assessed.cost)
     known = None if assessed.joint is None else assessed.joint.peaks[0].problem.information
-    if known is not None and known.whole and baseline.misfit > WORST:
-        # loops near instability answer otherwise each time: the equations alone can check
-        misfit, limit = known.unexplained, WORST
+    if known is not None and known.whole and baseline.recordings:
+        # errors of the equations count in the intervals; loops that leave so much of healthy
+        # recordings too are near instability, and check nothing
+        loops = 0.0 if baseline.misfit > WORST else misfit
+        misfit, limit = max(known.unexplained, loops), WORST
     if misfit > max(limit, WORSE * problem.expected_misfit):
         usual = (
             f"healthy recordings left {100.0 * baseline.misfit:.2f} %"
-            if baseline.misfit <= WORST
+            if baseline.misfit <= WORST and limit < WORST
             else f"a good fit leaves less than {100.0 * limit:.2g} %"
         )
         told += [unexplained(misfit, usual), *late_channel(problem, assessed.values)]

@@ -111,23 +111,26 @@ def test_ripple_of_a_comparator_is_no_evidence_of_shorts():
 
 
 @pytest.mark.parametrize(
-    ("left", "whole", "said"),
+    ("left", "whole", "healthy", "said"),
     [
-        (0.02, True, []),
-        (0.4, True, ["leaves 40 % of this recording"]),  # by the equations
-        (0.02, False, ["leaves 50 % of this recording"]),  # by the closed loop
+        (0.02, True, 0.5, []),  # near instability the closed loop does not count
+        (0.4, True, 0.5, ["leaves 40 % of this recording"]),
+        (0.02, False, 0.5, ["leaves 50 % of this recording"]),
+        (0.02, True, 0.03, ["leaves 50 % of this recording"]),
     ],
 )
-def test_equations_check_where_the_closed_loop_fails_healthy_recordings(
-    recording, found, left, whole, said
+def test_equations_that_show_every_fault_check_beside_the_closed_loop(
+    recording, found, left, whole, healthy, said
 ):
     problem, known, point = found
     known = known.informed(known.information._replace(unexplained=left, whole=whole))
-    baseline = replace(Baseline.of_template(MODEL, DRIVE), misfit=0.5, recordings=3)
+    baseline = replace(Baseline.of_template(MODEL, DRIVE), misfit=healthy, recordings=3)
     end = Found(point, 1.0, 1, np.empty((0, 2)), "good fit", "by hand", 1)
     assessed = replace(
         unassessed(MODEL, DRIVE, problem, end, baseline),
         joint=SimpleNamespace(peaks=[SimpleNamespace(problem=known)]),
     )
     told = obstacles_to("load", recording, problem, end, 0.5, assessed, baseline)
+    if whole and healthy < 0.1:  # twice what healthy recordings leave
+        assert not obstacles_to("load", recording, problem, end, 0.07, assessed, baseline)
     assert [text[: text.index(" unexplained")].removeprefix("The twin ") for text in told] == said

@@ -118,7 +118,7 @@ def test_equations_together_say_where_the_parameters_are_and_how_surely(of_drive
     away = np.array(list(found.values()))
     assert away @ np.linalg.solve(covariance, away) < 3.0 * len(away)
     errors = dict(zip(true, np.sqrt(np.diag(covariance)).tolist(), strict=True))
-    assert errors["motor.emf_constant"] < 0.01  # the sheet has 3 %
+    assert errors["motor.emf_constant"] < 0.02  # the sheet has 3 %; efficiencies leave the rest
     assert errors["transmission.backlash"] < 0.02  # and 26 %
     # together both sides hold but sums; each shows alone while the output crosses the gap
     for place in ("motor.friction_torque", "transmission.friction_torque", "motor.inertia"):

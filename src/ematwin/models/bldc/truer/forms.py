@@ -39,6 +39,11 @@ _RIPPLES = 0.05  # of a range: over less the ripple of a comparator passes for a
 _DAMPED = 0.6  # 0.3 of critical: currents hardly show it
 _WINDINGS = ("short_a", "short_b", "short_c", "eccentricity", "eccentricity_phase")
 _SENSOR = ("current_gain", "current_offset")
+_FRICTION = (
+    "transmission.friction_torque",
+    "transmission.efficiency_opposing",  # which also makes the load count for more or less
+    "transmission.efficiency_aiding",
+)
 _PHASES = tuple(0.5 * math.pi * n for n in range(4))
 
 
@@ -289,7 +294,7 @@ def equations(recording: Recording, actuator: Any, values: Values | None) -> tup
         balance.size,
         balance.least,
         ("motor.emf_constant", "motor.inertia", "transmission.output_inertia",
-         "motor.viscous_damping", "motor.friction_torque", "transmission.friction_torque"),
+         "motor.viscous_damping", "motor.friction_torque", *_FRICTION),
         (COGGING, ROUNDED),
         ("friction", *_WINDINGS, *LOAD, *_SENSOR),
     )  # fmt: skip
@@ -335,7 +340,7 @@ _OF_MOTOR = (
 )
 _OF_OUTPUT = (
     "output",
-    ("transmission.output_inertia", "transmission.friction_torque"),
+    ("transmission.output_inertia", *_FRICTION),
     ("friction", *LOAD),
     LEAST,
 )
