@@ -179,8 +179,7 @@ def print_findings(found: "Identification") -> None:
             typer.echo(f"{one.meaning}: {number} ({between})")
     typer.echo(
         f"misfit {100.0 * found.relative_misfit:.2f} % ({found.cost:.4g}), "
-        f"{found.evaluations} simulations in {found.seconds:.2f} s with {found.algorithm}, "
-        f"seed {found.seed}; stopped: {found.stopped}"
+        f"{found.effort}, seed {found.seed}; stopped: {found.stopped}"
     )
     if found.stopped == "interrupted":
         typer.echo("Interrupted: this is the best found so far.")

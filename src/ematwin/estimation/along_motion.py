@@ -23,8 +23,10 @@ from ematwin.estimation.descent import TooFarError
 from ematwin.estimation.equation_fit import with_secant, with_values
 from ematwin.estimation.first_sample import found_first_sample
 from ematwin.estimation.levenberg_marquardt import NOTHING
+from ematwin.estimation.local import LocalDescent
 from ematwin.estimation.prior import Information
 from ematwin.estimation.problem import Problem
+from ematwin.estimation.search import Search, named
 from ematwin.models.base import Model
 from ematwin.models.comparison import correlation_time
 from ematwin.models.optional import FIRST_SAMPLE, Equation, Values
@@ -32,8 +34,36 @@ from ematwin.models.parameter_set import ParameterSet
 from ematwin.numerics.linear_algebra import bounded_squares
 from ematwin.numerics.side_by_side import side_by_side
 
+NO_SEARCH = "equations along the motion"
 _STEP = 1e-3  # of a coordinate: most equations are smooth
 _STANDS_OUT = 10.0  # times the error of an equation
+
+
+def usual_search(model: Model, actuator: ParameterSet, problem: Problem) -> Search:
+    """The default search of the kind; none where equations show every fault: they have one minimum.
+
+    The healthy point is what remains of a search there.
+    """
+    every = [
+        _Along(n, one)
+        for n, compared in enumerate(problem.comparisons if problem.lacks_forms else ())
+        for one in model.equations(compared.recording, actuator)
+        if one.size > 0.0
+    ]
+    if _show_all(model, actuator, problem, every):
+        return LocalDescent(iterations=0, name=NO_SEARCH)
+    return named(model.default_search)
+
+
+def _show_all(
+    model: Model, actuator: ParameterSet, problem: Problem, every: Sequence["_Along"]
+) -> bool:
+    """Whether equations show every fault in each recording."""
+    faults = {one.name for one in model.faults(actuator)}
+    return all(
+        faults <= {name for one in every if one.recording == n for name in one.equation.unknowns}
+        for n in range(len(problem.comparisons))
+    )
 
 
 def informed(
@@ -87,12 +117,8 @@ def informed(
     if like is None and fit.finds_first_samples(z):
         z, known = fit.run(z, most)
         problem = problem.sampled_first(fit.first_samples)
-    faults = {one.name for one in model.faults(actuator)}
-    told = all(
-        faults <= {name for one in every if one.recording == n for name in one.equation.unknowns}
-        for n in range(len(problem.comparisons))
-    )
-    return problem.informed(known._replace(whole=told)), chart.to_values(z)[0]
+    whole = _show_all(model, actuator, problem, every)
+    return problem.informed(known._replace(whole=whole)), chart.to_values(z)[0]
 
 
 def _values(problem: Problem, z: np.ndarray) -> list[dict[str, float]]:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ematwin.errors import RecordError
+from ematwin.estimation.along_motion import usual_search
 from ematwin.estimation.assess import assess
 from ematwin.estimation.baseline import Baseline
 from ematwin.estimation.constants import AS_GOOD
@@ -20,7 +21,7 @@ from ematwin.estimation.corrected_problem import as_searched, corrected_at
 from ematwin.estimation.free_unknowns import lowered
 from ematwin.estimation.local import LocalDescent
 from ematwin.estimation.problem import Problem
-from ematwin.estimation.search import Search, find, named
+from ematwin.estimation.search import Search, find
 from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
@@ -62,8 +63,7 @@ def healthy_bias(
     # recordings of one occasion: nothing has drifted since
     now = replace(baseline, recordings=0)
     compared = [model.compare(one.recording, actuator) for one in comparisons]
-    usual = named(model.default_search)
-    found = side_by_side(lambda one: _judged(model, actuator, now, one, usual), compared)
+    found = side_by_side(lambda one: _judged(model, actuator, now, one), compared)
     settled, left = list(found), set(range(len(found)))
     while odd := _odd(faults, settled):
         n, said = odd
@@ -106,11 +106,16 @@ class _Judged(NamedTuple):
 
 
 def _judged(
-    model: Model, actuator: ParameterSet, baseline: Baseline, compared: Comparison, search: Search
+    model: Model,
+    actuator: ParameterSet,
+    baseline: Baseline,
+    compared: Comparison,
+    search: Search | None = None,
 ) -> _Judged:
     """The faults of a recording, all else free as it is known."""
     problem = as_searched(Problem([compared], lowered(model.faults(actuator))))
-    seen = assess(model, actuator, problem, find(problem, search), baseline)
+    end = find(problem, search or usual_search(model, actuator, problem))
+    seen = assess(model, actuator, problem, end, baseline)
     values = np.array([seen.values[name] for name in problem.names])
     chosen = [n for n, one in enumerate(problem.unknowns) if one.direction_of is None]
     told = seen.joint is not None and seen.joint.peaks[0].problem.is_told

@@ -15,7 +15,7 @@ import numpy as np
 from ematwin.errors import RecordError
 from ematwin.estimation.along_motion import informed
 from ematwin.estimation.baseline import effective, frees_parameters, searched_range
-from ematwin.estimation.constants import AS_GOOD, SAME_COMMAND, WORSE
+from ematwin.estimation.constants import AS_GOOD, SAME_COMMAND, WORSE, WORST
 from ematwin.estimation.corrected_problem import as_searched, corrected_at, reference_scatter
 from ematwin.estimation.correction import Corrected, corrected, reweighed, with_model_error
 from ematwin.estimation.descent import Descent
@@ -103,6 +103,12 @@ class Fitted(NamedTuple):
     def values(self) -> dict[str, float]:
         """Values of all unknowns by name."""
         return self.end.peak.problem.values(self.end.peak.point)
+
+    @property
+    def explains_along_motion(self) -> bool:
+        """Whether equations along the motion show every fault, and leave no more than may be."""
+        known = self.end.peak.problem.information
+        return known is not None and known.whole and known.unexplained <= WORST
 
     def explains(self, floor: float) -> bool:
         """Whether little more is left than a misfit (``floor``) and the scatter do."""

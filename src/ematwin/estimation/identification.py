@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ematwin.estimation.estimate import Estimate
-from ematwin.estimation.findings import (
-    fault_cells,
-)
+from ematwin.estimation.findings import fault_cells
 from ematwin.estimation.verdict import Verdict
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
@@ -19,6 +17,7 @@ from ematwin.models.unknown import PhysicalValue
 from ematwin.recordings.recording import Recording
 from ematwin.showing import markup
 from ematwin.showing.results import drawn, frame_of_rows, page_written
+from ematwin.showing.text import counted
 
 if TYPE_CHECKING:
     from ematwin.estimation.uncertainty import Uncertainty
@@ -235,12 +234,18 @@ class Identification:
                 markup.table(("fault", "value", "95 %", "healthy", "meaning"), rows, marked),
                 markup.note(
                     f"{self.actuator.name}, misfit {100.0 * self.relative_misfit:.2f} %, "
-                    f"{self.evaluations} simulations in {self.seconds:.2f} s with {self.algorithm}"
+                    f"{self.effort}"
                 ),
                 *(markup.note(f"Assumed: {sentence}") for sentence in self.assumed),
                 *(markup.note(f"Warning: {warning}") for warning in self.warnings),
             ]
         )
+
+    @property
+    def effort(self) -> str:
+        """What the search took, in words."""
+        spent = counted(self.evaluations, "simulation")
+        return f"{spent} in {self.seconds:.2f} s with {self.algorithm}"
 
     def __str__(self) -> str:
         lines = [self.verdict.sentence, ""]
@@ -250,8 +255,7 @@ class Identification:
             for row in fault_cells(self)
         ]
         lines.append(
-            f"misfit {100.0 * self.relative_misfit:.2f} %, {self.evaluations} simulations in "
-            f"{self.seconds:.2f} s with {self.algorithm}; stopped: {self.stopped}"
+            f"misfit {100.0 * self.relative_misfit:.2f} %, {self.effort}; stopped: {self.stopped}"
         )
         lines += [f"Assumed: {sentence}" for sentence in self.assumed]
         lines += [f"Warning: {warning}" for warning in self.warnings]

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ematwin.errors import InputError
+from ematwin.estimation.along_motion import NO_SEARCH, usual_search
 from ematwin.estimation.assess import assess, unassessed
 from ematwin.estimation.baseline import Baseline
 from ematwin.estimation.corrected_problem import as_searched
@@ -102,11 +103,15 @@ def identified(
         warnings += where.said
         found = where.found
         if found is None or not (usual or found.stopped == "interrupted"):
+            if usual:
+                search = usual_search(model, actuator, problem)
             found = find(problem, search, budget=budget, seed=seed, progress=tell)
         try:
             if found.stopped == "interrupted":
                 raise KeyboardInterrupt
             assessed = assess(model, actuator, problem, found, baseline, threads)
+            if found.method == NO_SEARCH:
+                found = replace(found, cost=assessed.cost)
         except KeyboardInterrupt:
             found = replace(found, stopped="interrupted")
             assessed = unassessed(model, actuator, problem, found, baseline)

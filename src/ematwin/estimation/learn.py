@@ -146,13 +146,14 @@ def _learnt(
             fit, found = other, again
             beyond = _beyond_tolerance(again.values, nominals, template)
     end, misfit, alone, jitter = found
-    unlike = misfit > max(_TOGETHER * alone, EXPLAINED) and not found.explains(floor)
+    explained = found.explains(floor) or found.explains_along_motion
+    unlike = misfit > max(_TOGETHER * alone, EXPLAINED) and not explained
     if unlike and len(comparisons) > 1:
         refuse_odd(fit, comparisons, misfit)
     progress(0.8)
     places = [one.name for one in nominals]
     floor = float(np.hypot(floor, jitter))
-    if beyond and misfit > WORSE * floor:
+    if beyond and not explained:
         raise RecordError(
             f"{next(iter(beyond.values()))} Even so the twin leaves {100.0 * misfit:.1f} % of the "
             f"recordings unexplained, where noise would leave {100.0 * floor:.1f} %. They are of "

@@ -62,7 +62,8 @@ class Model(ABC):
     disturbance : name of the channel that the load of a scenario is, where that is no load
     needs : channels that a recording must have besides the command; where one of several
         alternatives will do, a group of them, each a tuple of channels
-    default_search : name of the search method that `identify` uses
+    default_search : name of the search method that `identify` uses, but where equations along the
+        motion show every fault and need none
     model_error : factor on standard errors for errors of the twin that last throughout a recording;
         the default was measured for the brushless actuator of version 0.1. Where
         ``recordings_differ`` calibration learns such errors, and it does not count

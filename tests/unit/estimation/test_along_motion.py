@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ematwin import Noise, simulate
-from ematwin.estimation.along_motion import informed
+from ematwin.estimation.along_motion import NO_SEARCH, informed, usual_search
 from ematwin.estimation.assess import unassessed
 from ematwin.estimation.baseline import Baseline, with_all_free
 from ematwin.estimation.findings import obstacles_to
@@ -134,3 +134,15 @@ def test_equations_that_show_every_fault_check_beside_the_closed_loop(
     if whole and healthy < 0.1:  # twice what healthy recordings leave
         assert not obstacles_to("load", recording, problem, end, 0.07, assessed, baseline)
     assert [text[: text.index(" unexplained")].removeprefix("The twin ") for text in told] == said
+
+
+def test_nothing_is_searched_where_equations_show_every_fault(recording):
+    problem = Problem.of(recording, DRIVE)
+    assert usual_search(MODEL, DRIVE, problem).name == NO_SEARCH
+    without_load = {name: x for name, x in recording.channels.items() if name != "load"}
+    blind = type(recording)(recording.time, without_load, units=recording.units)
+    problem = Problem.of(blind, DRIVE)
+    assert usual_search(MODEL, DRIVE, problem).name == MODEL.default_search
+    simple = load_actuator("servo48")  # the fast model answers
+    problem = Problem.of(recording, simple)
+    assert usual_search(MODEL, simple, problem).name == MODEL.default_search
