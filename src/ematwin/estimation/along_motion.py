@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ematwin.errors import EmatwinError
-from ematwin.estimation.constants import DECIDES
+from ematwin.estimation.constants import DECIDES, WORSE
 from ematwin.estimation.descent import TooFarError
 from ematwin.estimation.equation_fit import with_secant, with_values
 from ematwin.estimation.first_sample import found_first_sample
@@ -231,7 +231,7 @@ class _Fit:
         names = [(one.recording, one.equation.name) for one in self._every]
         scales = dict(zip(names, ends, strict=True))
         unexplained = max(
-            math.sqrt(max(0.0, norm**2 - least**2)) / one.equation.size
+            norm / one.equation.size if norm > WORSE * least else 0.0
             for norm, least, one in zip(norms, self._least, self._every, strict=True)
         )
         return z, Information(chart, z[0], every, np.append(moved, rest), scales, unexplained)

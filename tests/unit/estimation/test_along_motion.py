@@ -63,6 +63,15 @@ def test_equations_lead_from_healthy_to_the_faults_within_standard_errors(found)
     assert (errors[faults] < 0.1).all()
 
 
+def test_what_equations_leave_tells_a_recording_that_they_do_not_explain(recording, found):
+    assert found[1].information.unexplained < 0.01
+    stuck = recording.channels["current_a"].copy()
+    stuck[stuck.size // 2 :] = 0.0
+    problem = everything_free(recording.changed(current_a=stuck))
+    known, _ = informed(MODEL, DRIVE, problem, problem.healthy)
+    assert known.information.unexplained > 0.1
+
+
 def test_what_is_known_counts_in_costs_also_where_some_unknowns_are_held(found):
     problem, known, point = found
     beside = np.clip(point + 0.01 * (problem.upper - problem.lower), None, problem.upper)
