@@ -220,7 +220,11 @@ class _Fit:
             float(np.linalg.norm(here[part] / x))
             for part, x in zip(self._parts, self._scales, strict=True)
         ]
-        ends = self._ends(here, norms)
+        # by the size of what is left, where that is more
+        ends = [
+            self._scale(n, here[part], norm)
+            for n, (part, norm) in enumerate(zip(self._parts, norms, strict=True))
+        ]
         weights = np.repeat(np.array(ends) / self._scales, self._counts)
         here = weights * here[: weights.size]
         rotation, root = np.linalg.qr((weights * slopes[:, : weights.size]).T)
@@ -269,10 +273,6 @@ class _Fit:
                 self.first_samples[m], found = instant, True
         return found
 
-    def _ends(self, here: np.ndarray, norms: Sequence[float]) -> list[float]:
-        """The scale of each equation by residuals (K,), by their norm where that is more."""
-        return [self._scale(n, here[self._parts[n]], left) for n, left in enumerate(norms)]
-
     def _slopes(self, z: np.ndarray, here: np.ndarray) -> np.ndarray:
         """(f, K), of residuals (K,) at coordinates (1, d), by those that matter.
 
@@ -281,13 +281,15 @@ class _Fit:
         """
         every = np.arange(self._free.size)
         slopes = self._differenced(z, here, every, _STEP, range(len(self._every)))
-        for n, one in enumerate(self._every):
-            part, error = self._parts[n], self._alike[n] * self._scales[n]
-            if one.equation.step:
-                changes = _STEP * np.linalg.norm(slopes[:, part], axis=1)
-                weak = np.flatnonzero((changes > 0.0) & (changes < _STANDS_OUT * error))
+        for n, (one, part) in enumerate(zip(self._every, self._parts, strict=True)):
+            if one.equation.step == 0.0:
+                continue
+            changes = _STEP * np.linalg.norm(slopes[:, part], axis=1)
+            stands_out = changes > _STANDS_OUT * self._alike[n] * self._scales[n]
+            weak = np.flatnonzero((changes > 0.0) & ~stands_out)
+            if weak.size:
                 wide = self._differenced(z, here, weak, one.equation.step, [n])
-                slopes[weak, part] = wide[:, : part.stop - part.start]
+                slopes[weak, part] = wide[:, : self._counts[n]]
         return slopes
 
     def _differenced(
