@@ -13,7 +13,7 @@ from ematwin.models.bldc.inverter import (
 )
 from ematwin.models.bldc.motor import phase_inductance
 from ematwin.models.bldc.truer.shorted_turns import loop_answer
-from ematwin.numerics.compile import part
+from ematwin.numerics.compile import part, step
 from ematwin.numerics.scalar import clip
 
 
@@ -51,7 +51,7 @@ def phase_constants(h_a, h_b, h_c, c):
     )
 
 
-@part
+@step
 def _conduct(i_a, i_b, i_c, e_a, e_b, e_c, g_a, g_b, g_c, phases, c, dt):
     """Advance the phases until ``dt`` or until the diode of an off leg blocks.
 
