@@ -2,9 +2,10 @@
 
     sphinx-build docs docs/_build && python docs/check_site.py docs/_build [PICTURES]
 
-Each page is opened in windows as wide as a desk's, a tablet's and a phone's. A page fails if it is
-wider than its window, if the browser reports an error, or if it loads anything from elsewhere. With
-a second folder a picture of each page at each width is left there, to be looked at.
+Each page is opened in a window as wide as a phone's, which then grows to a tablet's and a desk's. A
+page fails if it is wider than its window, if the browser reports an error, or if it loads anything
+from elsewhere. With a second folder a picture of each page at each width is left there, to be
+looked at.
 """
 
 import functools
@@ -20,8 +21,9 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from devtools import Tab, browser
 
-WIDTHS = (1400, 768, 390)
+WIDTHS = (390, 768, 1400)
 _BROWSERS = 2  # that share the pages
+_DRAWN = "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
 _LOADED = "performance.getEntriesByType('resource').map((each) => each.name)"
 
 
@@ -41,24 +43,25 @@ def _opened(pages: Sequence[str], address: str, pictures: Path | None) -> list[s
     wrong = []
     with tempfile.TemporaryDirectory() as own, browser(Path(own)) as tab:
         for page in pages:
+            tab.said.clear()
+            tab.open(f"{address}/{page}", WIDTHS[0])
+            tab.wait("document.readyState === 'complete'")
             for width in WIDTHS:
-                found = _faults(tab, f"{address}/{page}", width)
-                wrong += [f"{page} at {width} px: {what}" for what in found]
+                tab.resize(width)
+                tab.value(_DRAWN)
+                inner = tab.value("document.documentElement.scrollWidth")
+                wrong += [f"{page} at {width} px: {inner} px wide"] * (inner > width)
                 if pictures is not None:
                     name = page.removesuffix(".html").replace("/", "-")
                     tab.picture(pictures / f"{name}-{width}.png")
+            wrong += [f"{page}: {what}" for what in _complaints(tab)]
     return wrong
 
 
-def _faults(tab: Tab, address: str, width: int) -> list[str]:
-    """What is wrong with a page in a window."""
-    tab.said.clear()
-    tab.open(address, width)
-    tab.wait("document.readyState === 'complete'")
-    inner = tab.value("document.documentElement.scrollWidth")
+def _complaints(tab: Tab) -> list[str]:
+    """What a page loaded from elsewhere, and what the browser said of it."""
     own = tab.value("location.origin")
-    remote = [each for each in tab.value(_LOADED) if not each.startswith(("data:", own))]
-    return [f"{inner} px wide"] * (inner > width) + remote + tab.said
+    return [each for each in tab.value(_LOADED) if not each.startswith(("data:", own))] + tab.said
 
 
 @contextmanager

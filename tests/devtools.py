@@ -51,14 +51,18 @@ class Tab:
 
     def open(self, address: str, width: int = 1400, height: int = 900, dark: bool = False) -> None:
         """Go to an address, in a window of this size."""
-        self.call(
-            "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1,
-            mobile=width < 600,
-        )  # fmt: skip
+        self.resize(width, height)
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self.call("Emulation.setEmulatedMedia", features=[scheme])
         self.call("Emulation.setScrollbarsHidden", hidden=True)
         self.call("Page.navigate", url=address)
+
+    def resize(self, width: int, height: int = 900) -> None:
+        """Give the window another size."""
+        self.call(
+            "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1,
+            mobile=width < 600,
+        )  # fmt: skip
 
     def value(self, expression: str) -> Any:
         """What JavaScript gives in the page, promises awaited."""

@@ -82,14 +82,14 @@ class Cluster:
     def _scheduler(self) -> psutil.Popen:
         return self._dask("scheduler", "--host", "127.0.0.1", "--port", self.port, "--no-dashboard")
 
-    def worker(self, threads: int = 1) -> psutil.Popen:
+    def worker(self) -> psutil.Popen:
         """Start a worker."""
-        return self._dask("worker", self.address, "--nthreads", threads, "--no-dashboard")
+        return self._dask("worker", self.address, "--nthreads", 1, "--no-dashboard")
 
-    def wait(self, workers: int = 2) -> None:
+    def wait(self) -> None:
         """Wait until all have found each other."""
         with Client(self.address, timeout=60, set_as_default=False) as client:
-            client.wait_for_workers(workers, timeout=60)
+            client.wait_for_workers(2, timeout=60)
 
     def restart(self) -> None:
         """Start all anew, at the same address."""

@@ -1,13 +1,16 @@
 """Studies on a Dask scheduler and two workers, each a process of its own."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from processes import RUNS, finish, numbers, start, study, wait_for
+from distributed import LocalCluster
+from processes import RUNS, SMALL, finish, numbers, start, study, wait_for
 from servers import Cluster
+
+from commands import Answer
 
 Numbers = dict[str, tuple[Any, ...]]
 
@@ -59,12 +62,18 @@ def test_killed_scheduler_that_comes_back(
     assert numbers(where) == undisturbed
 
 
-def test_workers_with_several_threads_are_refused(tmp_path: Path, cluster: Cluster) -> None:
-    cluster.workers.append(cluster.worker(threads=2))
-    cluster.wait(3)
-    answer = study("--store", tmp_path / "study.db", "--scheduler", cluster.address, code=2)
-    cluster.end(cluster.workers.pop())
-    assert "--nthreads 1" in answer["error"]
+def test_workers_with_several_threads_are_refused(
+    ematwin: Callable[..., Answer], tmp_path: Path
+) -> None:
+    with LocalCluster(
+        n_workers=1, threads_per_worker=2, processes=False, protocol="tcp://",
+        dashboard_address=None,
+    ) as cluster:  # fmt: skip
+        address = cluster.scheduler_address
+        answer = ematwin("compare", *SMALL, "--store", "study.db", "--scheduler", address)
+    assert answer.code == 2
+    assert answer.err.startswith("Error: ")
+    assert "--nthreads 1" in answer.err
     assert not (tmp_path / "study.db").exists()
 
 

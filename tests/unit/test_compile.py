@@ -11,9 +11,11 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from ematwin.numerics.compile import own_folder
+from ematwin.models.bldc.state import fault_state, turns_left
+from ematwin.numerics.compile import own_folder, plain
 
 # A loop, a step in a second file, the values and types in a third.
 PACKAGE = {
@@ -310,3 +312,11 @@ def test_machine_code_lies_in_the_users_folder_for_caches(tmp_path, monkeypatch)
         (tmp_path / "home").write_text("in the way")
         monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "home" / "caches"))
         assert own_folder() is None or sys.platform != "linux"
+
+
+def test_a_plain_step_answers_as_the_compiled_one_and_compiles_nothing():
+    vector = np.array([0.1, 0.2, 0.3, 0.0, 0.0, 0.5, 0.6, 0.7])
+    before = [len(one.signatures) for one in (fault_state, turns_left)]
+    answer = plain(fault_state)(vector, 0.01)
+    assert [len(one.signatures) for one in (fault_state, turns_left)] == before
+    np.testing.assert_allclose(answer, fault_state(vector, 0.01))

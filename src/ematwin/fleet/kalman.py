@@ -7,6 +7,8 @@ smoother: de Jong (1989), J. Am. Stat. Assoc. 84, 1085-1088. A dense solution of
 Gaussian model is in tests/naive.
 """
 
+# No slices of arrays, with which numba takes three times as long to compile.
+
 import math
 
 import numpy as np
@@ -59,14 +61,17 @@ def filtered(time, value, variance, covariates, start, spread, after, q_level, q
             p[0, 0] += jump[i]
             a[1] = after[0]
             p[1, 1] = after[1] ** 2
-        mean[i] = a
-        cov[i] = p
+        for j in range(5):
+            mean[i, j] = a[j]
+            for k in range(5):
+                cov[i, j, k] = p[j, k]
         x1, x2 = covariates[i, 0], covariates[i, 1]
         seen = a[0] + x1 * a[3] + x2 * a[4]
         innovation[i] = value[i] - seen
         if math.isinf(variance[i]):
             power[i] = math.inf
-            gain[i] = 0.0
+            for j in range(5):
+                gain[i, j] = 0.0
             continue
         f = variance[i]
         for j in range(5):
@@ -80,8 +85,10 @@ def filtered(time, value, variance, covariates, start, spread, after, q_level, q
             for k in range(5):
                 p[j, k] -= gain[i, j] * gain[i, k] * f
         told -= 0.5 * (math.log(2.0 * math.pi * f) + innovation[i] ** 2 / f)
-    mean[n] = a
-    cov[n] = p
+    for j in range(5):
+        mean[n, j] = a[j]
+        for k in range(5):
+            cov[n, j, k] = p[j, k]
     return told
 
 
@@ -102,9 +109,11 @@ def smoothed(time, covariates, lasting, jump, reset, mean, cov, gain, innovation
         if i < n - 1:  # back through what lies between this estimate and the next
             if reset[i + 1] or jump[i + 1] > 0.0:
                 first = 0 if reset[i + 1] else 1
-                r[first:3] = 0.0
-                m[first:3, :] = 0.0
-                m[:, first:3] = 0.0
+                for j in range(first, 3):
+                    r[j] = 0.0
+                    for h in range(5):
+                        m[j, h] = 0.0
+                        m[h, j] = 0.0
             dt = time[i + 1] - time[i]
             rise = -lasting * math.expm1(-dt / lasting)
             climb, left = lasting * (dt - rise), math.exp(-dt / lasting)
@@ -121,27 +130,25 @@ def smoothed(time, covariates, lasting, jump, reset, mean, cov, gain, innovation
             residual[i] = 0.0
             precision[i] = 0.0
         else:
-            k = gain[i]
             u, d = innovation[i] / power[i], 1.0 / power[i]
             for j in range(5):
                 mk[j] = 0.0
                 for h in range(5):
-                    mk[j] += m[j, h] * k[h]
-                u -= k[j] * r[j]
-                d += k[j] * mk[j]
+                    mk[j] += m[j, h] * gain[i, h]
+                u -= gain[i, j] * r[j]
+                d += gain[i, j] * mk[j]
             residual[i] = u
             precision[i] = d
             for j in range(5):
                 r[j] += z[j] * u
                 for h in range(5):  # (I - k z')' N (I - k z') + z z'/F
                     m[j, h] += z[j] * z[h] * d - z[j] * mk[h] - mk[j] * z[h]
-        score[i] = r
-        weight[i] = m
-        p = cov[i]
         for j in range(5):
+            score[i, j] = r[j]
             smooth[i, j] = mean[i, j]
-            error[i, j] = p[j, j]
+            error[i, j] = cov[i, j, j]
             for h in range(5):
-                smooth[i, j] += p[j, h] * r[h]
+                weight[i, j, h] = m[j, h]
+                smooth[i, j] += cov[i, j, h] * r[h]
                 for g in range(5):
-                    error[i, j] -= p[j, h] * m[h, g] * p[g, j]
+                    error[i, j] -= cov[i, j, h] * m[h, g] * cov[i, g, j]

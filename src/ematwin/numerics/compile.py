@@ -34,6 +34,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from types import FunctionType
 from typing import IO, Any
 
 import numba
@@ -58,6 +59,19 @@ def step(function: Callable[..., Any]) -> Any:
 def part(function: Callable[..., Any]) -> Any:
     """Mark a step that LLVM alone inlines."""
     return numba.njit(forceinline=True, error_model="numpy", fastmath=RELAXED)(function)
+
+
+def plain(compiled: Any) -> Any:
+    """A step, with all steps that it calls, as Python runs it: a few calls are sooner done so.
+
+    Nothing is compiled: numba takes half a second for the first small step in each process.
+    """
+    function = getattr(compiled, "py_func", None)
+    if function is None:  # no step, or NUMBA_DISABLE_JIT is set
+        return compiled
+    code, held = function.__code__, function.__globals__
+    names = {name: plain(held[name]) for name in code.co_names if name in held}
+    return FunctionType(code, names, code.co_name, function.__defaults__, function.__closure__)
 
 
 def loop(function: Callable[..., Any]) -> Any:

@@ -14,6 +14,7 @@ from ematwin.models.ball_screw.step import (
     ball_screw_traces,
 )
 from ematwin.models.stepped import Stepped, stepped_of
+from ematwin.numerics.compile import plain
 
 
 def candidate_traces(
@@ -36,7 +37,7 @@ def candidate_traces(
     """
     update, substeps = steps_of(actuator, interval)
     c = ball_screw_constants(actuator, candidates, update, substeps)
-    state = ball_screw_at_rest.py_func(set_point[0], c)
+    state = plain(ball_screw_at_rest)(set_point[0], c)
     return ball_screw_traces(set_point, None, c, state, interval, substeps, count=count)
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from ematwin.models.bldc.along_motion import LEAST, Motion, fault_vector, noise_of
 from ematwin.models.bldc.state import FaultState, fault_state
 from ematwin.models.optional import Values
+from ematwin.numerics.compile import plain
 from ematwin.numerics.scalar import THIRD_TURN
 from ematwin.numerics.signals import LowPass, filtered, white_noise
 
@@ -352,4 +353,4 @@ def _rests(twist: np.ndarray, pushed: np.ndarray, gap: float) -> np.ndarray:
 def state_of(values: Values | None, actuator: Any) -> FaultState:
     """Physical magnitudes of faults by name, healthy where not named or none are given."""
     half_gap = 0.5 * actuator.transmission.backlash
-    return FaultState(*fault_state.py_func(fault_vector(values or {}), half_gap))
+    return FaultState(*plain(fault_state)(fault_vector(values or {}), half_gap))

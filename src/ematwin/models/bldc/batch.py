@@ -256,9 +256,11 @@ def monitor_scores(
         count = k.shape[0]
         for n in range(count):
             left[n] = n
-            saved[n, :_Z1] = states[s]
+            for m in range(_Z1):
+                saved[n, m] = states[s, m]
             if loops is not None:
-                saved[n, _LOOPS:] = loops[s]
+                for m in range(4):
+                    saved[n, _LOOPS + m] = loops[s, m]
             saved[n, _Z1] = taps[s, 5]
             saved[n, _Z2] = taps[s, 6]
             saved[n, _COST] = 0.0

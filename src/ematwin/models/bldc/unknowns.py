@@ -17,8 +17,9 @@ from ematwin.models.unknown import Alias, Contrast, Unknown
 
 def _law(name: str, k: Any) -> Any:
     from ematwin.models.bldc import state  # compiles nothing, but needs numba
+    from ematwin.numerics.compile import plain
 
-    return getattr(state, name).py_func(k)
+    return plain(getattr(state, name))(k)
 
 
 UNKNOWNS = (

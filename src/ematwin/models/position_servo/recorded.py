@@ -242,6 +242,7 @@ def _would_move(actuator: Any, recording: Recording, at: int, error: float) -> b
     """
     from ematwin.models.position_servo.step import friction
     from ematwin.models.position_servo.twin import servo_constants
+    from ematwin.numerics.compile import plain
 
     table = {one.name: one for one in unknowns(actuator)}
     worst = {name: table[name].lower for name in ("gain", "torque")}
@@ -250,7 +251,7 @@ def _would_move(actuator: Any, recording: Recording, at: int, error: float) -> b
         c = servo_constants(actuator, {name: value}, stated_arm(recording))
         linear = c.stall_torque * min(c.gain * abs(error), 1.0)
         load = abs(c.gravity * np.sin(recording.channels["position"][at]) + c.load_torque)
-        holds = load + friction.py_func(0.0, load, c)
+        holds = load + plain(friction)(0.0, load, c)
         if linear / np.hypot(1.0, linear / c.saturation) < holds:
             return False
     return True

@@ -91,9 +91,9 @@ def test_faults_are_found_where_the_twin_stalls_and_the_actuator_does_not() -> N
 def test_record_without_positions_is_searched_as_a_whole() -> None:
     record = simulate("reference", faults=NEAR_STALL, seed=32)
     blind = without(record, "motor_position", "motor_speed", "output_position", "output_speed")
-    found = identify(blind, seed=32, budget=1500, exact=True)
+    found = identify(blind, seed=32, budget=600, exact=True)
     assert found.stopped in ("budget", "two searches agree")
-    assert found.evaluations <= 1500
+    assert found.evaluations <= 600
 
 
 @pytest.mark.parametrize("budget", [900, 1700])

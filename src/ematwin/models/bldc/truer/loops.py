@@ -41,7 +41,7 @@ Dead time and switches take a voltage that has the sign of the current (`left_of
 import numpy as np
 
 from ematwin.models.bldc.truer.state import Truer, TruerState
-from ematwin.numerics.compile import part
+from ematwin.numerics.compile import part, plain
 from ematwin.numerics.scalar import clip
 
 _SOON = 0.499  # of a step: a sample belongs to the nearest one
@@ -68,7 +68,7 @@ def resting(truer: Truer, theta_m: float, w_m: float, first_sample: float) -> Tr
     Both loops sample ``first_sample`` seconds from now, and at their intervals before and after.
     """
     return TruerState(
-        read=last_reading(truer, theta_m, w_m),
+        read=plain(last_reading)(truer, theta_m, w_m),
         speed_seen=w_m,
         wait=first_sample % truer.sample_time if truer.sample_time > 0.0 else 0.0,
         voltage_wait=first_sample % truer.current_sample,
