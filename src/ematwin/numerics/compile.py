@@ -26,6 +26,7 @@ The only private parts of numba in this file are the cache of a function, for wh
 in, and the key of `_InOneFolder` (numba 0.61 to 0.68).
 """
 
+import functools
 import os
 import shutil
 import stat
@@ -61,6 +62,7 @@ def part(function: Callable[..., Any]) -> Any:
     return numba.njit(forceinline=True, error_model="numpy", fastmath=RELAXED)(function)
 
 
+@functools.cache
 def plain(compiled: Any) -> Any:
     """A step, with all steps that it calls, as Python runs it: a few calls are sooner done so.
 
