@@ -59,7 +59,7 @@ def _opened(pages: Sequence[str], address: str, pictures: Path | None) -> list[s
 
 
 def _complaints(tab: Tab) -> list[str]:
-    """What a page loaded from elsewhere, and what the browser said of it."""
+    """Addresses elsewhere that a page loaded, and complaints of the browser."""
     own = tab.value("location.origin")
     return [each for each in tab.value(_LOADED) if not each.startswith(("data:", own))] + tab.said
 

@@ -220,7 +220,7 @@ class _Fit:
             float(np.linalg.norm(here[part] / x))
             for part, x in zip(self._parts, self._scales, strict=True)
         ]
-        # by the size of what is left, where that is more
+        # a larger residual is a discrepancy
         ends = [
             self._scale(n, here[part], norm)
             for n, (part, norm) in enumerate(zip(self._parts, norms, strict=True))

@@ -243,7 +243,7 @@ class Identification:
 
     @property
     def effort(self) -> str:
-        """What the search took, in words."""
+        """Effort of the search, in words."""
         spent = counted(self.evaluations, "simulation")
         return f"{spent} in {self.seconds:.2f} s with {self.algorithm}"
 

@@ -286,8 +286,8 @@ def _notes(misfit: float, floor: float, told: bool) -> list[str]:
         ]
     if misfit > WORST:
         return [
-            f"{left}, and judges only what it explains to {100.0 * WORST:.0f} %: this actuator has "
-            "something that the twin has not, such as loops near instability."
+            f"{left}. It judges no recording where it leaves more than {100.0 * WORST:.0f} %: this "
+            "actuator has something that the twin has not, such as loops near instability."
         ]
     if misfit < WORSE * floor:
         return []
