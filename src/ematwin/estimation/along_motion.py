@@ -216,6 +216,7 @@ class _Fit:
             else:
                 slopes, fresh = self._slopes(z, here), True
         self._last = here, slopes
+        equations = [one.equation for one in self._every]
         norms = [
             float(np.linalg.norm(here[part] / x))
             for part, x in zip(self._parts, self._scales, strict=True)
@@ -234,9 +235,10 @@ class _Fit:
         rest = math.sqrt(max(0.0, float(here @ here - moved @ moved)))
         names = [(one.recording, one.equation.name) for one in self._every]
         scales = dict(zip(names, ends, strict=True))
+        # of recorded currents: in the gap few samples of small angles count
         unexplained = max(
-            norm / one.equation.size if norm > WORSE * least else 0.0
-            for norm, least, one in zip(norms, self._least, self._every, strict=True)
+            norm / one.size if norm > WORSE * least and not one.rests else 0.0
+            for norm, least, one in zip(norms, self._least, equations, strict=True)
         )
         return z, Information(chart, z[0], every, np.append(moved, rest), scales, unexplained)
 

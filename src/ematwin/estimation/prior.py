@@ -87,7 +87,8 @@ class Information(NamedTuple):
     root : (k, d) array
     left : (k,) array
     scales : by recording and name of an equation, one over the standard deviation of its residuals
-    unexplained : float, largest share that an equation leaves, where noise leaves less than half
+    unexplained : float, largest share of the currents that an equation leaves, where
+        noise leaves less than half
     whole : bool, whether it holds all that the recordings show of faults
     """
 
