@@ -283,11 +283,10 @@ class Crossing:
             unit = actuator.motor.emf_constant * scale / actuator.motor.inertia
             noise = unit * white_noise(made)
         noise = math.hypot(noise, LEAST * float(np.abs(acceleration[apart]).max(initial=0.0)))
+        # currents of a comparator make ripple of the angle between samples: white as well
+        of_angle = max(motion.steps[side] / math.sqrt(12.0), white_noise(motion.recorded[side]))
         self._whitening = [
-            _whitening(
-                one.stop - one.start, motion.steps[side] / math.sqrt(12.0), noise, motion.rate
-            )
-            for one in self._spans
+            _whitening(one.stop - one.start, of_angle, noise, motion.rate) for one in self._spans
         ]
         self._recorded = self._whitened(motion.recorded[side])
         self.size = float(np.linalg.norm(self._recorded))

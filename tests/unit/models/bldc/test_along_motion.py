@@ -159,6 +159,17 @@ def test_each_mass_shows_alone_while_the_output_crosses_the_gap(lines, faults, m
             assert abs(off) < most
 
 
+def test_ripple_of_a_comparator_is_noise_of_the_angle_in_the_gap():
+    faults = {"backlash": 0.3}
+    record = recorded(another_actuator.Structure(), PLAIN, faults=faults, noise=0.02)
+    balance = TorqueBalance(along_motion.Motion(record, PLAIN))
+    apart = Contact(balance, PLAIN, faults).apart()
+    motor = Crossing(balance, apart, PLAIN, of_motor=True)
+    share = np.linalg.norm(motor.left(PLAIN, faults)) / motor.size
+    print(f"{100 * share:.2f} %, noise {100 * motor.least(PLAIN):.2f} %")
+    assert share < 1.2 * motor.least(PLAIN)
+
+
 def test_a_gear_that_gives_more_than_its_file_says_does_not_seem_to_cross_its_gap():
     """While its faces touch the output feels the motor, at twists that a stiff gear never has."""
     structure, actuator = as_built()
