@@ -62,7 +62,7 @@ def browse(page: Path, folder: Path, *options: str, milliseconds: int = 10_000) 
         ],
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=300,  # beside other work
         check=False,
     )  # fmt: skip
     return done.stdout, done.stderr

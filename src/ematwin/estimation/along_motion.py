@@ -47,7 +47,7 @@ def usual_search(model: Model, actuator: ParameterSet, problem: Problem) -> Sear
     every = [
         _Along(n, one)
         for n, compared in enumerate(problem.comparisons if problem.lacks_forms else ())
-        for one in model.equations(compared.recording, actuator)
+        for one in model.equations(compared.recording, actuator, {})
         if one.size > 0.0
     ]
     if _show_all(model, actuator, problem, every):

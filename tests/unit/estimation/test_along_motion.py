@@ -152,6 +152,9 @@ def test_nothing_is_searched_where_equations_show_every_fault(recording):
     blind = type(recording)(recording.time, without_load, units=recording.units)
     problem = Problem.of(blind, DRIVE)
     assert usual_search(MODEL, DRIVE, problem).name == MODEL.default_search
+    brakes = DRIVE.changed({"shorted_turns.resistance": 0.1})  # by currents that are not recorded
+    problem = Problem.of(recording, brakes)
+    assert usual_search(MODEL, brakes, problem).name == MODEL.default_search
     simple = load_actuator("servo48")  # the fast model answers
     problem = Problem.of(recording, simple)
     assert usual_search(MODEL, simple, problem).name == MODEL.default_search
