@@ -44,15 +44,23 @@ def usual_search(model: Model, actuator: ParameterSet, problem: Problem) -> Sear
 
     The healthy point is what remains of a search there.
     """
-    every = [
+    if problem.lacks_forms:
+        every = _along(model, actuator, problem, [{}] * len(problem.comparisons))
+        if _show_all(model, actuator, problem, every):
+            return LocalDescent(iterations=0, name=NO_SEARCH)
+    return named(model.default_search)
+
+
+def _along(
+    model: Model, actuator: ParameterSet, problem: Problem, values: Sequence[Values]
+) -> list["_Along"]:
+    """The equations of each recording at values of its faults, load and sensors."""
+    return [
         _Along(n, one)
-        for n, compared in enumerate(problem.comparisons if problem.lacks_forms else ())
-        for one in model.equations(compared.recording, actuator, {})
+        for n, compared in enumerate(problem.comparisons)
+        for one in model.equations(compared.recording, actuator, values[n])
         if one.size > 0.0
     ]
-    if _show_all(model, actuator, problem, every):
-        return LocalDescent(iterations=0, name=NO_SEARCH)
-    return named(model.default_search)
 
 
 def _show_all(
@@ -98,12 +106,7 @@ def informed(
     scales = {} if known is None else known.scales
     z = chart.project(chart.from_values(start[None]))
     values = _values(problem, z)
-    every = [
-        _Along(n, one)
-        for n, compared in enumerate(problem.comparisons)
-        for one in model.equations(compared.recording, actuator, values[n])
-        if one.size > 0.0
-    ]
+    every = _along(model, actuator, problem, values)
     if not every:
         return None
     rests = {along.equation.rests for along in every}
