@@ -68,7 +68,10 @@ UNSTATED: dict[str, tuple[str, ...]] = {
     "both loops": ("speed loop", "current loop"),
     "both loops and encoders": ("speed loop", "current loop", "encoder"),
     "both, cogging, rounded EMF": ("speed loop", "current loop", "cogging", "rounded EMF"),
-}
+    "all of it": (
+        "speed loop", "current loop", "encoder", "cogging", "rounded EMF", "presliding",
+    ),
+}  # fmt: skip
 INTERVALS = (50e-6, 62e-6, 75e-6, 100e-6, 125e-6)  # s
 NOISE = Noise(white=0.02, bits=12)
 REVERSALS = Scenario(
@@ -145,6 +148,7 @@ def as_built(name: str, sheet: BldcActuator, rng: np.random.Generator) -> Any:
         **{place: sheet.value(place) * math.exp(rng.normal(0.0, x)) for place, x in OFF.items()},
     })  # fmt: skip
     interval = float(rng.choice(INTERVALS))
+    (also,) = rng.spawn(1)  # what other rows draw stays
     drawn: dict[str, dict[str, float]] = {
         "speed loop": {
             "speed_integral": 0.004 / float(rng.uniform(0.02, 0.06)),
@@ -166,6 +170,10 @@ def as_built(name: str, sheet: BldcActuator, rng: np.random.Generator) -> Any:
             "speed_lag": float(rng.choice((0.0, 2e-4, 5e-4))),
             "encoder_phase": float(rng.uniform()),
         },
+        "presliding": {
+            name: float(also.uniform(*other.RANGES[name]))
+            for name in ("bristle_stiffness", "bristle_damping", "stribeck_speed")
+        },
     }  # fmt: skip
     terms = {key: x for term in UNSTATED[name] for key, x in drawn[term].items()}
     return truth, other.Structure(**terms)
@@ -176,6 +184,7 @@ def forms_of(actuator: BldcActuator) -> set[str]:
     has = {
         "speed loop": actuator.speed_loop, "current loop": actuator.current_loop,
         "cogging": actuator.cogging, "rounded EMF": actuator.emf, "encoder": actuator.encoder,
+        "presliding": actuator.presliding,
     }  # fmt: skip
     return {name for name, section in has.items() if section is not None}
 

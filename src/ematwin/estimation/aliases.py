@@ -132,7 +132,11 @@ class Direction(NamedTuple):
 
 def directions(problem: Problem, point: np.ndarray, aliases: Aliases | None) -> list[Direction]:
     """The aliases at a point (d,); of those whose unknowns are not all free nothing is known."""
-    names, widths = list(problem.names), problem.chart.widths
+    names = list(problem.names)
+    # an alias is of logarithms of parameters, which may be free as values
+    by_values = [one.role == "nominal" and not one.logarithmic for one in problem.unknowns]
+    scales = np.where(by_values & (point > 0.0), point, 1.0)
+    widths = problem.chart.widths / scales
     found = []
     for one in () if aliases is None else aliases(problem.values(point)):
         if one.pivot not in names:

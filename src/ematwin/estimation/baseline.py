@@ -6,7 +6,7 @@ sheet: the tolerances of the parameter file, or the defaults of the kind.
 """
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from ematwin.validation import load_toml
 
 FORMAT = 1
 
+_TERMS = ("N", "N*m", "kg", "kg*m^2", "N*s/m", "N*m*s/rad")  # of a balance of forces or torques
 _KNOWN = 1e-3  # share of its spread that is left of what counts as known
 
 
@@ -240,6 +241,22 @@ def with_nuisances(prior: Prior, unknowns: Iterable[Unknown]) -> Prior:
     return prior.and_(Prior.independent(o for o in unknowns if o.name not in prior.names))
 
 
+def _by_values(prior: Prior, unknowns: Sequence[Unknown]) -> tuple[Prior, list[Unknown]]:
+    """A learnt prior of unknowns where terms of a balance deviate by values, not by logarithms.
+
+    Recordings may tell the sum of two frictions well, and each of them badly. Along a line of their
+    logarithms the sum does not stay.
+    """
+    terms = np.array([one.logarithmic and one.unit in _TERMS for one in unknowns], bool)
+    mean = np.where(terms, np.exp(np.where(terms, prior.mean, 0.0)), prior.mean)
+    scale = np.where(terms, mean, 1.0)
+    prior = replace(prior, mean=mean, covariance=prior.covariance * np.outer(scale, scale))
+    return prior, [
+        replace(one, logarithmic=False) if term else one
+        for one, term in zip(unknowns, terms, strict=True)
+    ]
+
+
 def with_all_free(
     model: Model,
     actuator: ParameterSet,
@@ -258,6 +275,8 @@ def with_all_free(
     prior = baseline.drifted(actuator)
     prior = prior.of(name for name in prior.names if name not in taken)
     places = [replace(model.unknown(actuator, place), spread=None) for place in prior.names]
+    if baseline.calibrated:
+        prior, places = _by_values(prior, places)
     comparisons = [one.with_evidence() for one in judged.comparisons]
     more = [
         one for one in effective(model.unknowns(actuator), comparisons) if one.name not in taken

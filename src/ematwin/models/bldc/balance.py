@@ -270,8 +270,11 @@ class Crossing:
         self._balance, self._of_motor = balance, of_motor
         motion, side = balance.motion, 0 if of_motor else 1
         speed = balance.w_m if of_motor else balance.w_o
-        moves = apart & (np.abs(speed) > _STANDS * np.abs(speed).max())
-        ends = np.flatnonzero(np.diff(np.r_[False, moves, False])).reshape(-1, 2)
+        stands = np.abs(speed) < _STANDS * np.abs(speed).max()
+        if any(motion.steps):  # a smoothed speed stands later than what friction has stopped
+            smeared = np.ones(2 * round(motion.rate / motion.cutoff) + 1)
+            stands = np.convolve(stands, smeared, "same") > 0.5
+        ends = np.flatnonzero(np.diff(np.r_[False, apart & ~stands, False])).reshape(-1, 2)
         self._spans = [
             slice(begin, min(begin + _LONGEST, last))
             for first, last in ends

@@ -170,6 +170,24 @@ def test_ripple_of_a_comparator_is_noise_of_the_angle_in_the_gap():
     assert share < 1.2 * motor.least(PLAIN)
 
 
+def test_an_output_that_friction_stops_in_the_gap_does_not_count_as_moving():
+    """Speeds by coarse counts are smoothed: they show a stop later than the recorded angle."""
+    structure, actuator = as_built(4096)
+    structure = replace(structure, output_lines=8192)
+    faults = {"friction": 0.6, "backlash": 0.2}
+    record = recorded(structure, actuator, faults=faults, noise=0.02)
+    balance = TorqueBalance(along_motion.Motion(record, actuator))
+    apart = Contact(balance, actuator, faults).apart()
+    output = Crossing(balance, apart, actuator, of_motor=False)
+    left = output.left(actuator, faults)
+    heavier = actuator.changed({
+        "transmission.output_inertia": 1.5 * actuator.transmission.output_inertia
+    })  # fmt: skip
+    print(left @ left, left.size)
+    assert apart.sum() > 100
+    assert left @ left <= np.sum(output.left(heavier, faults) ** 2) + 9.0
+
+
 def test_a_gear_that_gives_more_than_its_file_says_does_not_seem_to_cross_its_gap():
     """While its faces touch the output feels the motor, at twists that a stiff gear never has."""
     structure, actuator = as_built()
