@@ -36,7 +36,6 @@ from ematwin.numerics.side_by_side import side_by_side
 
 NO_SEARCH = "equations along the motion"
 _STEP = 1e-3  # of a coordinate: most equations are smooth
-_STANDS_OUT = 10.0  # times the error of an equation
 
 
 def usual_search(model: Model, actuator: ParameterSet, problem: Problem) -> Search:
@@ -177,7 +176,8 @@ class _Fit:
         self._least = [one.least(actuator) * one.size for one in equations]
         self._alike = [one.alike(actuator) * one.size for one in equations]
         self._given = scales
-        self._scales = [self._scale(n, each) for n, each in enumerate(left)]
+        self._independent = [each.size / correlation_time(each) for each in left]
+        self._scales = [self._scale(n) for n in range(len(every))]
         matters = {n for places in self._matters for n in places.values()}
         self._free = np.array(sorted(matters), dtype=int)
         self._last: tuple[np.ndarray, np.ndarray] | None = None
@@ -196,6 +196,8 @@ class _Fit:
         chart, free = self._problem.chart, self._free
         here, fresh = self.residuals(z)[0], self._last is None
         slopes = self._slopes(z, here) if self._last is None else self._last[1]
+        if fresh:
+            self._weigh(here, slopes)
         for _ in range(20):  # at most: mostly four, as the equations are nearly linear
             low, high = chart.lower - z[0], chart.upper - z[0]
             step = np.zeros(z.shape[1])
@@ -225,10 +227,7 @@ class _Fit:
             for part, x in zip(self._parts, self._scales, strict=True)
         ]
         # a larger residual is a discrepancy
-        ends = [
-            self._scale(n, here[part], norm)
-            for n, (part, norm) in enumerate(zip(self._parts, norms, strict=True))
-        ]
+        ends = [self._scale(n, norm) for n, norm in enumerate(norms)]
         weights = np.repeat(np.array(ends) / self._scales, self._counts)
         here = weights * here[: weights.size]
         rotation, root = np.linalg.qr((weights * slopes[:, : weights.size]).T)
@@ -279,37 +278,29 @@ class _Fit:
         return found
 
     def _slopes(self, z: np.ndarray, here: np.ndarray) -> np.ndarray:
-        """(f, K), of residuals (K,) at coordinates (1, d), by those that matter.
-
-        Columns that do not stand out from the error of an equation over a small step are taken
-        over one that it gives.
-        """
-        every = np.arange(self._free.size)
-        slopes = self._differenced(z, here, every, _STEP, range(len(self._every)))
-        for n, (one, part) in enumerate(zip(self._every, self._parts, strict=True)):
-            if one.equation.step == 0.0:
-                continue
-            changes = _STEP * np.linalg.norm(slopes[:, part], axis=1)
-            stands_out = changes > _STANDS_OUT * self._alike[n] * self._scales[n]
-            weak = np.flatnonzero((changes > 0.0) & ~stands_out)
-            if weak.size:
-                wide = self._differenced(z, here, weak, one.equation.step, [n])
-                slopes[weak, part] = wide[:, : self._counts[n]]
-        return slopes
-
-    def _differenced(
-        self, z: np.ndarray, here: np.ndarray, which: np.ndarray, step: float, some: Sequence[int]
-    ) -> np.ndarray:
-        """(w, K), slopes of some equations, and of the priors, by w of the coordinates."""
-        free = self._free[which]
-        steps = np.where(z[0] + step <= self._problem.chart.upper, step, -step)[free]
+        """(f, K), of residuals (K,) at coordinates (1, d), by those that matter."""
+        free = self._free
+        steps = np.where(z[0] + _STEP <= self._problem.chart.upper, _STEP, -_STEP)[free]
         beside = np.tile(z, (free.size, 1))
         beside[np.arange(free.size), free] += steps
-        parts = [*(self._parts[n] for n in some), slice(self._parts[-1].stop, None)]
-        before = np.concatenate([here[one] for one in parts])
-        return np.asarray((self.residuals(beside, some) - before) / steps[:, None])
+        return np.asarray((self.residuals(beside) - here) / steps[:, None])
 
-    def _scale(self, n: int, left: np.ndarray, noise: float = 0.0) -> float:
+    def _weigh(self, here: np.ndarray, slopes: np.ndarray) -> None:
+        """Weigh residuals (K,) and slopes (f, K) anew by independent samples of their noise.
+
+        What the unknowns of an equation explain is no noise, and far away it is most of a residual.
+        """
+        for n, part in enumerate(self._parts):
+            if here[part].size == 0:
+                continue
+            step = np.linalg.lstsq(slopes[:, part].T, here[part], rcond=1e-9)[0]
+            left = here[part] - step @ slopes[:, part]
+            self._independent[n] = left.size / correlation_time(left)
+            before, self._scales[n] = self._scales[n], self._scale(n)
+            here[part] *= self._scales[n] / before
+            slopes[:, part] *= self._scales[n] / before
+
+    def _scale(self, n: int, noise: float = 0.0) -> float:
         """One over the standard deviation of residuals of the nth equation; independent ones count.
 
         ``noise`` is the norm of the residuals at the end. Beyond the least it is a discrepancy,
@@ -318,32 +309,31 @@ class _Fit:
         along = self._every[n]
         if (given := self._given.get((along.recording, along.equation.name))) is not None:
             return given
-        independent, least = left.size / correlation_time(left), self._least[n]
+        least = self._least[n]
         beyond = max(0.0, noise**2 - least**2)
-        return 1.0 / math.sqrt(least**2 / independent + self._alike[n] ** 2 + beyond)
+        return 1.0 / math.sqrt(least**2 / self._independent[n] + self._alike[n] ** 2 + beyond)
 
     def _left(self, one: _Along, values: Values, instant: float | None = None) -> np.ndarray:
         beside = {name: value for name, value in values.items() if "." not in name}
         beside[FIRST_SAMPLE] = self.first_samples[one.recording] if instant is None else instant
         return one.equation.left(with_values(self._actuator, values), beside)
 
-    def residuals(self, z: np.ndarray, some: Sequence[int] | None = None) -> np.ndarray:
+    def residuals(self, z: np.ndarray) -> np.ndarray:
         """(B, K), in standard deviations, at coordinates (B, d); the priors' come last."""
         points = self._problem.chart.to_values(z)
         priors = self._problem.prior_distances(points) / self._problem.noise
-        own = range(len(self._every)) if some is None else some
-        return np.hstack([self._of_equations(points, own), priors])
+        return np.hstack([self._of_equations(points), priors])
 
-    def _of_equations(self, points: np.ndarray, some: Sequence[int]) -> np.ndarray:
-        """(B, K) of some equations at points (B, d); infinite where a loop is unstable."""
+    def _of_equations(self, points: np.ndarray) -> np.ndarray:
+        """(B, K), at points (B, d); infinite where a loop is unstable."""
         asked: dict[tuple[int, tuple[float, ...]], Values] = {}
         rows = []
         for point in points:  # most columns of a Jacobian leave most equations as they are
             each = [
-                {name: float(point[place]) for name, place in self._matters[n].items()}
-                for n in some
+                {name: float(point[place]) for name, place in places.items()}
+                for places in self._matters
             ]
-            rows.append([(n, tuple(one.values())) for n, one in zip(some, each, strict=True)])
+            rows.append([(n, tuple(one.values())) for n, one in enumerate(each)])
             asked |= dict(zip(rows[-1], each, strict=True))
 
         def answered(key: tuple[int, tuple[float, ...]]) -> np.ndarray | None:

@@ -133,18 +133,20 @@ def _learnt(
     floor = expected_misfit(comparisons, model.command)
     fit = HealthyFit(model, forms.actuator, nominals, floor, forms.values)
     found = fit.run(comparisons, lambda share: progress(0.2 + 0.5 * share))
-    beyond = _beyond_tolerance(found.values, nominals, template)
     # as it is, the twin would judge nothing: what a tolerance holds back may be what is wrong
-    hopeless = found.misfit > WORST
-    pulled = _beyond_tolerance(found.values, nominals, template, TWO_SIGMA) if hopeless else beyond
-    if pulled and not found.explains(floor):
-        # the sheet may be of another motor: anew without its word on what contradicts it
-        wide = [replace(one, spread=_WRONG) if one.name in pulled else one for one in nominals]
+    sigmas = TWO_SIGMA if found.misfit > WORST else IMPLAUSIBLE
+    while pulled := _beyond_tolerance(found.values, fit.nominals, template, sigmas):
+        # the sheet may be of another motor: anew without its word on what contradicts it most
+        most = next(iter(pulled))
+        wide = [replace(o, spread=_WRONG) if o.name == most else o for o in fit.nominals]
+        if wide == fit.nominals:
+            break
         other = replace(fit, nominals=wide)
         again = other.run(comparisons, lambda share: progress(0.7 + 0.1 * share))
-        if again.misfit < found.misfit:
-            fit, found = other, again
-            beyond = _beyond_tolerance(again.values, nominals, template)
+        if again.misfit >= found.misfit and not again.explains(floor):
+            break
+        fit, found = other, again
+    beyond = _beyond_tolerance(found.values, nominals, template)
     end, misfit, alone, jitter = found
     explained = found.explains(floor) or found.explains_along_motion
     unlike = misfit > max(_TOGETHER * alone, EXPLAINED) and not explained

@@ -174,8 +174,6 @@ class Equation(NamedTuple):
         errors count it once, however many samples there are
     changes : gives how the residual (K,) changes with load, sensors or timing that may pass for a
         form, by name
-    step : float, share of a range over which to take slopes that do not stand out from the
-        equation's own error over a small one, such as from ripple; 0 where a small one serves
     """
 
     name: str
@@ -191,4 +189,3 @@ class Equation(NamedTuple):
     first_samples: Callable[[Any], Sequence[float]] = lambda actuator: ()
     alike: Callable[[ParameterSet], float] = lambda actuator: 0.0
     changes: Callable[[ParameterSet], Mapping[str, np.ndarray]] = lambda actuator: {}
-    step: float = 0.0

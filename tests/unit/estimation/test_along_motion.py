@@ -63,6 +63,17 @@ def test_equations_lead_from_healthy_to_the_faults_within_standard_errors(found)
     assert (errors[faults] < 0.1).all()
 
 
+def test_a_controller_tells_no_fault_of_a_winding(recording):
+    """It is answered at their values, on which its dips depend as on its loops."""
+    (one, *_) = MODEL.equations(recording, DRIVE, {})
+    assert one.name == "controller"
+    assert not {"short_a", "short_b", "short_c", "eccentricity"} & set(one.unknowns)
+    known = {"gain": FAULTS["gain"]}
+    healthy = np.linalg.norm(one.left(DRIVE, known))
+    told = np.linalg.norm(one.at(FAULTS).left(DRIVE, known))
+    assert told < 0.5 * healthy
+
+
 def test_what_equations_leave_tells_a_recording_that_they_do_not_explain(recording, found):
     assert found[1].information.unexplained < 0.01
     stuck = recording.channels["current_a"].copy()

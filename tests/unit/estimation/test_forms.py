@@ -156,6 +156,15 @@ def test_a_gear_that_gives_is_found_and_not_taken_for_a_wider_gap():
     assert found.values["transmission.backlash"] == pytest.approx(gap, rel=0.03)
 
 
+def test_friction_that_falls_with_speed_is_found():
+    structure = other.Structure(bristle_stiffness=150.0, stribeck_speed=4.0)
+    found = find_forms(MODEL, SHEET, compared(structure))
+    assert found.actuator.presliding.stribeck_speed == pytest.approx(4.0, rel=0.15)
+    assert found.values["transmission.static_ratio"] == pytest.approx(
+        BUILT.transmission.static_ratio, rel=0.1
+    )
+
+
 def test_without_positions_nothing_is_looked_for():
     beside = compared(other.Structure(cogging=0.002), without={"motor_position"})
     assert find_forms(MODEL, SHEET, beside) == FoundForms(SHEET)

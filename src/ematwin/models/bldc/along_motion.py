@@ -115,6 +115,7 @@ class Motion:
     recorded : the angles as they came, (S,) arrays
     command, load : (S,) arrays, rad and N m
     currents : (S, 3) array, A
+    share : of the motor in both inertias, by the file
     counts : steps of the encoders of motor and output, rad on the motor shaft; 0 where of none
     steps : the same, or steps of counts as noisy as the positions; 0 where they hardly are
     angles : (S, 3) array, electrical angle of each phase in the middle of its mean
@@ -124,6 +125,8 @@ class Motion:
     def __init__(self, recording: Recording, actuator: BldcActuator) -> None:
         recording = counted(balanced(recording), actuator)
         self.rate, ratio = recording.sample_rate, actuator.transmission.ratio
+        inertia = actuator.motor.inertia
+        self.share = inertia / (inertia + actuator.transmission.output_inertia)
         self.first_sample = recording.first_sample
         self.time = np.arange(len(recording)) / self.rate
         self.command = recording.channels["command"] * ratio

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ematwin.models.bldc.along_motion import LEAST, Motion, fault_vector, noise_of
+from ematwin.models.bldc.counts import speed_noise
 from ematwin.models.bldc.state import FaultState, fault_state
 from ematwin.models.optional import Values
 from ematwin.numerics.compile import plain
@@ -25,7 +26,7 @@ _STEEP = 500.0  # Hz, of counts before that: an acceleration's noise grows with 
 _STANDS = 0.02  # of the largest speed: nearer to rest friction is not known
 _SETTLES = 0.01  # s after that, for the low-pass
 _SURELY = 0.5  # of the friction of the output: a torque whose sign the template knows
-_CERTAIN = 3.0  # standard deviations of a twist
+_CERTAIN = 3.0  # standard deviations of a twist, and of its change
 _SHORTEST, _LONGEST = 8, 200  # samples of a crossing; angle and speed at its begin take two
 
 
@@ -63,9 +64,14 @@ class TorqueBalance:
         self.moves_together = together
         if any(motion.steps):
             # noise of either acceleration makes its inertia too small and the other's too large:
-            # while nothing crosses the gap both are one, of which only the sum of inertias counts
+            # both are taken for one, of which only the sum of inertias counts. Where speeds differ
+            # by more than noise, that of the mean by inertia has the same momentum
             of_motor, of_output = np.square(motion.steps)
-            share = of_output / (of_motor + of_output)
+            noise = speed_noise(math.hypot(*motion.steps), motion.cutoff, motion.rate)
+            share = np.where(
+                np.abs(self.w_m - self.w_o) < _CERTAIN * noise,
+                of_output / (of_motor + of_output), motion.share,
+            )  # fmt: skip
             self._dw_m = self._dw_o = share * self._dw_m + (1.0 - share) * self._dw_o
             stands |= ~together
         settles = np.ones(int(_SETTLES * motion.rate))

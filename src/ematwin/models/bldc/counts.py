@@ -91,6 +91,16 @@ def spline_through(
     return CubicSpline(time, smoothed(time, position, cutoff), bc_type="natural")
 
 
+def speed_noise(size: float, cutoff: float, rate: float) -> float:
+    """Standard deviation (rad/s) of the slope of a smoothing spline, by steps of ``size`` (rad).
+
+    White noise of size^2/12 through the share of a frequency that passes: the integral of
+    (2 pi f)^2/(1 + (f/f_c)^4)^2.
+    """
+    passes = math.pi * (2.0 * math.pi) ** 2 * cutoff**3 / (8.0 * math.sqrt(2.0))
+    return size * math.sqrt(passes / (6.0 * rate))
+
+
 def comparable_cutoff(size: float) -> float:
     """Cutoff (Hz) of a low-pass of currents that follow from speeds by steps of ``size`` (rad).
 

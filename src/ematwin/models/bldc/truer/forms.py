@@ -1,12 +1,13 @@
 """Forms that healthy recordings of a drive may show though its file leaves them out.
 
 Of the controller an integral term and a sampled speed loop, a sampled current loop, and a filtered
-speed where positions come in counts; of the mechanics cogging and a rounded back-EMF. Sample times
-are chosen from those that drives have, and start values from common settings: an integral time of
-10 to 100 ms, a current loop of 2000 to 8000 rad/s that cancels the winding (technical optimum),
-voltage losses of a volt, cogging of a few per cent of the rated torque. Magnets are drawn to teeth
-as many times in a turn as both have in common; magnets that differ add the number of slots, teeth
-that differ that of poles (Zhu and Howe 2000, IEEE Trans. Energy Conversion 15(4), 407-412).
+speed where positions come in counts; of the mechanics cogging, a rounded back-EMF and friction that
+falls with speed. Sample times are chosen from those that drives have, and start values from common
+settings: an integral time of 10 to 100 ms, a current loop of 2000 to 8000 rad/s that cancels the
+winding (technical optimum), voltage losses of a volt, cogging of a few per cent of the rated
+torque. Magnets are drawn to teeth as many times in a turn as both have in common; magnets that
+differ add the number of slots, teeth that differ that of poles (Zhu and Howe 2000, IEEE Trans.
+Energy Conversion 15(4), 407-412).
 """
 
 import math
@@ -34,8 +35,9 @@ _SOFTER = (0.3, 0.1, 0.03)  # than the contact of the file
 _FILTER = (5e-5, 2e-4, 5e-4, 1e-3)  # s, of speeds
 _BANDWIDTH = (2000.0, 4000.0, 8000.0)  # rad/s
 _SLOTS = (3, 6, 9, 12, 15, 18, 24)
+_FADING = (1.0, 3.0, 10.0)  # rad/s of the motor
+_BENT = 5e-4  # rad of the motor, before it slides
 _TURNED = 0.01  # of an angle: friction of a motor that has just turned round bends bristles first
-_RIPPLES = 0.05  # of a range: over less the ripple of a comparator passes for a slope
 _DAMPED = 0.6  # 0.3 of critical: currents hardly show it
 _WINDINGS = ("short_a", "short_b", "short_c", "eccentricity", "eccentricity_phase")
 _SENSOR = ("current_gain", "current_offset")
@@ -152,6 +154,17 @@ def _coggings(actuator: Any) -> list[Values]:
     ]
 
 
+def _fadings(actuator: Any) -> list[Values]:
+    """Stribeck speeds; sliding friction does not show how far bristles bend."""
+    gear = actuator.transmission
+    stiffness = {
+        "presliding.motor_stiffness": gear.static_ratio * actuator.motor.friction_torque / _BENT,
+        "presliding.output_stiffness": gear.static_ratio * gear.friction_torque / _BENT,
+        "presliding.damping": 0.01,
+    }
+    return [{**stiffness, "presliding.stribeck_speed": speed} for speed in _FADING]
+
+
 INTEGRAL = Form(
     "integral term in the speed loop",
     lambda a: a.speed_loop is not None and a.speed_loop.integral_gain > 0.0,
@@ -192,6 +205,14 @@ ROUNDED = Form(
     lambda a: [{"emf.rounding": 0.2}],
     lambda a: f"back-EMF rounded by {100.0 * a.emf.rounding:.0f} %",
     ("emf.rounding",),
+)
+FADING = Form(
+    "friction that falls with speed",
+    lambda a: a.presliding is not None,
+    ("presliding.stribeck_speed",),
+    _fadings,
+    lambda a: f"friction that falls until {a.presliding.stribeck_speed:.2g} rad/s of the motor",
+    ("presliding.stribeck_speed", "transmission.static_ratio"),
 )
 
 
@@ -267,24 +288,8 @@ def equations(recording: Recording, actuator: Any, values: Values | None) -> tup
     # a sampled speed loop that is late would take in the lag of a filter
     ratio = actuator.transmission.ratio
     sampled = _digital(motion.counts, ratio) if counted else (SAMPLED, CURRENT_LOOP)
-    of_controller = Equation(
-        "controller",
-        controller.left,
-        controller.size,
-        controller.least,
-        # torques are told by currents: gains come with the torque constant
-        ("controller.position_gain", "controller.speed_gain", "motor.emf_constant",
-         "motor.resistance"),
-        (INTEGRAL, *sampled),
-        (*_WINDINGS, "gain", "skew", *_SENSOR),
-        together=tuple(
-            (_current_times(times), _current_delays, _speed_times) for times in (_USUAL, _ANY)
-        ),
-        first_samples=_first_samples,
-        alike=controller.alike,
-        changes=controller.changes,
-        step=_RIPPLES if actuator.current_loop is None else 0.0,
-    )  # fmt: skip
+    given = values or {}
+    of_controller = _controller(controller, (INTEGRAL, *sampled), actuator, given)
     if "load" not in recording.channels:
         return (of_controller,)
     balance = TorqueBalance(motion)
@@ -295,10 +300,9 @@ def equations(recording: Recording, actuator: Any, values: Values | None) -> tup
         balance.least,
         ("motor.emf_constant", "motor.inertia", "transmission.output_inertia",
          "motor.viscous_damping", "motor.friction_torque", *_FRICTION),
-        (COGGING, ROUNDED),
+        (COGGING, ROUNDED, FADING),
         ("friction", *_WINDINGS, *LOAD, *_SENSOR),
     )  # fmt: skip
-    given = values or {}
     return (
         of_controller,
         _contact(balance, actuator, given),
@@ -306,6 +310,36 @@ def equations(recording: Recording, actuator: Any, values: Values | None) -> tup
         _alone(balance, actuator, False, given),
         of_mechanics,
     )
+
+
+def _controller(
+    controller: Controller, forms: tuple[Form, ...], actuator: Any, values: Values
+) -> Equation:
+    """Controller and windings, at these values of the windings' faults.
+
+    Faults of a winding show in how the current dips when it commutates, which depends on how the
+    loops sample as much. The torque balance tells them, and the controller is cut off from them
+    (modular inference; Plummer 2015, Stat. Comput. 25, 37-43).
+    """
+    windings = {name: values[name] for name in _WINDINGS if name in values}
+    return Equation(
+        "controller",
+        lambda actuator, values: controller.left(actuator, {**values, **windings}),
+        controller.size,
+        controller.least,
+        # torques are told by currents: gains come with the torque constant
+        ("controller.position_gain", "controller.speed_gain", "motor.emf_constant",
+         "motor.resistance"),
+        forms,
+        ("gain", "skew", *_SENSOR),
+        at=partial(_controller, controller, forms, actuator),
+        together=tuple(
+            (_current_times(times), _current_delays, _speed_times) for times in (_USUAL, _ANY)
+        ),
+        first_samples=_first_samples,
+        alike=controller.alike,
+        changes=controller.changes,
+    )  # fmt: skip
 
 
 def _contact(balance: TorqueBalance, actuator: Any, values: Values) -> Equation:
