@@ -77,13 +77,6 @@ def test_grey_wolves_move_to_the_mean_of_three_leaders():
     assert wolves.ask()[1] == pytest.approx([1.0, 1.0 / 3.0])
 
 
-def test_a_grey_wolf_that_becomes_alpha_does_not_push_the_old_alpha_down():
-    wolves = GreyWolf(WIDE, population=4, iterations=10)
-    start(wolves, [[1, 1], [2, 2], [3, 3], [4, 4]], [5.0, 9.0, 2.0, 7.0])
-    assert wolves.leader_costs.tolist() == [2.0, 7.0, np.inf]
-    assert wolves.leaders == pytest.approx(np.array([[3, 3], [4, 4], [0, 0]]))
-
-
 def test_grey_wolf_leaders_equal_those_of_the_wolf_by_wolf_comparison():
     rng = np.random.default_rng(0)
     for _ in range(50):
