@@ -12,8 +12,8 @@ import pyarrow.csv
 import pytest
 
 import ematwin as ematwin_module
-from browser import browse
 from commands import inside, script
+from devtools import browse
 from ematwin.cli import main
 from ematwin.models.ball_screw.parameters import BallScrew
 from ematwin.models.registry import load_actuator, shipped_actuators
@@ -230,12 +230,12 @@ def test_the_page_opens_in_a_browser_and_loads_nothing(ematwin, files):
     answer = ematwin("detect", "bench.csv", "--actuator", "rig.toml", "--report", "out.html")
     assert answer.code == 0, answer.err
     assert "wrote out.html" in answer.out
-    document, log = browse(files / "out.html", files)
+    document, said = browse(files / "out.html", files)
     assert document.count("main-svg") >= 2  # each figure was drawn
     assert "lubrication in 4; backlash in 2" in document
     assert "condition dry, weight light, run 60" in document
     assert "learnt from" in document
-    assert "CONSOLE" not in log, [line for line in log.splitlines() if "CONSOLE" in line]
+    assert said == []
     text = (files / "out.html").read_text(encoding="utf-8")
     assert not re.search(r"<(script|link|img|iframe)[^>]*(src|href)\s*=\s*[\"']?http", text)
 
