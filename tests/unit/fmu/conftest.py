@@ -1,5 +1,6 @@
 """Archives of actuators, each exported once."""
 
+import fcntl
 import os
 from functools import cache
 
@@ -50,8 +51,10 @@ def archive(tmp_path_factory):
     @cache
     def made(name, fidelity, fmi=3):
         path = folder / f"{name}-{fidelity}-{fmi}.fmu"
-        if not path.exists():
-            ematwin.export_fmu(actuator_of(name), path, fidelity=fidelity, fmi=fmi)
+        with path.with_suffix(".lock").open("w") as turn:
+            fcntl.flock(turn, fcntl.LOCK_EX)  # another worker may be at it
+            if not path.exists():
+                ematwin.export_fmu(actuator_of(name), path, fidelity=fidelity, fmi=fmi)
         return path
 
     return made
