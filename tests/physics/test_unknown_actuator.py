@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from ematwin.errors import RecordError
+from shared import computed_once
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
@@ -13,17 +14,20 @@ import unknown_actuator as bench
 
 
 @pytest.fixture(scope="module")
-def known() -> object:
+def known(tmp_path_factory) -> object:
     """What two healthy recordings say of an actuator that is off its data sheet."""
     true = bench.actuator_off(7)
-    return bench.learnt([bench.recorded(true, {}, 10 + n, {}) for n in range(2)], bench.SHEET)
+    healthy = [bench.recorded(true, {}, 10 + n, {}) for n in range(2)]
+    return computed_once(tmp_path_factory, "off", lambda: bench.learnt(healthy, bench.SHEET))
 
 
 @pytest.fixture(scope="module")
-def known_by_voltages() -> object:
+def known_by_voltages(tmp_path_factory) -> object:
     """What a healthy recording with phase voltages says of another such actuator."""
     healthy = bench.recorded(bench.actuator_off(4), {}, 10, {}, bench.VOLTAGES)
-    return bench.learnt([healthy], bench.SHEET)
+    return computed_once(
+        tmp_path_factory, "off-with-voltages", lambda: bench.learnt([healthy], bench.SHEET)
+    )
 
 
 @pytest.mark.parametrize("case", range(len(bench.CASES)))
