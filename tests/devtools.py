@@ -16,10 +16,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-WIDTHS = (1400, 768, 390)  # px: a desk's, a tablet's, a phone's
+WIDTHS = (390, 768, 1400)  # px: a phone's, a tablet's, a desk's
 _TALLEST = 16_000  # px of a picture
 _DRAWN = """document.readyState === "complete" &&
 [...document.querySelectorAll(".figure")].every((one) => one.querySelector(".main-svg"))"""
+_SETTLED = "new Promise((done) => setTimeout(done, 200))"
 # How much wider the page is than its window, what sticks out of it, tables that are cut, figures
 # that are drawn.
 _MEASURED = """(() => {
@@ -98,11 +99,11 @@ class Tab:
             time.sleep(0.05)
         return found
 
-    def show(self, page: Path, width: int = WIDTHS[0]) -> None:
+    def show(self, page: Path, width: int = WIDTHS[-1]) -> None:
         """Open a file, and wait until its figures are drawn and laid out."""
         self.open(page.as_uri(), width)
         self.wait(_DRAWN)
-        self.value("new Promise((done) => setTimeout(done, 200))")
+        self.value(_SETTLED)
 
     def picture(self, path: Path) -> None:
         """The page as a PNG; of a very long one the beginning, as a browser refuses more."""
@@ -180,13 +181,15 @@ def browse(page: Path, folder: Path) -> tuple[str, list[str]]:
 
 
 def seen_at(pages: Sequence[Path], folder: Path) -> list[dict[int, dict[str, Any]]]:
-    """What each page looks like at each of `WIDTHS`; the browser has nothing to complain of."""
+    """What each page looks like in a window that grows; the browser has nothing to complain of."""
     seen: list[dict[int, dict[str, Any]]] = []
     with browser(folder) as tab:
         for page in pages:
             seen.append({})
+            tab.show(page, WIDTHS[0])
             for width in WIDTHS:
-                tab.show(page, width)
+                tab.resize(width)
+                tab.value(_SETTLED)
                 seen[-1][width] = tab.value(_MEASURED)
         assert tab.said == []
     return seen
