@@ -15,8 +15,7 @@ import ematwin as ematwin_module
 from commands import inside, script
 from devtools import browse
 from ematwin.cli import main
-from ematwin.models.ball_screw.parameters import BallScrew
-from ematwin.models.registry import load_actuator, shipped_actuators
+from ematwin.models.registry import shipped_actuators
 from made_up_rig import healthy_runs, run
 from refusals import contents, refused
 
@@ -101,12 +100,6 @@ def test_later_healthy_runs_are_added_from_the_shell(ematwin, files):
     answer = ematwin("detect", "later.parquet", "--actuator", "more.toml", "--json")
     assert answer.code == 0, answer.err
     assert [v["fault"] for v in json.loads(answer.out)["verdicts"]][:2] == ["lubrication"] * 2
-
-
-def test_what_calibrate_wrote_serves_as_the_next_template(files):
-    found = BallScrew.load(files / "rig.toml")
-    assert found.name == "rig"
-    assert found == load_actuator(files / "rig.toml")
 
 
 # detect
