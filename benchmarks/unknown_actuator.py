@@ -415,11 +415,14 @@ def of_forms(seed: int) -> list[Outcome]:
     ]
 
 
-def special(true: BldcActuator, known: Any) -> list[Outcome]:
-    """Recordings from which nothing, or not everything, can be told; calibrated on usual ones."""
+SPECIAL = {"friction": 0.25, "short_b": 0.15}
+
+
+def special_recordings(true: BldcActuator) -> dict[str, Recording]:
+    """Recordings from which nothing, or not everything, can be told."""
     from ematwin.models.scenario import Scenario
 
-    faults = {"friction": 0.25, "short_b": 0.15}
+    faults = SPECIAL
     usual = recorded(true, faults, 100, {})
 
     def chirp(amplitude: float) -> Recording:
@@ -439,7 +442,7 @@ def special(true: BldcActuator, known: Any) -> list[Outcome]:
     coarse = simulate(
         "reference", faults=faults, actuator=true, noise=Noise(white=0.02, bits=10), seed=100
     )
-    recordings = {
+    return {
         "motion of 20 urad": chirp(20e-6),
         "motion of 200 urad": chirp(200e-6),
         "no load column": no_load,
@@ -448,10 +451,13 @@ def special(true: BldcActuator, known: Any) -> list[Outcome]:
         "ten bits": coarse,
     }
 
+
+def special(true: BldcActuator, known: Any) -> list[Outcome]:
+    """Those recordings, judged by what usual ones say of the actuator."""
     found = []
-    for name, record in recordings.items():
+    for name, record in special_recordings(true).items():
         try:
-            found.append(judged(name, record, known, true, faults))
+            found.append(judged(name, record, known, true, SPECIAL))
         except EmatwinError as refusal:
             print(f"{name}: refused: {refusal}")
     return found

@@ -19,9 +19,8 @@ from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-from devtools import Tab, browser
+from devtools import WIDTHS, Tab, browser
 
-WIDTHS = (390, 768, 1400)
 _BROWSERS = 2  # that share the pages
 _DRAWN = "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
 _LOADED = "performance.getEntriesByType('resource').map((each) => each.name)"

@@ -11,12 +11,31 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+WIDTHS = (390, 768, 1400)  # px: a phone's, a tablet's, a desk's
 _TALLEST = 16_000  # px of a picture
+_DRAWN = """document.readyState === "complete" &&
+[...document.querySelectorAll(".figure")].every((one) => one.querySelector(".main-svg"))"""
+_SETTLED = "new Promise((done) => setTimeout(done, 200))"
+# How much wider the page is than its window, what sticks out of it, tables that are cut, figures
+# that are drawn.
+_MEASURED = """(() => {
+  const root = document.documentElement, width = root.clientWidth;
+  const out = [...root.querySelectorAll("body *")].filter((one) =>
+    !one.closest(".scroll, svg, .figure script") && one.getBoundingClientRect().width > 0 &&
+    one.getBoundingClientRect().right > width + 1);
+  return {
+    wider: root.scrollWidth - width,
+    cut: [...root.querySelectorAll(".scroll")].filter((one) =>
+      one.scrollWidth > one.clientWidth + 1).length,
+    out: out.slice(0, 3).map((one) => one.outerHTML.slice(0, 80)),
+    figures: root.querySelectorAll(".figure .main-svg").length,
+  };
+})()"""
 
 
 class Tab:
@@ -79,6 +98,12 @@ class Tab:
             assert time.monotonic() < end, f"{expression} stayed {found!r}; console: {self.said}"
             time.sleep(0.05)
         return found
+
+    def show(self, page: Path, width: int = WIDTHS[-1]) -> None:
+        """Open a file, and wait until its figures are drawn and laid out."""
+        self.open(page.as_uri(), width)
+        self.wait(_DRAWN)
+        self.value(_SETTLED)
 
     def picture(self, path: Path) -> None:
         """The page as a PNG; of a very long one the beginning, as a browser refuses more."""
@@ -146,3 +171,25 @@ def browser(folder: Path) -> Iterator[Tab]:
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
+
+
+def browse(page: Path, folder: Path) -> tuple[str, list[str]]:
+    """The document of a page as the browser holds it, and what the browser said."""
+    with browser(folder) as tab:
+        tab.show(page)
+        return str(tab.value("document.documentElement.outerHTML")), tab.said
+
+
+def seen_at(pages: Sequence[Path], folder: Path) -> list[dict[int, dict[str, Any]]]:
+    """What each page looks like in a window that grows; the browser has nothing to complain of."""
+    seen: list[dict[int, dict[str, Any]]] = []
+    with browser(folder) as tab:
+        for page in pages:
+            seen.append({})
+            tab.show(page, WIDTHS[0])
+            for width in WIDTHS:
+                tab.resize(width)
+                tab.value(_SETTLED)
+                seen[-1][width] = tab.value(_MEASURED)
+        assert tab.said == []
+    return seen

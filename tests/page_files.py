@@ -8,16 +8,24 @@ from typing import Any
 import numpy as np
 
 import ematwin
+import made_up_axis
 from page_blocks import PROJECT
 
 Names = dict[str, Any]
-NOISE = ematwin.Noise(white=0.02, bits=12)
 
 
-def servo(name: str, day: int, fidelity: str = "monitor", **faults: float) -> ematwin.Recording:
-    """A recording of a brushless servo, written to a file."""
-    record = ematwin.simulate(fidelity, faults=faults, noise=NOISE, seed=day)
+def servo(name: str, day: int, **faults: float) -> ematwin.Recording:
+    """A short recording of a brushless servo, written to a file."""
+    record = made_up_axis.run(day, **faults).changed(labels={})
     ematwin.write(record, name)
+    return record
+
+
+def of_bench() -> ematwin.Recording:
+    """A recording at full length, as a bench takes it, written to a file."""
+    noise = ematwin.Noise(white=0.02, bits=12)
+    record = ematwin.simulate("reference", faults={"friction": 0.2}, noise=noise, seed=1)
+    ematwin.write(record, "record.parquet")
     return record
 
 
@@ -93,7 +101,7 @@ def bench_csv(name: str, record: ematwin.Recording, preamble: str = "") -> None:
 
 def notebooks() -> Names:
     """A bench file with three lines above its table, and its map."""
-    record = servo("record.parquet", 1, "reference", friction=0.2)
+    record = of_bench()
     bench_csv("bench.csv", record, "Pruefstand 3\n\n\n")
     proposal = ematwin.propose_map("bench.csv", "servo48")
     Path("map.toml").write_text(proposal.as_toml(), encoding="utf-8")
@@ -109,7 +117,7 @@ def recordings() -> Names:
     """An MDF file, a bench file with umlauts, tables of motions."""
     from asammdf import MDF, Signal
 
-    record = servo("record.parquet", 1, "reference", friction=0.2)
+    record = of_bench()
     file = MDF(version="4.10")
     channels = (
         ("Setpoint [deg]", np.degrees(record.command), "deg"),

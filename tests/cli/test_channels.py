@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from browser import seen_at
+from devtools import seen_at
 from ematwin.testing.reader_contract import bench_channels
 
 

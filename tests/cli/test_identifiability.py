@@ -16,9 +16,9 @@ def test_commands_are_ranked_and_shown(ematwin, tmp_path: Path) -> None:
 
 
 def test_programs_get_all_of_it(ematwin) -> None:
-    answer = ematwin("identifiability", "--json", "--fault", "friction=0.3")
+    answer = ematwin("identifiability", "--actuator", "rm1605", "--json", "--fault", "friction=1.3")
     told = json.loads(answer.out)["commands"][0]
-    assert told["faults"]["friction"] == 0.3
+    assert told["faults"]["friction"] == 1.3
     assert {"friction", "backlash", "gain"} <= {one["name"] for one in told["told"]}
 
 

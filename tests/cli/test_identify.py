@@ -15,7 +15,7 @@ import psutil
 import pytest
 
 import ematwin as library
-from browser import browse
+from devtools import browse
 from ematwin.recordings.tables import write_table
 from refusals import refused
 
@@ -60,10 +60,10 @@ def test_report_opens_in_a_browser_and_loads_nothing(ematwin, folder: Path) -> N
     answer = ematwin("identify", "rec.parquet", "--report", "out.html", "--exact")
     assert answer.code == 0, answer.err
     page = folder / "out.html"
-    document, log = browse(page, folder)
+    document, said = browse(page, folder)
     assert document.count("main-svg") >= 3  # each figure was drawn
     assert re.search(r"Two faults: friction \+(59\.9|60)", document)
-    assert "CONSOLE" not in log, [line for line in log.splitlines() if "CONSOLE" in line]
+    assert said == []
     text = page.read_text(encoding="utf-8")
     assert len(text) < 1.5e6
     assert not re.search(r"<(script|link|img|iframe)[^>]*(src|href)\s*=\s*[\"']?http", text)

@@ -123,7 +123,7 @@ def test_everything_at_once_comes_to_rest_without_a_command():
     assert np.abs(phase_currents(record)).max() < 1e-2
 
 
-@pytest.mark.parametrize("amplitude", [1e-5, 1e-4, 1e-3, 1e-1, 10.0])
+@pytest.mark.parametrize("amplitude", [1e-5, 1e-3, 10.0])
 @pytest.mark.parametrize("frequency", [1.0, 30.0])
 @pytest.mark.parametrize("damping", [0.0, 0.02])
 def test_lugre_friction_never_adds_energy_over_a_cycle(amplitude, frequency, damping):

@@ -5,25 +5,29 @@ from pathlib import Path
 
 import pytest
 
+from ematwin.errors import RecordError
+from shared import computed_once
+
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
 import unknown_actuator as bench
 
 
 @pytest.fixture(scope="module")
-def known() -> object:
+def known(tmp_path_factory) -> object:
     """What two healthy recordings say of an actuator that is off its data sheet."""
     true = bench.actuator_off(7)
-    return bench.learnt([bench.recorded(true, {}, 10 + n, {}) for n in range(2)], bench.SHEET)
+    healthy = [bench.recorded(true, {}, 10 + n, {}) for n in range(2)]
+    return computed_once(tmp_path_factory, "off", lambda: bench.learnt(healthy, bench.SHEET))
 
 
 @pytest.fixture(scope="module")
-def known_by_voltages() -> object:
-    """What two healthy recordings with phase voltages say of another such actuator."""
-    healthy = [
-        bench.recorded(bench.actuator_off(4), {}, 10 + n, {}, bench.VOLTAGES) for n in range(2)
-    ]
-    return bench.learnt(healthy, bench.SHEET)
+def known_by_voltages(tmp_path_factory) -> object:
+    """What a healthy recording with phase voltages says of another such actuator."""
+    healthy = bench.recorded(bench.actuator_off(4), {}, 10, {}, bench.VOLTAGES)
+    return computed_once(
+        tmp_path_factory, "off-with-voltages", lambda: bench.learnt([healthy], bench.SHEET)
+    )
 
 
 @pytest.mark.parametrize("case", range(len(bench.CASES)))
@@ -72,16 +76,21 @@ def test_on_another_structure_it_is_right_or_gives_no_verdict(
         assert set(one.faults) <= bench.injected_names(one)
 
 
-def test_what_cannot_be_told_from_gets_no_verdict(
-    known, capsys: pytest.CaptureFixture[str]
-) -> None:
-    judged = {one.group: one for one in bench.special(bench.actuator_off(7), known)}
-    assert "command looks like degrees" in capsys.readouterr().out
-    for name in ("motion of 20 urad", "motion of 200 urad", "no load column", "saturated currents"):
-        assert judged[name].grade == "none", name
-        assert judged[name].reason
-    assert judged["ten bits"].grade == "fault"
-    assert set(judged["ten bits"].faults) == {"friction", "short_b"}
+def test_what_cannot_be_told_from_gets_no_verdict(known) -> None:
+    """A motion of 20 urad is that of 200 for all that is searched."""
+    true = bench.actuator_off(7)
+    recordings = bench.special_recordings(true)
+    with pytest.raises(RecordError, match="command looks like degrees"):
+        bench.judged("", recordings.pop("degrees for radians"), known, true, bench.SPECIAL)
+    del recordings["motion of 20 urad"]
+    for name, record in recordings.items():
+        one = bench.judged(name, record, known, true, bench.SPECIAL)
+        if name == "ten bits":
+            assert one.grade == "fault"
+            assert set(one.faults) == {"friction", "short_b"}
+        else:
+            assert one.grade == "none", name
+            assert one.reason
 
 
 def test_phase_voltages_tell_the_scale_of_torques_and_the_gain_of_a_current_sensor(

@@ -10,20 +10,17 @@ import pytest
 from processes import RUNS, numbers, study
 from servers import Postgres
 
+from shared import made_once
+
 
 @pytest.fixture(scope="session")
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Any, ...]]:
-    """The small study, done by one process in peace; processes of pytest share it."""
-    folder = tmp_path_factory.getbasetemp()
-    if "PYTEST_XDIST_WORKER" in os.environ:
-        folder = folder.parent
-    shared = folder / "undisturbed.db"
-    if not shared.exists():
-        where = tmp_path_factory.mktemp("undisturbed") / "study.db"
-        answer = study("--store", where, "--workers", 1)
-        assert answer["counts"] == {"done": RUNS}
-        where.rename(shared)
-    return numbers(shared)
+    """The small study, done by one process in peace."""
+
+    def done(where: Path) -> None:
+        assert study("--store", where, "--workers", 1)["counts"] == {"done": RUNS}
+
+    return numbers(made_once(tmp_path_factory, "undisturbed.db", done))
 
 
 @pytest.fixture(scope="session")

@@ -1,6 +1,5 @@
 """Pages in a real browser at three widths: nothing cut, no error, the verdict first, small."""
 
-import json
 import re
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ import pytest
 from synthetic import study
 
 import ematwin
-from browser import WIDTHS, browse, seen_at
+from devtools import WIDTHS, browser, seen_at
 from ematwin.benchmarking.analysis import analyse
 from ematwin.benchmarking.page import study_page
 from ematwin.report.calibration import calibration_page
@@ -93,20 +92,19 @@ def test_tables_sort_and_filter(tmp_path: Path) -> None:
     rows = [Row([f"row {n}", f"{value} N m"]) for n, value in enumerate([3, 20, 100, *range(12)])]
     page = tmp_path / "table.html"
     text = render("t", "l", [Section(table=Table(["name", "value"], rows))])
-    click = """<script>
+    page.write_text(text, encoding="utf-8")
+    click = """(() => {
     document.querySelectorAll("th")[1].click(); document.querySelectorAll("th")[1].click();
     const field = document.querySelector(".filter"); field.value = "100 row";
     field.dispatchEvent(new Event("input"));
-    document.title = JSON.stringify({
+    return {
       first: document.querySelector("tbody tr td").textContent,
       shown: [...document.querySelectorAll("tbody tr")].filter((row) => !row.hidden).length,
-    });</script></body>"""
-    page.write_text(text.replace("</body>", click), encoding="utf-8")
-    document, log = browse(page, tmp_path)
-    assert "CONSOLE" not in log
-    title = re.search(r"<title>(.*?)</title>", document)
-    assert title is not None
-    assert json.loads(title[1]) == {"first": "row 2", "shown": 1}  # 100 N m is the most
+    };})()"""
+    with browser(tmp_path) as tab:
+        tab.show(page)
+        assert tab.value(click) == {"first": "row 2", "shown": 1}  # 100 N m is the most
+        assert tab.said == []
 
 
 def test_a_figure_the_small_bundle_cannot_draw_takes_the_whole_one() -> None:
@@ -149,24 +147,21 @@ def test_a_table_stays_a_table_where_a_screen_is_wide(tmp_path: Path) -> None:
     row = Row(["today.parquet", "friction", *cells * 3, "0.0003 (0 to 0.0016)"])
     table = Table(["recording", "verdict", *names], [row] * 3, texts=(1,), pairs=True)
     page = tmp_path / "table.html"
-    show = """<script>setTimeout(() => document.title = "cards " +
-    document.querySelectorAll("table.cards").length, 500);</script>"""
-    text = render("t", "l", [Section(table=table)])
-    page.write_text(text.replace("</body>", f"{show}</body>"), encoding="utf-8")
-    for width, cards in ((1400, 0), (500, 1)):
-        document, _ = browse(page, tmp_path, f"--window-size={width},900")
-        assert f"<title>cards {cards}</title>" in document
+    page.write_text(render("t", "l", [Section(table=table)]), encoding="utf-8")
+    with browser(tmp_path) as tab:
+        for width, cards in ((1400, 0), (500, 1)):
+            tab.show(page, width)
+            assert tab.value("document.querySelectorAll('table.cards').length") == cards
 
 
 def test_figures_fit_a_sheet_of_paper(pages: dict[str, str], tmp_path: Path) -> None:
-    show = """<script>setTimeout(() => {
-    dispatchEvent(new Event("beforeprint"));
-    setTimeout(() => document.title = "widths " + [...document.querySelectorAll(".plot")].map(
-      (one) => one.querySelector(".main-svg").getAttribute("width")).join(" "), 1500);
-    }, 500);</script>"""
     page = tmp_path / "page.html"
-    page.write_text(pages["detect"].replace("</body>", f"{show}</body>"), encoding="utf-8")
-    document, _ = browse(page, tmp_path, "--window-size=1400,900")
-    found = re.search("<title>widths ([0-9 ]+)</title>", document)
-    assert found is not None
-    assert all(0 < float(width) <= 700 for width in found[1].split())
+    page.write_text(pages["detect"], encoding="utf-8")
+    widths = """[...document.querySelectorAll(".plot")].map(
+      (one) => +one.querySelector(".main-svg").getAttribute("width"))"""
+    with browser(tmp_path) as tab:
+        tab.show(page)
+        assert max(tab.value(widths)) > 700
+        tab.value("dispatchEvent(new Event('beforeprint'))")
+        tab.wait(f"Math.max(...{widths}) <= 700")
+        assert min(tab.value(widths)) > 0

@@ -210,24 +210,6 @@ def test_a_jittered_record_is_evened_and_lowered_in_one_call(tmp_path: Path) -> 
     assert "the rate was lowered" in changed[1]
 
 
-def test_our_own_file_is_brought_to_another_rate_when_asked(tmp_path: Path) -> None:
-    path = tmp_path / "own.parquet"
-    ematwin.write(ematwin.Recording(**CHANNELS, provenance={"model": "reference"}), path)
-    record = ematwin.read(path, resample_to=5000)
-    assert record.sample_rate == pytest.approx(5000)
-    assert record.provenance["model"] == "reference"
-    assert "lowered" in record.provenance["changed"][0]
-
-
-def test_progress_reaches_the_caller(tmp_path: Path) -> None:
-    path = tmp_path / "run.mat"
-    scipy.io.savemat(path, CHANNELS)
-    seen: list[float] = []
-    ematwin.read(path, progress=seen.append)
-    assert seen == sorted(seen)
-    assert seen[-1] == 1.0
-
-
 @pytest.mark.parametrize(
     ("suffix", "module", "package"),
     [

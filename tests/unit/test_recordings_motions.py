@@ -13,7 +13,7 @@ import pytest
 
 from ematwin.errors import EmatwinError, RecordError
 from ematwin.models.ball_screw.plausibility import check_spans
-from ematwin.models.reading import read, write
+from ematwin.models.reading import read
 from ematwin.recordings.recording import Recording
 from refusals import refusal_of
 
@@ -76,18 +76,6 @@ def refused(path: Path, **options: Any) -> str:
 
 
 # Where motions begin
-
-
-@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
-def test_what_was_written_is_read(tmp_path, suffix):
-    path = tmp_path / f"bench{suffix}"
-    write(MOTIONS, path)
-    found = read_motions(path)
-    assert [motion.labels for motion in found] == [motion.labels for motion in MOTIONS]
-    for motion, wanted in zip(found, MOTIONS, strict=True):
-        same(motion, wanted)
-        assert motion.source == path.name
-        assert motion.interval == pytest.approx(INTERVAL)
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
@@ -184,14 +172,6 @@ def test_labels_of_a_csv_may_hold_other_letters(tmp_path, encoding):
 
 
 # Channels and units
-
-
-def test_position_stands_for_its_error(tmp_path):
-    columns = table()
-    position = columns["set_point"] - columns.pop("position_error")
-    path = saved(tmp_path / "bench.parquet", columns | {"position_mm": 1e3 * position})
-    for motion, wanted in zip(read_motions(path), MOTIONS[:2], strict=True):
-        same(motion, wanted)
 
 
 def test_the_error_goes_before_the_position(tmp_path):

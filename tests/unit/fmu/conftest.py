@@ -1,11 +1,11 @@
 """Archives of actuators, each exported once."""
 
-import os
 from functools import cache
 
 import pytest
 
 import ematwin
+from shared import made_once
 
 # forms that shipped actuators leave out, all that the reference has
 TRUER = {
@@ -42,17 +42,14 @@ def actuator_of(name):
 
 @pytest.fixture(scope="session")
 def archive(tmp_path_factory):
-    """Path of an archive, made once for each kind and fidelity; workers share them."""
-    folder = tmp_path_factory.getbasetemp()
-    if "PYTEST_XDIST_WORKER" in os.environ:
-        folder = folder.parent
+    """Path of an archive, made once for each kind and fidelity."""
 
     @cache
     def made(name, fidelity, fmi=3):
-        path = folder / f"{name}-{fidelity}-{fmi}.fmu"
-        if not path.exists():
-            ematwin.export_fmu(actuator_of(name), path, fidelity=fidelity, fmi=fmi)
-        return path
+        return made_once(
+            tmp_path_factory, f"{name}-{fidelity}-{fmi}.fmu",
+            lambda path: ematwin.export_fmu(actuator_of(name), path, fidelity=fidelity, fmi=fmi),
+        )  # fmt: skip
 
     return made
 

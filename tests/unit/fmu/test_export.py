@@ -27,15 +27,12 @@ SHIPPED = {
     ("rm1605", "twin"): {"backlash": 6e-4, "gain": 1.3, "load": 30.0},
     ("sts3215", "twin"): {"delay": 2.5, "backlash": 4.0, "offset": 0.01},
     ("servo48", "monitor"): {"friction": 0.25, "short_a": 0.3, "eccentricity": 0.4},
-    ("servo48", "reference"): {"backlash": 0.1, "eccentricity": 0.3, "eccentricity_phase": 0.7},
+    # of the same steps as without its forms
     ("truer", "reference"): {"backlash": 0.1, "short_a": 0.2, "eccentricity": 0.3},
     ("servo400", "monitor"): {"short_a": 0.1, "sensor_gain_b": 0.7, "dynamic_eccentricity": 0.2},
     ("truer400", "reference"): {"connector_b": 0.2, "resolver_offset": 0.6, "friction": 0.3},
 }
-LINES = {
-    ("servo48", "reference"): 5,
-    ("truer", "reference"): 5,
-}  # straight lines of the command between two samples
+LINES = {("truer", "reference"): 5}  # straight lines of the command between two samples
 
 
 class Driven:

@@ -5,8 +5,9 @@ import pytest
 from ematwin.monitoring.calibrate import calibrate
 from ematwin.monitoring.calibration_report import CalibrationReport
 from made_up_rig import healthy_runs
+from shared import computed_once
 
 
 @pytest.fixture(scope="session")
-def report() -> CalibrationReport:
-    return calibrate(healthy_runs(9), name="rig")
+def report(tmp_path_factory: pytest.TempPathFactory) -> CalibrationReport:
+    return computed_once(tmp_path_factory, "rig", lambda: calibrate(healthy_runs(9), name="rig"))

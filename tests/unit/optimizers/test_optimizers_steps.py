@@ -77,13 +77,6 @@ def test_grey_wolves_move_to_the_mean_of_three_leaders():
     assert wolves.ask()[1] == pytest.approx([1.0, 1.0 / 3.0])
 
 
-def test_a_grey_wolf_that_becomes_alpha_does_not_push_the_old_alpha_down():
-    wolves = GreyWolf(WIDE, population=4, iterations=10)
-    start(wolves, [[1, 1], [2, 2], [3, 3], [4, 4]], [5.0, 9.0, 2.0, 7.0])
-    assert wolves.leader_costs.tolist() == [2.0, 7.0, np.inf]
-    assert wolves.leaders == pytest.approx(np.array([[3, 3], [4, 4], [0, 0]]))
-
-
 def test_grey_wolf_leaders_equal_those_of_the_wolf_by_wolf_comparison():
     rng = np.random.default_rng(0)
     for _ in range(50):
@@ -101,21 +94,6 @@ def test_grey_wolf_leaders_equal_those_of_the_wolf_by_wolf_comparison():
                 if f > scores[0] and f > scores[1] and f < scores[2]:
                     scores[2] = f
         assert wolves.leader_costs.tolist() == scores
-
-
-def test_a_whale_encircles_spirals_or_searches():
-    whales = Whale(WIDE, population=3, iterations=10)
-    start(whales, [[1.0, 2.0], [3.0, 6.0], [5.0, -2.0]], [1.0, 2.0, 3.0])
-    # Rows are r1, r2, r3, p; one column a whale. a = 2 and a2 = -1.
-    # Whale 0: A = 0.5, C = 1, encircles itself: no gap, it stays.
-    # Whale 1: p >= 1/2 and l = -2 * 0.5 + 1 = 0: its gaps (2, 4) times exp(0) cos(0).
-    # Whale 2: A = -1.5, C = 2, searches whale 1, which has moved already to (3, 6).
-    numbers = np.array([[0.625, 0.5, 0.125], [0.5, 0.5, 1.0], [0.5, 0.5, 0.5], [0.1, 0.9, 0.1]])
-    whales.rng = Scripted(numbers[:, :, None], 1)
-    moved = whales.ask()
-    assert moved[0] == pytest.approx([1.0, 2.0])
-    assert moved[1] == pytest.approx([3.0, 6.0])
-    assert moved[2] == pytest.approx([3 + 1.5 * abs(6 - 5), 6 + 1.5 * abs(12 + 2)])
 
 
 def test_searching_whales_see_those_before_them_where_they_have_gone():
