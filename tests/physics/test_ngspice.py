@@ -198,6 +198,7 @@ def run_ngspice(text: str, folder: Path) -> np.ndarray:
 @pytest.mark.parametrize(
     "faults",
     [
+        pytest.param({}, id="healthy"),
         pytest.param({"short_a": 0.5}, id="phase a half shorted"),
         pytest.param({"eccentricity": 0.5, "eccentricity_phase": 0.3}, id="eccentricity 0.5"),
     ],
