@@ -211,7 +211,7 @@ FADING = Form(
     lambda a: a.presliding is not None,
     ("presliding.stribeck_speed",),
     _fadings,
-    lambda a: f"friction that falls until {a.presliding.stribeck_speed:.2g} rad/s of the motor",
+    lambda a: f"friction that falls with speed (Stribeck, {a.presliding.stribeck_speed:.2g} rad/s)",
     ("presliding.stribeck_speed", "transmission.static_ratio"),
 )
 
