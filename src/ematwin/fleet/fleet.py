@@ -157,7 +157,19 @@ class Fleet:
 
         State detection (grade, faults), health assessment (the magnitude that matters most),
         prognostic assessment (life left, days), advisory (what to do, and why).
+
+        Raises
+        ------
+        InputError
+            If there is a limit of what no actuator has.
         """
+        known = sorted({name for one in self for name in one.unknowns})
+        wrong = [name for name in self.limits_given if name not in known]
+        if known and wrong:
+            raise InputError(
+                f"{self.store.folder / 'fleet.toml'} has a limit of {wrong[0]!r}, which no "
+                f"actuator of this fleet has; there are {', '.join(known)}."
+            )
         rows = [one.row() for one in self]
         return sorted(rows, key=lambda row: (-row["advisory_level"], row["life_left_low_days"]))
 
@@ -231,8 +243,9 @@ def settings_of(
         policy = Policy(**given)
         required = table.get("requirement")
         requirement = None if required is None else Requirement(**required)
+        limits = dict(table.get("limits", {}))
     except (TypeError, ValueError) as error:
         if isinstance(error, EmatwinError):
             raise InputError(f"{path}: {error}") from None
         raise InputError(f"{path} cannot be used: {error}.") from None
-    return dict(table.get("limits", {})), policy, requirement, table.get("serial_number")
+    return limits, policy, requirement, table.get("serial_number")
