@@ -118,7 +118,7 @@ def test_evidence_names_the_process_that_made_the_increments(process):
         value = np.cumsum(steps) + random.normal(0.0, 0.002, n)
         several.append(Series(dt * np.arange(1, n + 1), value, np.full(n, 0.002), np.zeros((n, 2))))
     wear = replace(learn(several, 0.0, 1.0), jump_rate=1e-9)
-    assert process_of([trend(one, wear) for one in several])[0] == process
+    assert process_of([trend(one, wear) for one in several]) == process
 
 
 def test_an_actuator_does_its_job_until_its_twin_does_not():

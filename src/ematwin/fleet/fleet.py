@@ -122,10 +122,13 @@ class Fleet:
 
     # --- what the whole fleet says ---------------------------------------------------------------
 
+    def _alike(self, kind: str, name: str) -> list[FleetActuator]:
+        return [one for one in self if one.kind == kind and name in one.magnitudes]
+
     def wear(self, kind: str, name: str) -> Wear:
         """Wear of a magnitude, from all actuators of a kind together."""
         if (kind, name) not in self._wear:
-            alike = [one for one in self if one.kind == kind and name in one.magnitudes]
+            alike = self._alike(kind, name)
             unknown = alike[0].unknown(name)
             several = [one.series(name) for one in alike]
             self._wear[kind, name] = learn(several, unknown.healthy, unknown.width)
@@ -134,8 +137,8 @@ class Fleet:
     def process(self, kind: str, name: str) -> str:
         """The process, wiener or gamma, that explains the increments of the fleet better."""
         if (kind, name) not in self._process:
-            alike = [one for one in self if one.kind == kind and name in one.magnitudes]
-            self._process[kind, name] = process_of([one.trend(name) for one in alike])[0]
+            trends = [one.trend(name) for one in self._alike(kind, name)]
+            self._process[kind, name] = process_of(trends)
         return self._process[kind, name]
 
     def update(self) -> list[dict[str, Any]]:
