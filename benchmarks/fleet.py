@@ -1,6 +1,7 @@
 """How well a fleet is watched: alarms and life left on simulated fleets, and on a real wear path.
 
     python benchmarks/fleet.py alarms --seeds 101 102 103
+    python benchmarks/fleet.py alarms --exponential --seeds 101 --actuators 15
     python benchmarks/fleet.py screw ../shared/data/xjtu_ball_screw/friction_torque.csv
     python benchmarks/fleet.py paths --seeds $(seq 300 399)
     python benchmarks/fleet.py predictions --seeds 104 --actuators 15 > predictions.json
@@ -35,7 +36,7 @@ from ematwin.fleet.metrics import (
     is_accurate,
     prognostic_horizon,
 )
-from ematwin.fleet.simulated import LIMITS, SimulatedFleet
+from ematwin.fleet.simulated import LIMITS, SimulatedFleet, worn
 from ematwin.fleet.store import years
 from ematwin.fleet.trend import Series, trend
 
@@ -66,9 +67,19 @@ def exponential_fit(series, limit, moment):
     return max(left, 0.0) if np.isfinite(left) else np.inf
 
 
-def watched(seed, actuators, per_year, every):
+def worn_exponentially(random, days, severity, temperature):
+    """Friction and gap grow at a rate that goes with them, from 2 % of the range a year."""
+    time, found = np.arange(days) / 365.25, dict(worn(random, days, severity, temperature))
+    for name in ("friction", "backlash"):
+        first = severity * random.lognormal(np.log(0.02), 0.7)
+        growth = random.lognormal(np.log(0.9), 0.3)
+        found[name] = np.minimum(first * np.expm1(growth * time) / growth, 1.0)
+    return found
+
+
+def watched(seed, actuators, per_year, every, law=worn):
     """One fleet looked at every so many days: alarms, and predictions of what fails."""
-    made = SimulatedFleet(actuators, 3.0, per_year, seed, END)
+    made = SimulatedFleet(actuators, 3.0, per_year, seed, END, law)
     truths = {serial: made.truth(serial) for serial in made.serial_numbers()}
     raised, predictions = [], {}
     with tempfile.TemporaryDirectory() as folder:
@@ -115,9 +126,10 @@ def missed(truth, name, end, looks, known):
     return "began after the last look" if began > last else f"{seen} recordings since it began"
 
 
-def judged(seed, actuators, per_year, every):
+def judged(seed, *settings):
     """Counts of one fleet."""
-    made, truths, raised, predictions, known = watched(seed, actuators, per_year, every)
+    made, truths, raised, predictions, known = watched(seed, *settings)
+    actuators, _, every, _ = settings
     looks = range(180, made.days, every)
     false = [
         one
@@ -411,14 +423,14 @@ def main():
     parser.add_argument("--actuators", type=int, default=60)
     parser.add_argument("--per-year", type=float, default=50.0)
     parser.add_argument("--every", type=int, default=30)
+    parser.add_argument("--exponential", action="store_true")
     given = parser.parse_args()
+    settings = given.actuators, given.per_year, given.every
+    law = worn_exponentially if given.exponential else worn
     if given.what == "alarms":
         for seed in given.seeds:
-            print(
-                json.dumps(judged(seed, given.actuators, given.per_year, given.every)), flush=True
-            )
+            print(json.dumps(judged(seed, *settings, law)), flush=True)
     elif given.what == "predictions":
-        settings = given.actuators, given.per_year, given.every
         print(json.dumps([one for seed in given.seeds for one in exported(seed, *settings)]))
     elif given.what == "kill":
         print(json.dumps(killed(given.path)))

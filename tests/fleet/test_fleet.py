@@ -2,6 +2,7 @@
 
 import json
 import math
+import shutil
 import urllib.error
 import urllib.request
 from datetime import UTC, datetime, timedelta
@@ -376,12 +377,20 @@ def test_a_damaged_part_is_named(tmp_path):
         ("[alarms]\nfalse_alarms = 2", "between 0 and 1 per actuator and year"),
         ('[alarms]\nplan = "3 days"\nact = "9 days"', "0 < act <= plan"),
         ("[requirement]\nlimit = 1", "cannot be used"),
+        ("limits = 3", "cannot be used"),
     ],
 )
 def test_settings_that_cannot_be_used_are_refused(tmp_path, text, said):
     (tmp_path / "fleet.toml").write_text(text)
     with pytest.raises(InputError, match=said):
         Fleet(tmp_path)
+
+
+def test_a_limit_of_what_no_actuator_has_is_refused(filled, tmp_path):
+    shutil.copytree(filled, tmp_path / "fleet")
+    (tmp_path / "fleet" / "fleet.toml").write_text("[limits]\nfrictoin = 0.3")
+    with pytest.raises(InputError, match="a limit of 'frictoin', which no actuator"):
+        Fleet(tmp_path / "fleet").table()
 
 
 def test_a_folder_without_a_fleet_and_an_unknown_actuator_are_refused(tmp_path, fleet):

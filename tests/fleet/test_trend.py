@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import ruptures
+from scipy.stats import norm
 
 from ematwin.fleet.learning import learn
 from ematwin.fleet.trend import Series, Wear, trend
@@ -25,14 +26,15 @@ def made(seed, n=30, slope=0.1, noise=0.01, overhauls=()):
 
 
 @pytest.mark.parametrize("overhauls", [(), (1.5,)])
-def test_level_and_slope_are_those_of_a_dense_solution(overhauls):
-    series = made(1, overhauls=overhauls)
-    found = trend(series, WEAR)
-    variance = WEAR.variance(series.error)
+@pytest.mark.parametrize("lasting", [1.2, -1.2])
+def test_level_and_slope_are_those_of_a_dense_solution(overhauls, lasting):
+    series, wear = made(1, overhauls=overhauls), replace(WEAR, lasting=lasting)
+    found = trend(series, wear)
+    variance = wear.variance(series.error)
     variance[list(found.outliers)] = np.inf
     resets = [int(np.searchsorted(series.time, at)) for at in overhauls]
     mean, cov, told = dense(
-        series.time, series.value, variance, series.covariates, WEAR, found.jumps, resets
+        series.time, series.value, variance, series.covariates, wear, found.jumps, resets
     )
     np.testing.assert_allclose(found.level, mean[:, 0], atol=1e-7)
     np.testing.assert_allclose(found.slope, mean[:, 1], atol=1e-7)
@@ -55,6 +57,8 @@ def test_a_jump_and_an_outlier_keep_the_dense_solution():
     variance[20] = np.inf
     mean, _, told = dense(series.time, value, variance, series.covariates, STEADY, (12,))
     np.testing.assert_allclose(found.level, mean[:, 0], atol=1e-9)
+    told += np.log(STEADY.jump_rate * (series.time[12] - series.time[11]))
+    told += norm.logpdf(0.0, scale=STEADY.size / STEADY.outlier_share)
     assert found.evidence == pytest.approx(told, abs=1e-8)
 
 
@@ -102,6 +106,19 @@ def test_rates_of_the_fleet_are_learnt_with_the_effect_of_temperature():
     assert wear.spread[1] == pytest.approx(np.std(slopes), rel=0.3)
     assert wear.mean[3] == pytest.approx(0.02, abs=0.003)
     assert np.hypot(wear.occasion, 0.01 * wear.scale) == pytest.approx(0.01, rel=0.1)
+
+
+@pytest.mark.parametrize("law", ["power", "exponential"])
+def test_evidence_tells_wear_that_slows_down_from_wear_that_feeds_itself(law):
+    several = []
+    for seed in range(8):
+        random, one = np.random.default_rng(seed), made(seed, 40)
+        share = one.time / 3.0
+        grown = share**0.6 if law == "power" else np.expm1(3.0 * share) / np.expm1(3.0)
+        value = random.uniform(0.2, 0.6) * grown + random.normal(0.0, 0.01, 40)
+        several.append(replace(one, value=value))
+    wear = learn(several, 0.0, 1.0)
+    assert [one.lasting > 0.0 for one in (wear, *wear.others)] == 13 * [law == "power"]
 
 
 def test_variances_are_those_of_the_largest_likelihood_but_for_weak_priors():

@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 import ematwin
@@ -126,6 +127,34 @@ def test_an_actuator_waits_for_its_twin_and_is_judged_again_by_another(recording
     marks = [row["twin"] for row in fleet["S-1"].rows]
     assert marks[0] != marks[1] == marks[2]
     assert len(fleet["S-1"].series("friction").overhauls) == 1
+
+
+def test_a_column_says_who_was_recorded(tmp_path):
+    several = []
+    for day, serial in enumerate(("S-1", "S-2"), 1):
+        made = ematwin.simulate(actuator=SERVO, noise=0.01, seed=day)
+        clock = pd.Timestamp(2026, 3, day, 8, tz="UTC") + pd.to_timedelta(made.time, unit="s")
+        said = {"serial_number": serial, "time": clock.astype(str), **made.channels}
+        several.append(pd.DataFrame(said))
+    pd.concat(several).to_csv(tmp_path / "both.csv", index=False)
+    fleet = Fleet(tmp_path / "fleet")
+    assert "set aside" in str(fleet.watch(tmp_path / "both.csv"))  # nothing says of which kind
+    ematwin.load_actuator(SERVO).save(tmp_path / "fleet" / "calibrations" / "S-2.toml")
+    assert fleet.watch(tmp_path / "both.csv").judged == 1
+    assert times(fleet, "S-2") == ["2026-03-02 08:00"]
+    assert fleet.watch(tmp_path / "both.csv", actuator=SERVO).judged == 2  # a file as a whole
+    assert {one.serial_number: len(one.rows) for one in fleet} == {"S-1": 1, "S-2": 1}
+
+
+def test_a_table_of_runs_says_who_was_recorded_and_when(tmp_path):
+    for name in ("a", "b"):
+        recorded(tmp_path, "day", name, len(name))
+    rows = "path,serial,time\nday/a.parquet,S-1,2026-03-01\nday/gone.parquet,S-2,2026-03-02\n"
+    (tmp_path / "runs.csv").write_text(rows)
+    fleet = Fleet(tmp_path / "fleet")
+    found = fleet.watch(tmp_path / "runs.csv", actuator=SERVO)
+    assert (found.judged, len(found.set_aside)) == (1, 1)
+    assert times(fleet, "S-1") == ["2026-03-01 00:00"]
 
 
 def test_a_pattern_says_serial_number_and_time(tmp_path):

@@ -20,8 +20,8 @@ def watch(
     recordings: Annotated[
         list[Path],
         typer.Argument(
-            help="Folders or files with recordings: recordings/EMA-17/2026-05-01T08-30.csv, or a "
-            "table with a column serial_number."
+            help="Folders or files with recordings: recordings/EMA-17/2026-05-01T08-30.csv, a "
+            "table with a column serial_number, or a table of runs with columns path, serial, time."
         ),
     ],
     fleet: Annotated[Path, typer.Option(help="Folder of the fleet; made where it is missing.")],

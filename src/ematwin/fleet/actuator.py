@@ -76,14 +76,15 @@ class FleetActuator:
         return self.fleet.store.twin(self.rows[-1]["twin"])
 
     @cached_property
-    def _unknowns(self) -> dict[str, Unknown]:
+    def unknowns(self) -> dict[str, Unknown]:
+        """The faults of its kind by name."""
         faults = self.twin.model.faults(self.twin.actuator)
         return {one.name: one for one in faults if one.direction_of is None}
 
     @cached_property
     def magnitudes(self) -> tuple[str, ...]:
         """Names of the faults with estimates."""
-        return tuple(n for n in self._unknowns if n in self._columns)
+        return tuple(n for n in self.unknowns if n in self._columns)
 
     @cached_property
     def _columns(self) -> dict[str, np.ndarray]:
@@ -102,7 +103,7 @@ class FleetActuator:
                 f"There is no estimate of {name!r} of {self.serial_number}; there are some of "
                 f"{', '.join(self.magnitudes)}."
             )
-        return self._unknowns[name]
+        return self.unknowns[name]
 
     def series(self, name: str) -> Series:
         """Estimates of a magnitude with their standard errors, by time."""

@@ -122,10 +122,13 @@ class Fleet:
 
     # --- what the whole fleet says ---------------------------------------------------------------
 
+    def _alike(self, kind: str, name: str) -> list[FleetActuator]:
+        return [one for one in self if one.kind == kind and name in one.magnitudes]
+
     def wear(self, kind: str, name: str) -> Wear:
         """Wear of a magnitude, from all actuators of a kind together."""
         if (kind, name) not in self._wear:
-            alike = [one for one in self if one.kind == kind and name in one.magnitudes]
+            alike = self._alike(kind, name)
             unknown = alike[0].unknown(name)
             several = [one.series(name) for one in alike]
             self._wear[kind, name] = learn(several, unknown.healthy, unknown.width)
@@ -134,8 +137,8 @@ class Fleet:
     def process(self, kind: str, name: str) -> str:
         """The process, wiener or gamma, that explains the increments of the fleet better."""
         if (kind, name) not in self._process:
-            alike = [one for one in self if one.kind == kind and name in one.magnitudes]
-            self._process[kind, name] = process_of([one.trend(name) for one in alike])[0]
+            trends = [one.trend(name) for one in self._alike(kind, name)]
+            self._process[kind, name] = process_of(trends)
         return self._process[kind, name]
 
     def update(self) -> list[dict[str, Any]]:
@@ -157,7 +160,19 @@ class Fleet:
 
         State detection (grade, faults), health assessment (the magnitude that matters most),
         prognostic assessment (life left, days), advisory (what to do, and why).
+
+        Raises
+        ------
+        InputError
+            If there is a limit of what no actuator has.
         """
+        known = sorted({name for one in self for name in one.unknowns})
+        wrong = [name for name in self.limits_given if name not in known]
+        if known and wrong:
+            raise InputError(
+                f"{self.store.folder / 'fleet.toml'} has a limit of {wrong[0]!r}, which no "
+                f"actuator of this fleet has; there are {', '.join(known)}."
+            )
         rows = [one.row() for one in self]
         return sorted(rows, key=lambda row: (-row["advisory_level"], row["life_left_low_days"]))
 
@@ -231,8 +246,9 @@ def settings_of(
         policy = Policy(**given)
         required = table.get("requirement")
         requirement = None if required is None else Requirement(**required)
+        limits = dict(table.get("limits", {}))
     except (TypeError, ValueError) as error:
         if isinstance(error, EmatwinError):
             raise InputError(f"{path}: {error}") from None
         raise InputError(f"{path} cannot be used: {error}.") from None
-    return dict(table.get("limits", {})), policy, requirement, table.get("serial_number")
+    return limits, policy, requirement, table.get("serial_number")

@@ -4,6 +4,9 @@ Means and spreads by expectation and maximisation (Shumway and Stoffer 1982, J. 
 253-264), the four variances by the slope of the likelihood, both with weak priors. Other
 plausible values are drawn from a normal distribution (Laplace), of variances their logarithms. A
 forecast averages over the draws, so that few estimates, or few actuators, give a wide one.
+
+All that for two laws of wear, an acceleration that fades and one that grows, as powers of time and
+exponentials have them. Each has draws in proportion to its evidence, of the whole fleet.
 """
 
 import math
@@ -12,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import minimize
-from scipy.special import wrightomega
+from scipy.special import expit, wrightomega
 
 from ematwin.fleet.trend import Pass, Series, Trend, Wear, again, trend
 
@@ -20,6 +23,10 @@ _ROUNDS, _CLIMB, _EM = 3, 12, 3  # iterations: variances by slopes, then means b
 _FACTOR = 2.0  # standard deviation of the logarithm of a variance beforehand: of few estimates
 # the likelihood alone makes variances nothing, and life left too certain
 _OTHERS = 12  # draws of means, spreads and variances
+# By how many factors of e an acceleration falls over the record: of a power p of time, 2 - p, in
+# the middle of powers between 0 and 2; or of an exponential, in the middle of growth up to e^4.
+_FADES, _GROWS = 1.0, -2.0
+_SHORTEST = 0.1  # years: exponentials of shorter records are no numbers ten years ahead
 
 
 def learn(fleet: Sequence[Series], healthy: float, size: float) -> Wear:
@@ -31,8 +38,17 @@ def learn(fleet: Sequence[Series], healthy: float, size: float) -> Wear:
     healthy : value of a healthy one
     size : range of the unknown
     """
-    wear = before = _first(fleet, healthy, size)
     known = [one.thinned() for one in fleet if one.time.size]
+    fades, grows = (_learnt(known, _first(fleet, healthy, size, one)) for one in (_FADES, _GROWS))
+    told = [sum(trend(one, wear).evidence for one in known) for wear in (fades, grows)]
+    share = float(expit(told[1] - told[0]))  # of the second law
+    n = 2 * round(0.5 * share * len(grows.others))  # draws come in pairs, each about its mean
+    return replace(grows if share > 0.5 else fades, others=grows.others[:n] + fades.others[n:])
+
+
+def _learnt(known: Sequence[Series], before: Wear) -> Wear:
+    """The wear of greatest likelihood with one law, from a start; other plausible ones."""
+    wear = before
     if not known:
         return wear
     for _ in range(_ROUNDS):
@@ -46,14 +62,13 @@ def learn(fleet: Sequence[Series], healthy: float, size: float) -> Wear:
     return replace(wear, others=_draws(_Likelihood(known, shocks, wear, before), passes, before))
 
 
-def _first(fleet: Sequence[Series], healthy: float, size: float) -> Wear:
+def _first(fleet: Sequence[Series], healthy: float, size: float, falls: float) -> Wear:
     """A start of the iteration, and the centre of the priors.
 
     Scatter from differences of neighbours; slopes of the whole range in ten years, or as straight
     lines show them. Over the time of the record a slope changes steadily by as much as it is, as in
     powers of time between 0 and 2, and by half of it at random; a level wanders by a fifth of its
-    wear. After that time t the acceleration of a power p falls by (2 - p)/t: it fades in t, as in
-    the middle of these powers.
+    wear. Its acceleration ``falls`` by so many factors of e.
     """
     steps = [np.diff(one.value) for one in fleet if one.time.size > 1]
     every = np.concatenate([*steps, np.zeros(0)])
@@ -63,11 +78,12 @@ def _first(fleet: Sequence[Series], healthy: float, size: float) -> Wear:
     span = float(np.median([np.ptp(one.time) for one in lines])) if lines else 1.0
     seen = [float(np.polyfit(one.time - one.time[0], one.value, 1)[0]) for one in lines]
     slope = math.sqrt((0.1 * size) ** 2 + float(np.mean(np.square(seen or [0.0]))))
-    bend = slope / (span * -math.expm1(-1.0))
+    lasting = max(span, _SHORTEST) / falls
+    bend = slope / (-lasting * math.expm1(-span / lasting))
     return Wear(
         np.array([healthy, 0.0, 0.0, 0.0, 0.0]),
         np.array([0.02 * size, slope, bend, *[0.02 * size] * 2]),
-        np.array([0.0, slope]), (0.2 * slope) ** 2 * span, (0.5 * slope) ** 2 / span, span,
+        np.array([0.0, slope]), (0.2 * slope) ** 2 * span, (0.5 * slope) ** 2 / span, lasting,
         scatter, 0.5, size,
     )  # fmt: skip
 
@@ -143,7 +159,7 @@ def _draws(likelihood: _Likelihood, passes: Sequence[Pass], before: Wear) -> tup
     r/s^2 of the mean, and r^2/2 of log s^2 (Fisher information of a normal distribution).
     """
     wear, half = likelihood.wear, np.random.default_rng(1).standard_normal((_OTHERS // 2, 14))
-    random = np.concatenate([half, -half])
+    random = np.stack([half, -half], axis=1).reshape(_OTHERS, 14)
     told = np.array([np.clip(1.0 - done.error[0] / wear.spread**2, 0.0, 1.0) for done in passes])
     mean = (before.spread**-2 + told.sum(axis=0) / wear.spread**2) ** -0.5
     factor = (_FACTOR**-2 + 0.5 * (told**2).sum(axis=0)) ** -0.5

@@ -212,16 +212,11 @@ def sooner(lives: Sequence[Life]) -> Life | None:
     return Life(ends.name, table.min(axis=0), ends.moment, ends.horizon)
 
 
-def process_of(fleet: Sequence[Trend]) -> tuple[str, float]:
-    """The process that explains the fleet's increments better, and by how much.
+def process_of(fleet: Sequence[Trend]) -> str:
+    """The process, "wiener" or "gamma", that explains the fleet's increments better.
 
     The series between jumps are cut into blocks; each increment between neighbouring blocks has the
     slope of its actuator and the fleet's variance, and the noise of both means.
-
-    Returns
-    -------
-    process : "wiener" or "gamma"
-    evidence : logarithm of the Bayes factor of gamma over Wiener
     """
     told = 0.0
     for one in fleet:
@@ -239,7 +234,7 @@ def process_of(fleet: Sequence[Trend]) -> tuple[str, float]:
                 np.diff(level), np.diff(time), (level[-1] - level[0]) / (time[-1] - time[0]),
                 one.wear.q_level, 2.0 * variance.mean() / size,
             )  # fmt: skip
-    return ("gamma" if told > 0.0 else "wiener"), told
+    return "gamma" if told > 0.0 else "wiener"
 
 
 def _gamma_over_wiener(

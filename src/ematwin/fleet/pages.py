@@ -100,10 +100,10 @@ def _row(unit: FleetActuator, row: dict[str, Any], link: str) -> Row:
         f"{_ADVICE[row['advisory']]}{seen}</span>"
     )
     spark = _spark(unit, row["health_magnitude"], _COLORS[row["advisory"]])
-    left = str(unit.life_left() or "").replace(" %", "\N{NO-BREAK SPACE}%")
+    left = str(unit.life_left() or "")
     return Row(
-        [Markup(f'<a href="{address}">{name}</a>'), Markup(advice), left, Markup(spark),
-         _upper(row["advisory_reason"]),
+        [Markup(f'<a href="{address}">{name}</a>'), Markup(advice), _shares(left), Markup(spark),
+         _shares(_upper(row["advisory_reason"])),
          _whole(row["last_recording"][:10])],
         marked=level == 3,
     )  # fmt: skip
@@ -112,6 +112,11 @@ def _row(unit: FleetActuator, row: dict[str, Any], link: str) -> Row:
 def _whole(day: str) -> Markup:
     """A day that stays on one line."""
     return Markup('<span style="white-space:nowrap">{}</span>').format(day)
+
+
+def _shares(text: str) -> str:
+    """A text whose numbers keep their % on one line."""
+    return text.replace(" %", "\N{NO-BREAK SPACE}%")
 
 
 def _upper(text: str) -> str:

@@ -1,4 +1,4 @@
-"""Files of recordings: which there are, what their paths say, and their hashes."""
+"""Files of recordings: which there are, what paths or tables say of them, and their hashes."""
 
 import re
 from collections.abc import Iterable
@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ematwin.errors import InputError
 from ematwin.fleet.store import content_of, moment_of
+from ematwin.monitoring.runs import is_table_of_runs, listed
 from ematwin.recordings.formats.base import known_suffixes
 
 _DATE = re.compile(r"\d{4}-\d{2}-\d{2}(?:[T_ ]\d{2}[-:]?\d{2}(?:[-:]?\d{2})?)?")
@@ -32,14 +33,20 @@ class Hashes:
 
 
 class Paths:
-    """Files of recordings, and what their paths say."""
+    """Files of recordings, and what their paths say, or the table of runs that names them."""
 
     def __init__(self, given: str | Path | Iterable[str | Path], pattern: str | None) -> None:
         items = [Path(given)] if isinstance(given, str | Path) else [Path(one) for one in given]
         self.roots = [one for one in items if one.is_dir()]
         self.files: list[Path] = []
+        self._listed: dict[Path, tuple[str, datetime | None]] = {}
         for one in items:
-            if one.is_dir():
+            if is_table_of_runs(one):
+                for files, start, row in listed(one):
+                    self.files += files
+                    when = None if start is None else moment_of(start)
+                    self._listed |= dict.fromkeys(files, (row.get("serial", ""), when))
+            elif one.is_dir():
                 known = set(known_suffixes())
                 self.files += sorted(
                     path
@@ -54,7 +61,7 @@ class Paths:
                 raise InputError(f"There is no file or folder {one}. Give one with recordings.")
         try:
             self._pattern = None if pattern is None else re.compile(pattern)
-        except re.error as error:
+        except (re.error, TypeError) as error:
             raise InputError(
                 f"The pattern {pattern!r} is no regular expression: {error}."
             ) from None
@@ -65,7 +72,9 @@ class Paths:
             )
 
     def serial(self, path: Path) -> str:
-        """Serial number that a path says; "" for none."""
+        """Serial number that its table or its path says; "" for none."""
+        if (said := self._listed.get(path)) and said[0]:
+            return said[0]
         if self._pattern is not None:
             match = self._pattern.search(str(path))
             return match["serial"] if match else ""
@@ -76,7 +85,9 @@ class Paths:
         return ""
 
     def time(self, path: Path) -> datetime | None:
-        """Time that a path says, UTC."""
+        """Time that its table or its path says, UTC."""
+        if (said := self._listed.get(path)) and said[1]:
+            return said[1]
         text = None
         if self._pattern is not None and "time" in self._pattern.groupindex:
             match = self._pattern.search(str(path))

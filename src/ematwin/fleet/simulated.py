@@ -9,7 +9,7 @@ later; of three repairs one is not recorded.
 Estimates are drawn around the truth with the standard errors of `ematwin.identify`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
@@ -40,6 +40,30 @@ _OUTLIERS, _WITHOUT = 0.005, 0.02  # shares of recordings that are wrong, and wi
 _WARMTH = -0.0015  # change of the estimated friction per K: a warm lubricant is thin
 
 
+def worn(
+    generator: np.random.Generator, days: int, severity: float, temperature: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Magnitudes of an actuator from new on, (days,) arrays."""
+    time = np.arange(days) / 365.25
+    rate = generator.lognormal(np.log(0.06), 0.7) * severity
+    friction = rate * time ** generator.uniform(1.0, 1.4)
+    mean = generator.lognormal(np.log(0.06), 0.6) * severity / 365.25  # a day
+    scale = 0.004
+    backlash = np.cumsum(generator.gamma(mean / scale, scale, days))
+    found = {"friction": friction, "backlash": backlash}
+    for phase in "abc":
+        begins = generator.exponential(20.0)  # years
+        size, growth = generator.uniform(0.05, 0.2), generator.lognormal(np.log(0.05), 0.5)
+        after = time >= begins
+        found[f"short_{phase}"] = after * (size + growth * (time - begins))
+    hot = np.maximum(temperature - 20.0, 0.0)
+    found["demagnetisation"] = generator.lognormal(np.log(1e-5), 1.0) * np.cumsum(hot)
+    return {name: np.minimum(path, 1.0) for name, path in found.items()}
+
+
+Worn = Callable[[np.random.Generator, int, float, np.ndarray], Mapping[str, np.ndarray]]
+
+
 @dataclass(frozen=True)
 class SimulatedFleet:
     """Truth and estimates of a fleet.
@@ -51,6 +75,7 @@ class SimulatedFleet:
     per_year : recordings of each actuator in a year
     seed : int
     end : moment of the last day; None takes the present day
+    worn : magnitudes over the days from new on, by generator, days, severity and temperatures
     """
 
     actuators: int = 60
@@ -58,6 +83,7 @@ class SimulatedFleet:
     per_year: float = 100.0
     seed: int = 1
     end: datetime | None = None
+    worn: Worn = worn
 
     def __post_init__(self) -> None:
         if self.actuators < 1 or self.years <= 0.0 or self.per_year <= 0.0:
@@ -85,7 +111,7 @@ class SimulatedFleet:
     def truth(self, serial_number: str) -> "Truth":
         """What an actuator went through."""
         number = self.serial_numbers().index(serial_number)
-        return _lived(np.random.default_rng([self.seed, number]), self.days)
+        return _lived(np.random.default_rng([self.seed, number]), self.days, self.worn)
 
     def fill(self, store: FleetStore) -> None:
         """Write estimates, overhauls, limits and the twin into the store of a fleet."""
@@ -170,7 +196,7 @@ class Truth:
         return None if not beyond.size else day + int(beyond[0])
 
 
-def _lived(generator: np.random.Generator, days: int) -> Truth:
+def _lived(generator: np.random.Generator, days: int, worn: Worn) -> Truth:
     """The life of one actuator: wear by mission and season, repairs."""
     day = np.arange(days)
     season = np.sin(2.0 * np.pi * day / 365.25 + 4.5)
@@ -182,7 +208,7 @@ def _lived(generator: np.random.Generator, days: int) -> Truth:
     begin = 0
     while begin < days:
         span = days - begin
-        grown = _worn(generator, span, severity, temperature[begin:])
+        grown = worn(generator, span, severity, temperature[begin:])
         beyond = [np.flatnonzero(grown[name] >= LIMITS[name]) for name in LIMITS]
         first = min((int(b[0]) for b in beyond if b.size), default=span)
         end = min(span, first + int(generator.uniform(20.0, 60.0)))
@@ -192,24 +218,3 @@ def _lived(generator: np.random.Generator, days: int) -> Truth:
         if begin < days:
             repairs.append((begin, bool(generator.random() < 2.0 / 3.0)))
     return Truth(level, temperature, load, tuple(repairs))
-
-
-def _worn(
-    generator: np.random.Generator, days: int, severity: float, temperature: np.ndarray
-) -> dict[str, np.ndarray]:
-    """Magnitudes of an actuator from new on, (days,) arrays."""
-    time = np.arange(days) / 365.25
-    rate = generator.lognormal(np.log(0.06), 0.7) * severity
-    friction = rate * time ** generator.uniform(1.0, 1.4)
-    mean = generator.lognormal(np.log(0.06), 0.6) * severity / 365.25  # a day
-    scale = 0.004
-    backlash = np.cumsum(generator.gamma(mean / scale, scale, days))
-    found = {"friction": friction, "backlash": backlash}
-    for phase in "abc":
-        begins = generator.exponential(20.0)  # years
-        size, growth = generator.uniform(0.05, 0.2), generator.lognormal(np.log(0.05), 0.5)
-        after = time >= begins
-        found[f"short_{phase}"] = after * (size + growth * (time - begins))
-    hot = np.maximum(temperature - 20.0, 0.0)
-    found["demagnetisation"] = generator.lognormal(np.log(1e-5), 1.0) * np.cumsum(hot)
-    return {name: np.minimum(path, 1.0) for name, path in found.items()}

@@ -11,10 +11,11 @@ the Kalman Filter, sec. 2.3; Durbin and Koopman 2012, Time Series Analysis by St
 ``s`` is the standard error of an estimate, ``occasion`` the scatter between occasions that no
 recording shows. ``scale`` below one says that a part of ``s`` is the same in each recording. An
 acceleration fades, as of wear that goes with a power of time below 2 (damped trend; Gardner and
-McKenzie 1985, Manage. Sci. 31, 1237-1246): one that stayed would bend forecasts too far. Start,
-slope and acceleration of each actuator come from normal distributions of the fleet, learnt by
-`ematwin.fleet.learning` (empirical Bayes): a new actuator begins with the fleet's (partial
-pooling). After a jump slope and acceleration start anew, the slope from the fleet's after jumps.
+McKenzie 1985, Manage. Sci. 31, 1237-1246), or grows (``lasting`` below 0), as of wear that feeds
+itself: an exponential of time. Start, slope and acceleration of each actuator come from normal
+distributions of the fleet, learnt by `ematwin.fleet.learning` (empirical Bayes): a new actuator
+begins with the fleet's (partial pooling). After a jump slope and acceleration start anew, the slope
+from the fleet's after jumps.
 
 Jumps and outliers are found by the auxiliary residuals of the smoother (de Jong and Penzer 1998,
 J. Am. Stat. Assoc. 93, 796-806), here as Bayes factors of one normal shock.
@@ -78,7 +79,7 @@ class Wear:
     mean, spread : (5,) arrays, of level, slope, acceleration and two effects at the start
     after : (2,) array, mean and spread of the slope after a jump
     q_level, q_slope : variances per year
-    lasting : years, in which an acceleration falls to 1/e
+    lasting : years, in which an acceleration falls to 1/e; below 0 it grows by e in these
     occasion, scale : of the errors of estimates, see above
     size : standard deviation of jumps and of outliers, the range of the unknown
     jump_rate : jumps per actuator and year beforehand
@@ -128,7 +129,7 @@ class Trend:
     slope : (n,) array, smoothed, per year
     corrected : (n,) array, estimates less the effects of covariates
     outliers, jumps : indices of estimates that are outliers, and before which the level jumped
-    evidence : logarithm of the probability density of the estimates
+    evidence : logarithm of the probability density of the estimates, and of its jumps and outliers
     """
 
     series: Series
@@ -270,11 +271,13 @@ def trend(series: Series, wear: Wear) -> Trend:
             outliers.append(i)
         done = Pass(series, wear, outliers, jumps)
     effect = (done.smooth[:, _EFFECTS:] * series.covariates).sum(axis=1)
+    told = done.told + np.log(wear.jump_rate * np.diff(series.time, prepend=0.0)[jumps]).sum()
+    told += len(outliers) * math.log(wear.outlier_share / wear.size / math.sqrt(2.0 * math.pi))
     return Trend(
         series, wear, *done.last(),
         done.smooth[:, _LEVEL], np.sqrt(np.maximum(done.error[:, _LEVEL], 0.0)),
         done.smooth[:, _SLOPE], series.value - effect,
-        tuple(sorted(outliers)), tuple(sorted(jumps)), done.told,
+        tuple(sorted(outliers)), tuple(sorted(jumps)), float(told),
     )  # fmt: skip
 
 

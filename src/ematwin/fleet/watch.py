@@ -1,9 +1,9 @@
 """Watching: recordings of many actuators are judged once each, as they come.
 
-Who was recorded is said by a label ``serial_number``, by a pattern for paths, or by the folder of
-the file; when, by the recording itself or by a date in its path; which twin judges, by
-``calibrations/<serial number>[@<from>].toml`` in the fleet. What cannot be judged is set aside with
-the reason, and tried again once another twin is there for it.
+Who was recorded is said by a label ``serial_number``, by a table of runs, by a pattern for paths,
+or by the folder of the file; when, by the recording itself, that table, or a date in its path;
+which twin judges, by ``calibrations/<serial number>[@<from>].toml`` in the fleet. What cannot be
+judged is set aside with the reason, and tried again once another twin is there for it.
 """
 
 import os
@@ -81,10 +81,17 @@ class Twins:
         for periods in self._by.values():
             periods.sort()
         self._given = "" if given is None else store.keep_twin(Calibration.of(given))
+        every = (mark for periods in self._by.values() for _, mark in periods)
+        self._reading = self._given or next(every, "")
 
     def select(self, serial: str, time: datetime | None) -> str:
-        """Fingerprint of the twin that judges an actuator at a time; "" if there is none."""
-        if not serial or time is None:
+        """Fingerprint of the twin that judges an actuator at a time; "" if there is none.
+
+        Without a serial number one that reads the file, which may say it.
+        """
+        if not serial:
+            return self._reading
+        if time is None:
             return ""
         held = [mark for begin, mark in self._by.get(serial, ()) if begin <= time]
         if held:
@@ -109,7 +116,8 @@ def watch(
     Parameters
     ----------
     store : FleetStore
-    recordings : a folder, which is searched with all folders in it; a file; or several
+    recordings : a folder, which is searched with all folders in it; a file; a table of runs
+        (columns path, serial, time); or several of these
     actuator : the twin of actuators that have no file among ``calibrations``
     pattern : regular expression for paths with a group ``serial``, and perhaps one ``time``
     columns : as of `ematwin.read`
@@ -247,7 +255,9 @@ def _judged(
     found = []
     for one in several:
         who = one.labels.get("serial_number", serial)
-        when = paths.time(path) if one.start is None else moment_of(one.start)
+        when = paths.time(path)
+        if one.start is not None:  # when its time is zero, which may be in another motion
+            when = moment_of(one.start) + timedelta(seconds=float(one.time[0]))
         found.append((who, when, twins.select(who, when)))
     by: dict[str, list[str]] = {}
     for motion, (who, _, mark) in enumerate(found):

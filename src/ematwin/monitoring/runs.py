@@ -67,6 +67,25 @@ def is_table_of_runs(given: Any) -> bool:
     return PATH in _names_in(Path(given))
 
 
+def listed(table: Any) -> Iterator[tuple[list[Path], datetime | None, dict[str, str]]]:
+    """Files, time and all columns of each row of a table of runs; errors as of `read_runs`."""
+    what = table if isinstance(table, str | Path) else "The table of runs"
+    rows = list(_rows(table))
+    if not rows:
+        raise InputError(f"{what} names no recording; give a row for each.")
+    clock = Clock.of([row.get("time", "") for row in rows])
+    for n, row in enumerate(rows, 1):
+        if not row[PATH]:
+            raise InputError(f"{what} has no path in row {n}; name a recording, folder or glob.")
+        start = _moment(row.get("time", ""), clock, f"{what}, row {n}")
+        yield files_of(_folder(table) / row[PATH]), start, row
+
+
+def _folder(table: Any) -> Path:
+    """The folder relative to which the paths of a table are."""
+    return Path(table).parent if isinstance(table, str | Path) else Path()
+
+
 def read_runs(
     table: Any,
     actuator: Any = None,
@@ -93,18 +112,11 @@ def read_runs(
     FileError, RecordError, ParameterError
         If a recording or an actuator cannot be read.
     """
-    what = table if isinstance(table, str | Path) else "The table of runs"
-    folder = Path(table).parent if isinstance(table, str | Path) else Path()
-    rows = list(_rows(table))
-    if not rows:
-        raise InputError(f"{what} names no recording; give a row for each.")
-    clock = Clock.of([row.get("time", "") for row in rows])
+    folder = _folder(table)
+    rows = list(listed(table))
     named: dict[str, Calibration] = {}
     groups: dict[tuple[str, str], Group] = {}
-    for n, row in enumerate(rows, 1):
-        if not row[PATH]:
-            raise InputError(f"{what} has no path in row {n}; name a recording, folder or glob.")
-        files = files_of(folder / row[PATH])
+    for n, (files, start, row) in enumerate(rows, 1):
         judge, serial = row.get("actuator", ""), row.get("serial", "")
         if judge not in named:
             own = folder / judge if judge.endswith(".toml") else judge
@@ -115,7 +127,6 @@ def read_runs(
             files, columns(known.actuator) if callable(columns) else columns,
             actuator=known.actuator, split=True, **options,
         )  # fmt: skip
-        start = _moment(row.get("time", ""), clock, f"{what}, row {n}")
         labels = {name: text for name, text in row.items() if name not in _OWN and text}
         group.recordings.extend(
             one.changed(start=one.start or start, labels={**labels, **one.labels}) for one in found
