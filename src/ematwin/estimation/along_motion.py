@@ -288,7 +288,7 @@ class _Fit:
     def _weigh(self, here: np.ndarray, slopes: np.ndarray) -> None:
         """Weigh residuals (K,) and slopes (f, K) anew by independent samples of their noise.
 
-        What the unknowns of an equation explain is no noise, and far away it is most of a residual.
+        The unknowns of an equation explain most of its residual at a start that is far away.
         """
         for n, part in enumerate(self._parts):
             if here[part].size == 0:

@@ -64,8 +64,8 @@ class TorqueBalance:
         self.moves_together = together
         if any(motion.steps):
             # noise of either acceleration makes its inertia too small and the other's too large:
-            # both are taken for one, of which only the sum of inertias counts. Where speeds differ
-            # by more than noise, that of the mean by inertia has the same momentum
+            # both are taken for one: the sum of inertias counts. Where speeds differ by more
+            # than noise, a mean weighted by inertia has the same momentum
             of_motor, of_output = np.square(motion.steps)
             noise = speed_noise(math.hypot(*motion.steps), motion.cutoff, motion.rate)
             share = np.where(
