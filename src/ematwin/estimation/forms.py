@@ -180,6 +180,8 @@ class _Selection:
                     more, new = alone, one
             if not new:
                 break
+            if found and self._matters(more, fit):  # or is it other choices of those found before?
+                fit = self._chosen(fit, found)
             if self._matters(more, fit):
                 share = (fit.cost - more.cost) / plain.cost
                 gains.append(Explained(first.name, len(new), share))
