@@ -176,7 +176,7 @@ class _Fit:
         self._least = [one.least(actuator) * one.size for one in equations]
         self._alike = [one.alike(actuator) * one.size for one in equations]
         self._given = scales
-        self._independent = [each.size / correlation_time(each) for each in left]
+        self._independent = [1.0] * len(left)  # samples of each, until `run` has its slopes
         self._scales = [self._scale(n) for n in range(len(every))]
         matters = {n for places in self._matters for n in places.values()}
         self._free = np.array(sorted(matters), dtype=int)
@@ -291,8 +291,6 @@ class _Fit:
         The unknowns of an equation explain most of its residual at a start that is far away.
         """
         for n, part in enumerate(self._parts):
-            if here[part].size == 0:
-                continue
             step = np.linalg.lstsq(slopes[:, part].T, here[part], rcond=1e-9)[0]
             left = here[part] - step @ slopes[:, part]
             self._independent[n] = left.size / correlation_time(left)

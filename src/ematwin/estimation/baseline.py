@@ -6,7 +6,7 @@ sheet: the tolerances of the parameter file, or the defaults of the kind.
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -241,12 +241,17 @@ def with_nuisances(prior: Prior, unknowns: Iterable[Unknown]) -> Prior:
     return prior.and_(Prior.independent(o for o in unknowns if o.name not in prior.names))
 
 
-def _by_values(prior: Prior, unknowns: Sequence[Unknown]) -> tuple[Prior, list[Unknown]]:
-    """A learnt prior of unknowns where terms of a balance deviate by values, not by logarithms.
+def later(model: Model, actuator: ParameterSet, baseline: Baseline) -> tuple[Prior, list[Unknown]]:
+    """The prior of a later recording, and its unknowns.
 
-    Recordings may tell the sum of two frictions well, and each of them badly. Along a line of their
-    logarithms the sum does not stay.
+    Where it was learnt, terms of a balance deviate by values, not by logarithms: recordings may
+    tell the sum of two frictions well, and each of them badly. Along a line of their logarithms the
+    sum does not stay.
     """
+    prior = baseline.drifted(actuator)
+    unknowns = [replace(model.unknown(actuator, name), spread=None) for name in prior.names]
+    if not baseline.calibrated:
+        return prior, unknowns
     terms = np.array([one.logarithmic and one.unit in _TERMS for one in unknowns], bool)
     mean = np.where(terms, np.exp(np.where(terms, prior.mean, 0.0)), prior.mean)
     scale = np.where(terms, mean, 1.0)
@@ -272,11 +277,9 @@ def with_all_free(
     if baseline.exact:
         return judged
     taken = {*problem.names, *problem.held}
-    prior = baseline.drifted(actuator)
-    prior = prior.of(name for name in prior.names if name not in taken)
-    places = [replace(model.unknown(actuator, place), spread=None) for place in prior.names]
-    if baseline.calibrated:
-        prior, places = _by_values(prior, places)
+    prior, places = later(model, actuator, baseline)
+    places = [one for one in places if one.name not in taken]
+    prior = prior.of(one.name for one in places)
     comparisons = [one.with_evidence() for one in judged.comparisons]
     more = [
         one for one in effective(model.unknowns(actuator), comparisons) if one.name not in taken

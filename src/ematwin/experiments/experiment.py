@@ -30,6 +30,7 @@ from ematwin.estimation.baseline import (
     Baseline,
     baseline_of,
     frees_parameters,
+    later,
     uncertain,
     with_all_free,
 )
@@ -325,16 +326,16 @@ class Experiment:
 
     def drawn_actuator(self, rng: np.random.Generator) -> ParameterSet:
         """An actuator whose parameters are drawn from their prior."""
-        prior = self.baseline.drifted(self.actuator)
-        prior = prior.of(name for name in prior.names if "." in name)
-        if not prior.names:
+        prior, unknowns = later(self.model, self.actuator, self.baseline)
+        unknowns = [one for one in unknowns if "." in one.name]
+        if not unknowns:
             return self.actuator
+        prior = prior.of(one.name for one in unknowns)
         drawn = rng.multivariate_normal(prior.mean, prior.covariance)
         values = {}
-        for name, x in zip(prior.names, drawn.tolist(), strict=True):
-            one = self.model.unknown(self.actuator, name)
+        for one, x in zip(unknowns, drawn.tolist(), strict=True):
             value = float(np.exp(x)) if one.logarithmic else x
-            values[name] = float(np.clip(value, one.lower, one.upper))
+            values[one.name] = float(np.clip(value, one.lower, one.upper))
         return self.actuator.changed(values)
 
 
