@@ -13,22 +13,30 @@ from ematwin.numerics.side_by_side import side_by_side
 _HALVED = 3  # times: to a 64th of a sample time
 
 
-def found_first_sample(cost: Callable[[float], float], instants: Sequence[float]) -> float:
+def found_first_sample(
+    cost: Callable[[float], float], instants: Sequence[Sequence[float]]
+) -> float:
     """The instant at which a cost is least.
 
     The share of commutations on the wrong side of a sample grows with the error of the instant, and
-    so does the cost, to both sides. The best instant is followed with steps that are halved.
+    so does the cost, to both sides. It hardly depends on which sample of the current is the first
+    of the speed as well. So instants of the first row are compared, then those of the best column,
+    which is followed with steps that are halved.
 
     Parameters
     ----------
     cost : of an instant, s; called side by side
-    instants : evenly spaced on a circle
+    instants : rows of the same instants in one sample time after the other, evenly spaced
     """
-    costs = side_by_side(cost, instants)
-    least, best = min(zip(costs, instants, strict=True))
-    step = instants[1] - instants[0]
+
+    def best_of(some: Sequence[float]) -> tuple[float, float]:
+        return min(zip(side_by_side(cost, some), some, strict=True))
+
+    _, share = best_of(instants[0])
+    column = instants[0].index(share)
+    least, best = best_of([row[column] for row in instants])
+    step = instants[0][1] - instants[0][0]
     for _ in range(_HALVED):
         step *= 0.5
-        tried = [best - step, best + step]
-        least, best = min((least, best), *zip(side_by_side(cost, tried), tried, strict=True))
+        least, best = min((least, best), best_of([best - step, best + step]))
     return best

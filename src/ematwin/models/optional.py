@@ -169,7 +169,8 @@ class Equation(NamedTuple):
     together : each gives values by place of one form after the other, some with `FIRST_SAMPLE`, to
         be chosen together, such as times of two loops, which may pass for one another; tried in
         turn while more than noise is left
-    first_samples : gives instants at which loops may sample first, evenly spaced on a circle
+    first_samples : gives instants at which loops may sample first: those in one sample time, evenly
+        spaced, and in each that follows until all loops sample as before
     alike : gives the share of it that the equation's own error leaves, alike throughout: standard
         errors count it once, however many samples there are
     changes : gives how the residual (K,) changes with load, sensors or timing that may pass for a
@@ -186,6 +187,6 @@ class Equation(NamedTuple):
     rests: str = ""
     at: Callable[[Values], "Equation"] | None = None
     together: Sequence[Choices] = ()
-    first_samples: Callable[[Any], Sequence[float]] = lambda actuator: ()
+    first_samples: Callable[[Any], Sequence[Sequence[float]]] = lambda actuator: ()
     alike: Callable[[ParameterSet], float] = lambda actuator: 0.0
     changes: Callable[[ParameterSet], Mapping[str, np.ndarray]] = lambda actuator: {}

@@ -31,7 +31,7 @@ from ematwin.models.bldc.envelope import trapezoid_shape
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import balanced
 from ematwin.models.bldc.reference_step import ReferenceState, drive, more_after
-from ematwin.models.bldc.simulate import INPUT_INTERVAL, TimeGrid, steps_within
+from ematwin.models.bldc.simulate import INPUT_INTERVAL, TimeGrid
 from ematwin.models.bldc.state import fault_state
 from ematwin.models.bldc.truer.loops import resting
 from ematwin.models.bldc.truer.motor import KEPT_5, KEPT_7, SINE
@@ -47,54 +47,65 @@ from ematwin.recordings.recording import Recording
 
 _LONGEST = 0.4  # s of a recording, of which a controller is simulated
 _FASTER = 1.3  # than the step of the reference: the ripple is another then
-# s, of steps at most, behind a current loop: estimates move by a tenth of a standard error; where a
-# first sample is known it is met more exactly
-_MODULATED, _KNOWN = 5e-6, 2.5e-6
+_MODULATED = 5e-6  # s, of steps at most behind a current loop: they leave less than ``LEAST``
+_WHOLE = 1e-6  # of a step: rounding
 LEAST = 0.001  # of the recorded current: what simulators of other make differ by
 _, read_more, _ = columns(TruerState)
 
 
 @loop
-def currents_along(k, command, motion, c, dt, substeps, decimation, truer, more):  # type: ignore[no-untyped-def]
-    """Mean phase currents (S, 3), A, between samples.
+def currents_along(k, command, motion, spacing, interval, c, dt, start, samples, truer, more):  # type: ignore[no-untyped-def]
+    """Mean phase currents (S, 3), A, of each interval from 0 s on.
 
     Parameters
     ----------
     k : (8,) array, fault vector
-    command : (G,) array, rad on the motor shaft, on a uniform grid; straight lines between points
+    command : (G,) array, rad on the motor shaft; straight lines between points
     motion : (3, G) array, angle and speed of the motor, and angle of the output, on its shaft
-    c, dt, substeps, decimation, truer, more : as of `batch.reference_trace`
+    spacing : s, of these points, the first at 0 s
+    interval : s, of the means, not shorter than ``dt``
+    c, truer, more : as of `batch.reference_trace`
+    dt : s
+    start : s, of the first step, from ``-dt`` to 0
+    samples : S
     """
     fault = fault_state(k, c.half_gap)
     now_more = read_more(more.reshape(-1, 1), 0)
     i_a, i_b, i_c, pair_sign = 0.0, 0.0, 0.0, 1.0
-    samples = (command.size - 1) // decimation
-    found = np.empty((samples, 3))
-    share, part = 1.0 / (substeps * decimation), 1.0 / substeps
-    for sample in range(samples):
-        sum_a, sum_b, sum_c = 0.0, 0.0, 0.0
-        for g in range(sample * decimation, (sample + 1) * decimation):
-            for j in range(substeps):
-                s = j * part
-                now = ReferenceState(
-                    i_a, i_b, i_c,
-                    motion[1, g] + s * (motion[1, g + 1] - motion[1, g]),
-                    motion[0, g] + s * (motion[0, g + 1] - motion[0, g]),
-                    0.0,
-                    motion[2, g] + s * (motion[2, g + 1] - motion[2, g]),
-                    pair_sign, 0.0, 0.0, 0.0,
-                )  # fmt: skip
-                command_now = command[g] + s * (command[g + 1] - command[g])
-                done = drive(now, now_more, command_now, fault, c, truer, dt)
-                i_a, i_b, i_c = done.currents[0], done.currents[1], done.currents[2]
-                pair_sign, now_more = done.pair_sign, more_after(done, 0.0, 0.0)
-                sum_a += done.means[0]
-                sum_b += done.means[1]
-                sum_c += done.means[2]
-        found[sample, 0] = sum_a * share
-        found[sample, 1] = sum_b * share
-        found[sample, 2] = sum_c * share
-    return found
+    found = np.zeros((samples + 1, 3))
+    last = command.size - 2
+    n, sample = 0, 0
+    while sample < samples:
+        begin = start + n * dt
+        at = max(begin, 0.0) / spacing
+        g = min(int(at), last)
+        s = at - g
+        now = ReferenceState(
+            i_a, i_b, i_c,
+            motion[1, g] + s * (motion[1, g + 1] - motion[1, g]),
+            motion[0, g] + s * (motion[0, g + 1] - motion[0, g]),
+            0.0,
+            motion[2, g] + s * (motion[2, g + 1] - motion[2, g]),
+            pair_sign, 0.0, 0.0, 0.0,
+        )  # fmt: skip
+        command_now = command[g] + s * (command[g + 1] - command[g])
+        done = drive(now, now_more, command_now, fault, c, truer, dt)
+        i_a, i_b, i_c = done.currents[0], done.currents[1], done.currents[2]
+        pair_sign, now_more = done.pair_sign, more_after(done, 0.0, 0.0)
+        m_a, m_b, m_c = done.means
+        bound = (sample + 1) * interval
+        here = (min(begin + dt, bound) - max(begin, 0.0)) / interval
+        found[sample, 0] += here * m_a
+        found[sample, 1] += here * m_b
+        found[sample, 2] += here * m_c
+        rest = (begin + dt - bound) / interval
+        if rest >= 0.0:  # the next mean has begun
+            sample += 1
+            found[sample, 0] += rest * m_a
+            found[sample, 1] += rest * m_b
+            found[sample, 2] += rest * m_c
+        n += 1
+    return found[:samples]
 
 
 def has_motion(recording: Recording) -> bool:
@@ -239,22 +250,23 @@ class Controller:
         """
         grid, motion, given = self._grid, self._motion, values or {}
         command = np.interp(grid.time + given.get("skew", 0.0), motion.time, motion.command)
-        own, step = actuator.current_loop, grid.step
+        own, least = actuator.current_loop, actuator.steps.reference
         first = given.get(FIRST_SAMPLE, motion.first_sample)
         if own is None:  # a comparator overshoots by what the current moves in a step
-            substeps = max(1, round(faster * step / actuator.steps.reference))
-        else:
-            longest = _KNOWN if first else _MODULATED
-            substeps = steps_within(step, own.sample_time, longest, actuator.steps.reference)
+            dt, start = grid.step / max(1, round(faster * grid.step / least)), 0.0
+        else:  # a sample time has whole steps, and one of them begins with the first sample
+            longest = min(_MODULATED, 1.0 / motion.rate)
+            dt = own.sample_time / math.ceil(own.sample_time / longest - _WHOLE)
+            start = -(-first % dt)
         truer = truer_constants(actuator)
         if truer.motor_step > 0.0 and not counts:
             # rad: counts of such an encoder do not show
             truer = truer._replace(motor_step=1e-9, output_step=0.0)
         angle, speed, _ = self._states[:, 0]
         currents = currents_along(
-            fault_vector(given), command, self._states, kernel_constants(actuator),
-            grid.substeps * grid.step / substeps, substeps, grid.decimation,
-            truer, np.array(resting(truer, angle, speed, first)),
+            fault_vector(given), command, self._states, grid.time[1], 1.0 / motion.rate,
+            kernel_constants(actuator), dt, start, self._seen.size, truer,
+            np.array(resting(truer, angle, speed, first - start)),
         )  # fmt: skip
         gain, offset = given.get("current_gain", 1.0), given.get("current_offset", 0.0)
         return gain * self._equivalent(currents) + offset - self._seen

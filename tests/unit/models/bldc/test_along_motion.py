@@ -44,8 +44,9 @@ def test_currents_along_a_motion_are_those_of_the_naive_loop(actuator):
     command, output = 1.3 * np.sin(150.0 * time), 0.6 * np.sin(150.0 * time - 0.02)
     faults = Faults.of({})
     fast = along_motion.currents_along(
-        faults.vector, command, np.array([angle, speed, output]), kernel_constants(actuator),
-        dt, 1, 1, truer_constants(actuator), np.array(TruerState()),
+        faults.vector, command, np.array([angle, speed, output]), dt, dt,
+        kernel_constants(actuator), dt, 0.0, count, truer_constants(actuator),
+        np.array(TruerState()),
     )  # fmt: skip
     motion = np.array([angle, speed, output])[:, :-1]
     slow = naive.currents(actuator, faults, command[:-1], motion, dt)

@@ -99,8 +99,8 @@ def _speed_times(actuator: Any) -> list[Values]:
     return [{**_speed(actuator), **one} for one in _sampled("speed_loop", _SLOWER)]
 
 
-def _first_samples(actuator: Any) -> list[float]:
-    """Instants in a time after which both loops sample as before, s; none without a current loop.
+def _first_samples(actuator: Any) -> list[list[float]]:
+    """Instants, s, in sample times until both loops sample as before; none without a current loop.
 
     A speed loop alone does not tell its first sample.
     """
@@ -109,7 +109,7 @@ def _first_samples(actuator: Any) -> list[float]:
     own, other = actuator.current_loop.sample_time, actuator.speed_loop
     ratio = own / other.sample_time if other is not None and other.sample_time > 0.0 else 0.0
     again = (n for n in range(1, _MOST) if abs(n * ratio - round(n * ratio)) < _ALIKE)
-    return [(n + share) * own for n in range(next(again, _MOST)) for share in _SHARES]
+    return [[(n + share) * own for share in _SHARES] for n in range(next(again, _MOST))]
 
 
 def _integrals(actuator: Any) -> list[Values]:
