@@ -12,7 +12,7 @@ encoder on smoothing splines (`counts`).
 
 import copy
 import math
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -49,6 +49,7 @@ _LONGEST = 0.4  # s of a recording, of which a controller is simulated
 _FASTER = 1.3  # than the step of the reference: the ripple is another then
 _MODULATED = 5e-6  # s, of steps at most behind a current loop: they leave less than ``LEAST``
 _WHOLE = 1e-6  # of a step: rounding
+RECENT = 32  # answers that are kept: many of the next differ by a sensor or a mass alone
 LEAST = 0.001  # of the recorded current: what simulators of other make differ by
 _, read_more, _ = columns(TruerState)
 
@@ -164,9 +165,9 @@ class Motion:
         self.angles = electrical[:, None] - THIRD_TURN * np.arange(3)
         self.trapezoids = trapezoid_shape(self.angles)
 
-    def shapes(self, actuator: Any) -> np.ndarray:
-        """EMF shapes (S, 3) of a healthy motor with all that the file states of them."""
-        emf, ripple, found = actuator.emf, actuator.torque_ripple, self.trapezoids
+    def shapes(self, emf: Any, ripple: Any) -> np.ndarray:
+        """EMF shapes (S, 3) of a healthy motor with what its file states of EMF and ripple."""
+        found = self.trapezoids
         if emf is not None:
             kept = 1.0 + KEPT_5 * emf.harmonic_5 + KEPT_7 * emf.harmonic_7
             found = kept * (
@@ -175,7 +176,7 @@ class Motion:
             found += emf.harmonic_5 * np.sin(5.0 * self.angles)
             found += emf.harmonic_7 * np.sin(7.0 * self.angles)
         if ripple is not None:
-            turned = self.angles[:, :1] / actuator.motor.pole_pairs
+            turned = self.angles[:, :1] / self._pole_pairs
             found = found * (1.0 + ripple.share * np.sin(ripple.cycles * turned + ripple.phase))
         return found
 
@@ -218,6 +219,8 @@ class Controller:
 
     def __init__(self, motion: Motion, low_pass: LowPass) -> None:
         self._motion, self._low_pass = motion, low_pass
+        # sensors change an answer, and not the simulation
+        self._answer = lru_cache(maxsize=RECENT)(self._simulated)
         rate = motion.rate
         count = min(len(motion.time), int(_LONGEST * rate) + 1)
         self._grid = grid = TimeGrid(INPUT_INTERVAL, (count - 0.5) / rate, rate)
@@ -248,10 +251,26 @@ class Controller:
         know the mean speed of a sample time and its filter. With ``counts`` they see it in counts
         of any beginning.
         """
-        grid, motion, given = self._grid, self._motion, values or {}
-        command = np.interp(grid.time + given.get("skew", 0.0), motion.time, motion.command)
+        given = values or {}
+        first, skew = given.get(FIRST_SAMPLE, self._motion.first_sample), given.get("skew", 0.0)
+        faults = tuple(fault_vector(given).tolist())
+        current = self._answer(actuator, faults, skew, first, faster, counts)
+        gain, offset = given.get("current_gain", 1.0), given.get("current_offset", 0.0)
+        return gain * current + offset - self._seen
+
+    def _simulated(
+        self,
+        actuator: Any,
+        faults: tuple[float, ...],
+        skew: float,
+        first: float,
+        faster: float,
+        counts: bool,
+    ) -> np.ndarray:
+        """Simulated equivalent current (S - 1,), A; arguments as of `left`."""
+        grid, motion = self._grid, self._motion
+        command = np.interp(grid.time + skew, motion.time, motion.command)
         own, least = actuator.current_loop, actuator.steps.reference
-        first = given.get(FIRST_SAMPLE, motion.first_sample)
         if own is None:  # a comparator overshoots by what the current moves in a step
             dt, start = grid.step / max(1, round(faster * grid.step / least)), 0.0
         else:  # a sample time has whole steps, and one of them begins with the first sample
@@ -264,12 +283,11 @@ class Controller:
             truer = truer._replace(motor_step=1e-9, output_step=0.0)
         angle, speed, _ = self._states[:, 0]
         currents = currents_along(
-            fault_vector(given), command, self._states, grid.time[1], 1.0 / motion.rate,
+            np.array(faults), command, self._states, grid.time[1], 1.0 / motion.rate,
             kernel_constants(actuator), dt, start, self._seen.size, truer,
             np.array(resting(truer, angle, speed, first - start)),
         )  # fmt: skip
-        gain, offset = given.get("current_gain", 1.0), given.get("current_offset", 0.0)
-        return gain * self._equivalent(currents) + offset - self._seen
+        return self._equivalent(currents)
 
     def changes(self, actuator: Any) -> dict[str, np.ndarray]:
         """How the residual (S - 1,), A, changes with the skew (s), which may pass for a lag.

@@ -8,12 +8,12 @@ as in docs/models.md.
 """
 
 import math
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
 
-from ematwin.models.bldc.along_motion import LEAST, Motion, fault_vector, noise_of
+from ematwin.models.bldc.along_motion import LEAST, RECENT, Motion, fault_vector, noise_of
 from ematwin.models.bldc.counts import speed_noise
 from ematwin.models.bldc.state import FaultState, fault_state
 from ematwin.models.optional import Values
@@ -78,6 +78,8 @@ class TorqueBalance:
         self.slides = np.convolve(stands, settles)[: len(stands)] == 0
         if slides is not None:
             self.slides = slides
+        # friction, inertia and load leave what currents make as it is
+        self._recent = lru_cache(maxsize=RECENT)(self._made)
         self._signed = 0.5 * np.einsum("sk,sk->s", motion.currents, motion.trapezoids)
         self.size = float(np.linalg.norm(self._filtered(self._signed)))
 
@@ -99,16 +101,25 @@ class TorqueBalance:
 
     def torque(self, actuator: Any, values: Values | None = None) -> np.ndarray:
         """Torque (S,) of the recorded currents, N m."""
-        given, (made, scale) = values or {}, self.made(actuator, values)
+        given, (made, _, scale) = values or {}, self.made(actuator, values)
         current = (made - given.get("current_offset", 0.0)) / given.get("current_gain", 1.0)
         return np.asarray(actuator.motor.emf_constant * scale * current)
 
-    def made(self, actuator: Any, values: Values | None) -> tuple[np.ndarray, float]:
-        """Equivalent current (S,) of the recorded ones, A, and the size of the EMF shapes."""
-        shares = self._shares(actuator, state_of(values, actuator))
-        shapes = self.motion.shapes(actuator) * shares
+    def made(self, actuator: Any, values: Values | None) -> tuple[np.ndarray, np.ndarray, float]:
+        """Equivalent current of the recorded ones, as it is and smoothed as positions are.
+
+        Both (S,), A, and the size of the EMF shapes.
+        """
+        fault = state_of(values, actuator)._replace(friction=1.0, half_gap=0.0, gain=1.0)
+        return self._recent(actuator.emf, actuator.torque_ripple, actuator.eccentricity, fault)
+
+    def _made(
+        self, emf: Any, ripple: Any, eccentricity: Any, fault: FaultState
+    ) -> tuple[np.ndarray, np.ndarray, float]:
+        shapes = self.motion.shapes(emf, ripple) * self._shares(eccentricity, fault)
         scale = math.sqrt(np.mean(shapes**2) / np.mean(self.motion.trapezoids**2))
-        return 0.5 * np.einsum("sk,sk->s", self.motion.currents, shapes) / scale, scale
+        made = 0.5 * np.einsum("sk,sk->s", self.motion.currents, shapes) / scale
+        return made, self.motion.alike(made), scale
 
     def _sliding(self, actuator: Any, values: Values | None) -> tuple[np.ndarray, np.ndarray]:
         """Magnitudes (S,) of the friction in steady sliding, of motor and output, N m."""
@@ -152,12 +163,12 @@ class TorqueBalance:
         As such it holds the noise of the recorded currents unscaled. Otherwise the least squares
         would make that noise smaller by smaller torque constants.
         """
-        given, (made, scale) = values or {}, self.made(actuator, values)
+        given, (_, made, scale) = values or {}, self.made(actuator, values)
         needed = actuator.motor.inertia * self._dw_m + self.resistance(actuator, values)[0]
         needed += self.output_torque(actuator, values)
         gain, offset = given.get("current_gain", 1.0), given.get("current_offset", 0.0)
         current = gain * needed / (actuator.motor.emf_constant * scale)
-        return self._filtered(current + offset - self.motion.alike(made))
+        return self._filtered(current + offset - made)
 
     @cached_property
     def _turned(self) -> tuple[np.ndarray, np.ndarray]:
@@ -165,10 +176,9 @@ class TorqueBalance:
         turned = self._angle[:, None] - THIRD_TURN * np.arange(3)
         return np.cos(turned), np.sin(turned)
 
-    def _shares(self, actuator: Any, fault: FaultState) -> np.ndarray:
+    def _shares(self, eccentricity: Any, fault: FaultState) -> np.ndarray:
         """Factors (S, 3) of the torque constants by missing turns and an eccentric rotor."""
-        offset = actuator.eccentricity
-        turning = 1.0 if offset is None else offset.turning_share
+        turning = 1.0 if eccentricity is None else eccentricity.turning_share
         cosines, sines = self._turned
         phases = THIRD_TURN * np.arange(3)
         along = turning * cosines + (1.0 - turning) * np.cos(phases)
@@ -288,7 +298,7 @@ class Crossing:
         ]
         acceleration, noise = self._acceleration(actuator, {}), 0.0
         if of_motor:
-            made, scale = balance.made(actuator, {})
+            made, _, scale = balance.made(actuator, {})
             unit = actuator.motor.emf_constant * scale / actuator.motor.inertia
             noise = unit * white_noise(made)
         noise = math.hypot(noise, LEAST * float(np.abs(acceleration[apart]).max(initial=0.0)))
