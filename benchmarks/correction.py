@@ -19,7 +19,8 @@ With ``--unstated`` recordings are of a simulator that shares no code with the t
 position gains of 40 to 80 1/s, stated to 1 %, loops of 50 to 125 us, encoders of 2,000 to 20,000
 counts whose speeds are filtered by 0, 0.2 or 0.5 ms, all drawn at random, the same
 eight parameters off. Prints how many forms were found, missed and not there, how many calibrations
-were refused, verdicts, verdicts that are silently wrong (a fault off by 0.01, and outside its
+were refused, verdicts, how many of all recordings have every fault of 0.1 and more named,
+verdicts that are silently wrong (a fault off by 0.01, and outside its
 interval by half of its half width), and Err%. With ``--mixtures 0`` forms alone are looked for.
 """
 
@@ -86,6 +87,8 @@ OFF = {  # standard deviations of logarithms
 REACHES = {"gain": (0.05, 0.3), "friction": (0.05, 0.6), "backlash": (0.02, 0.4)}
 OTHERS = (0.03, 0.4)
 MAGNITUDES = tuple(one.name for one in UNKNOWNS if one.direction_of is None)
+HEALTHY = {one.name: one.healthy for one in UNKNOWNS}
+LARGE = 0.1  # share of the range, from which a fault should be named
 
 
 def mixture(seed: int) -> dict[str, float]:
@@ -249,7 +252,9 @@ def of_unstated(
             abs(seen.values[one] - values[one]) > 0.01 and outside[one] > 0.5 for one in MAGNITUDES
         )
         held = float(np.mean([x <= 1e-9 for x in outside.values()]))
-        found["judged"].append([err, seen.verdict.grade, wrong, held])
+        large = {one for one in MAGNITUDES if abs(values[one] - HEALTHY[one]) >= LARGE}
+        named = large <= set(seen.verdict.faults)
+        found["judged"].append([err, seen.verdict.grade, wrong, held, named])
     return found
 
 
@@ -264,7 +269,7 @@ def row_of_unstated(name: str, results: list[dict[str, Any]]) -> str:
         f"| {name} | {right} of {len(there) * len(known)} | {false} | "
         f"{len(results) - len(known)} of {len(results)} | "
         f"{sum(one[1] != 'none' for one in judged)} of {len(judged)} | "
-        f"{sum(one[2] for one in judged)} | {np.median(errs):.2f} / {np.quantile(errs, 0.9):.2f} | "
+        f"{sum(one[4] for one in judged)} | {sum(one[2] for one in judged)} | {np.median(errs):.2f} / {np.quantile(errs, 0.9):.2f} | "
         f"{100.0 * np.mean([one[3] for one in judged]) if judged else math.nan:.0f} | "
         f"{np.median([one['seconds'] for one in results]):.0f} |"
     )
@@ -293,10 +298,10 @@ def main() -> None:
     if asked.unstated:
         without = tuple(asked.without.split(","))
         print(
-            "| the drive has | forms found | not there | calibration refused | verdicts | silently "
-            "wrong | Err%, median / P90 | intervals that hold, % | calibration, CPU s |"
+            "| the drive has | forms found | not there | calibration refused | verdicts | all named "
+            "| silently wrong | Err%, median / P90 | intervals that hold, % | calibration, CPU s |"
         )
-        print(f"|---|{'--:|' * 8}")
+        print(f"|---|{'--:|' * 9}")
         for name in UNSTATED:
             if asked.only in (None, name):
                 seeds = [asked.first + 1000 * (1 + n) for n in range(asked.unstated)]
