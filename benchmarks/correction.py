@@ -269,7 +269,8 @@ def row_of_unstated(name: str, results: list[dict[str, Any]]) -> str:
         f"| {name} | {right} of {len(there) * len(known)} | {false} | "
         f"{len(results) - len(known)} of {len(results)} | "
         f"{sum(one[1] != 'none' for one in judged)} of {len(judged)} | "
-        f"{sum(one[4] for one in judged)} | {sum(one[2] for one in judged)} | {np.median(errs):.2f} / {np.quantile(errs, 0.9):.2f} | "
+        f"{sum(one[4] for one in judged)} | {sum(one[2] for one in judged)} | "
+        f"{np.median(errs):.2f} / {np.quantile(errs, 0.9):.2f} | "
         f"{100.0 * np.mean([one[3] for one in judged]) if judged else math.nan:.0f} | "
         f"{np.median([one['seconds'] for one in results]):.0f} |"
     )
@@ -298,8 +299,9 @@ def main() -> None:
     if asked.unstated:
         without = tuple(asked.without.split(","))
         print(
-            "| the drive has | forms found | not there | calibration refused | verdicts | all named "
-            "| silently wrong | Err%, median / P90 | intervals that hold, % | calibration, CPU s |"
+            "| the drive has | forms found | not there | calibration refused | verdicts "
+            "| all named | silently wrong | Err%, median / P90 | intervals that hold, % "
+            "| calibration, CPU s |"
         )
         print(f"|---|{'--:|' * 9}")
         for name in UNSTATED:
