@@ -14,14 +14,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ematwin.models.bldc.bridge import advance_bridge, advance_shorted_bridge, phase_constants
+from ematwin.models.bldc import bridge, inverter, motor
 from ematwin.models.bldc.constants import kernel_constants, truer_constants
 from ematwin.models.bldc.faults import Faults
-from ematwin.models.bldc.inverter import gate_signals, hysteresis, pair_current
-from ematwin.models.bldc.motor import emf_constants, hall_sector
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.state import fault_state
-from ematwin.models.bldc.truer.motor import truer_emf_constants
+from ematwin.models.bldc.truer import motor as truer_motor
+from ematwin.numerics.compile import plain
 
 SPEED = 400.0  # rad/s: an electrical turn in 7.9 ms, back-EMF at 60 % of the supply
 DT = 1e-6
@@ -32,12 +31,23 @@ EDGE = 2e-8  # s, of a gate signal
 SWITCH_ON = 1e-3  # ohm
 
 
-# The loops are plain Python: only the steps compile, which is much quicker than all in one.
+# All is plain Python, which is done before it would be compiled.
+
+advance_bridge, advance_shorted_bridge, phase_constants = (
+    plain(one)
+    for one in (bridge.advance_bridge, bridge.advance_shorted_bridge, bridge.phase_constants)
+)
+gate_signals, hysteresis, pair_current = (
+    plain(one) for one in (inverter.gate_signals, inverter.hysteresis, inverter.pair_current)
+)
+emf_constants, hall_sector, truer_emf_constants = (
+    plain(one) for one in (motor.emf_constants, motor.hall_sector, truer_motor.truer_emf_constants)
+)
 
 
 def run_bridge(k, speed, c, dt, steps):
     """Currents (steps + 1, 3) and gates (steps, 3) at an imposed speed."""
-    fault = fault_state(k, c.half_gap)
+    fault = plain(fault_state)(k, c.half_gap)
     phases = phase_constants(fault.h_a, fault.h_b, fault.h_c, c)
     currents = np.zeros((steps + 1, 3))
     gates = np.empty((steps, 3))
@@ -70,7 +80,7 @@ def gate_source(name: str, on: np.ndarray) -> str:
 
 def run_shorted_bridge(k, speed, c, truer, dt, steps):
     """Currents of phases and loops (steps + 1, 6) and gates (steps, 3) at an imposed speed."""
-    fault = fault_state(k, c.half_gap)
+    fault = plain(fault_state)(k, c.half_gap)
     turns = (1.0, 1.0, 1.0, *k[2:5].tolist())
     currents = np.zeros((steps + 1, 6))
     gates = np.empty((steps, 3))

@@ -24,6 +24,7 @@ from ematwin.models.bldc.truer.state import TruerState
 from ematwin.models.registry import load_actuator
 from ematwin.models.scenario import Scenario, Step
 from ematwin.models.simulating import simulate
+from ematwin.numerics.compile import plain
 from ematwin.numerics.signals import LowPass
 from ematwin.recordings.noise import Noise
 from naive import another_actuator
@@ -126,12 +127,12 @@ def test_a_loop_brakes_by_the_power_that_its_resistances_take():
     r, turns, contact, mu, e, dt = 1.065, 3.4e-4, 0.1, 0.15, 10.0, 1e-5
     loop = 0.0
     for _ in range(1000):
-        loop, _ = loop_answer(mu, loop, 0.0, e, r, turns, contact, dt)
+        loop, _ = plain(loop_answer)(mu, loop, 0.0, e, r, turns, contact, dt)
     assert loop == pytest.approx(mu * e / (contact + mu * r), rel=1e-9)
     assert mu * e * loop == pytest.approx((contact + mu * r) * loop**2, rel=1e-9)
     # and it gets there with the time constant of an R-L circuit
     tau = mu**2 * turns / (contact + mu * r)
-    start, _ = loop_answer(mu, 0.0, 0.0, e, r, turns, contact, 1e-3 * tau)
+    start, _ = plain(loop_answer)(mu, 0.0, 0.0, e, r, turns, contact, 1e-3 * tau)
     assert start == pytest.approx(1e-3 * loop, rel=2e-3)
 
 
@@ -156,26 +157,26 @@ def test_a_fixed_offset_gives_each_phase_a_constant_of_its_own():
     k = Faults(**OFFSET).vector
     phi = 2.0 * math.pi * (OFFSET["eccentricity_phase"] - 0.5)
     gaps = [1.0 + 0.2 * math.cos(phi - 2.0 * math.pi * n / 3.0) for n in range(3)]
-    fault = fault_state.py_func(k, 1.0)
+    fault = plain(fault_state)(k, 1.0)
     for theta in np.linspace(0.0, 6.0, 7):
-        found = gap_factors(theta, fault.zeta_cos, fault.zeta_sin, 0.0)
+        found = plain(gap_factors)(theta, fault.zeta_cos, fault.zeta_sin, 0.0)
         np.testing.assert_allclose(found, gaps, rtol=1e-12)
 
 
 def test_a_rounded_shape_makes_the_mean_torque_of_the_trapezoid_in_six_steps():
     theta = math.pi / 6.0 + (np.arange(6000) + 0.5) * math.pi / 3.0 / 6000  # the pair (a, b)
     for form in ((1.0, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.1), (0.3, -0.1, 0.05)):
-        shapes = np.array([truer_shapes(x, *form) for x in theta])
+        shapes = np.array([plain(truer_shapes)(x, *form) for x in theta])
         assert np.mean(shapes[:, 0] - shapes[:, 1]) == pytest.approx(2.0, rel=1e-6)
         assert np.ptp(shapes[:, 0] - shapes[:, 1]) > 0.05
-    flat = np.array([truer_shapes(x, 0.0, 0.0, 0.0) for x in theta])
+    flat = np.array([plain(truer_shapes)(x, 0.0, 0.0, 0.0) for x in theta])
     np.testing.assert_allclose(flat[:, 0] - flat[:, 1], 2.0, rtol=1e-12)
 
 
 def test_cogging_does_no_work_over_a_turn():
     truer = truer_constants(COGGED)
     theta = np.linspace(0.0, 2.0 * math.pi, 1201)[:-1]
-    torque = np.array([cogging_torque(x, truer) for x in theta])
+    torque = np.array([plain(cogging_torque)(x, truer) for x in theta])
     assert np.abs(torque).max() == pytest.approx(0.002, rel=1e-3)
     assert abs(torque.mean()) < 1e-12
 

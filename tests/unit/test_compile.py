@@ -33,12 +33,16 @@ def distance(c, counts):
     return x
 """,
     "steps.py": """
-from ematwin.numerics.compile import step
+from ematwin.numerics.compile import part, step
 from theirs.values import GAIN
+
+@part
+def gained(c):
+    return GAIN * c.speed
 
 @step
 def advance(x, c):
-    return x + GAIN * c.speed
+    return x + gained(c)
 """,
     "values.py": """
 from typing import NamedTuple
@@ -158,10 +162,11 @@ def edit(path: Path, old: str, new: str) -> None:
 
 
 EDITS = {
-    "step in another file": ("steps.py", "x + GAIN", "x - GAIN", "-55.0"),
-    "constant of a module": ("values.py", "OFFSET = 0.5", "OFFSET = 1.5", "-45.0"),
+    "step in another file": ("steps.py", "x + gained", "x - gained", "-55.0"),
+    "part of a step": ("steps.py", "GAIN * c", "GAIN + c", "-45.0"),
+    "constant of a module": ("values.py", "OFFSET = 0.5", "OFFSET = 1.5", "-35.0"),
     # the machine code counts fields by their place, and no name in the loop tells of them
-    "fields": ("values.py", "speed: float\n    drift", "drift: float\n    speed", "-45.0"),
+    "fields": ("values.py", "speed: float\n    drift", "drift: float\n    speed", "-35.0"),
 }
 
 
@@ -179,7 +184,7 @@ def test_a_file_that_is_edited_after_its_import_is_not_taken_for_what_runs(packa
 import theirs.loops
 from pathlib import Path
 path = Path({str(package.folder / "theirs" / "steps.py")!r})
-path.write_text(path.read_text().replace("x + GAIN", "x - GAIN"))
+path.write_text(path.read_text().replace("x + gained", "x - gained"))
 """
     assert run(package, edit_first + USE) == ("65.0", ["saved"])
     assert run(package) == ("-55.0", ["saved"])

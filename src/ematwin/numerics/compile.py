@@ -4,7 +4,8 @@
 that calls it: without that lanes do not vectorise (measured: 4.6 times slower).
 
 ``part`` marks a step that LLVM alone inlines: it compiles several times faster than one that numba
-inlines, and its lanes still vectorise if it is short.
+inlines, and its lanes still vectorise if it is short. Python runs it as Python: a compiled entry
+for Python would hold the whole part once more, and take a quarter of the time.
 
 ``loop`` marks the compiled loops. They release the GIL, so that threads share the work, and their
 machine code is kept for the next process.
@@ -41,6 +42,7 @@ from typing import IO, Any
 import numba
 from numba.core import event
 from numba.core.caching import FunctionCache
+from numba.extending import register_jitable
 
 from ematwin import numerics
 from ematwin.numerics.content import content_of, signature_of
@@ -59,7 +61,8 @@ def step(function: Callable[..., Any]) -> Any:
 
 def part(function: Callable[..., Any]) -> Any:
     """Mark a step that LLVM alone inlines."""
-    return numba.njit(forceinline=True, error_model="numpy", fastmath=RELAXED)(function)
+    options = {"forceinline": True, "no_cfunc_wrapper": True}
+    return register_jitable(error_model="numpy", fastmath=RELAXED, **options)(function)
 
 
 @functools.cache
@@ -68,8 +71,8 @@ def plain(compiled: Any) -> Any:
 
     Nothing is compiled: numba takes half a second for the first small step in each process.
     """
-    function = getattr(compiled, "py_func", None)
-    if function is None:  # no step, or NUMBA_DISABLE_JIT is set
+    function = getattr(compiled, "py_func", compiled)
+    if not isinstance(function, FunctionType):
         return compiled
     code, held = function.__code__, function.__globals__
     names = {name: plain(held[name]) for name in code.co_names if name in held}

@@ -11,12 +11,14 @@ from ematwin.models.bldc import inverter, motor
 from ematwin.models.bldc.bridge import advance_bridge
 from ematwin.models.bldc.constants import kernel_constants
 from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.numerics.compile import plain
 from naive import motor as naive_motor
 from naive import reference as naive_reference
 
 ACTUATOR = BldcActuator.load()
 C = kernel_constants(ACTUATOR)
 angles = st.floats(-1e4, 1e4)
+terminal_voltages = plain(inverter.terminal_voltages)
 
 
 @given(angles)
@@ -49,7 +51,7 @@ def test_comparator_keeps_its_sign_within_the_band(i, i_ref, last):
 @given(st.integers(0, 5), st.floats(-20.0, 20.0), st.floats(-20.0, 20.0))
 def test_regulator_sees_the_largest_phase_current_with_the_sign_of_its_pair(sector, i_a, i_b):
     i = (i_a, i_b, -i_a - i_b)
-    seen = inverter.pair_current(float(sector), *i)
+    seen = plain(inverter.pair_current)(float(sector), *i)
     assert abs(seen) == pytest.approx(max(abs(x) for x in i))
     first, second = naive_motor.PAIRS[sector]
     if abs(i[first] - i[second]) > 1e-9:
@@ -76,7 +78,7 @@ def test_bridge_voltages_are_those_of_a_linear_system(sector, sign, i, idle, emf
         gates, currents, emf, resistances, inductances, ACTUATOR.drive
     )
     slopes, star = naive_reference.slopes(expected, currents, emf, resistances, inductances)
-    seen = inverter.terminal_voltages(
+    seen = terminal_voltages(
         *(float(g) for g in gates), *currents, *emf, *resistances,
         *(1.0 / x for x in inductances), C.v_supply, C.v_diode,
     )  # fmt: skip
@@ -98,7 +100,7 @@ def test_current_of_an_off_leg_runs_out_and_stays_zero():
     i_a, i_b, i_c = 5.0, -5.0, 0.0
     r, y = C.resistance, 1.0 / C.inductance
     for n in range(400):  # a has gone off; c is driven high, b low
-        i_a, i_b, i_c, *_ = advance_bridge(
+        i_a, i_b, i_c, *_ = plain(advance_bridge)(
             i_a, i_b, i_c, 0.0, 0.0, 0.0, 0.0, -1.0, 1.0, (r, r, r, y, y, y), C, 1e-6
         )
         currents[n] = i_a, i_b, i_c

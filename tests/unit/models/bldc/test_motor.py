@@ -11,6 +11,7 @@ from ematwin.models.bldc.constants import kernel_constants
 from ematwin.models.bldc.faults import Faults
 from ematwin.models.bldc.pairs import equivalent_phase, pairs_of
 from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.numerics.compile import plain
 from naive import monitor as naive_monitor
 from naive import motor as naive_motor
 
@@ -52,7 +53,7 @@ def test_sectors_are_six_of_sixty_degrees_from_thirty_on():
 @given(angles, shares, shares, shares, shares, shares)
 def test_emf_constants_are_those_of_the_naive_version(actuator, theta, a, b, c, zeta, phase):
     values = dict(short_a=a, short_b=b, short_c=c, eccentricity=zeta, eccentricity_phase=phase)
-    seen = motor.emf_constants(theta, fault(**values), kernel_constants(actuator))
+    seen = plain(motor.emf_constants)(theta, fault(**values), kernel_constants(actuator))
     expected = naive_motor.kappa(theta, Faults(**values), actuator)
     assert seen == pytest.approx(expected, abs=1e-9)
 
@@ -65,7 +66,7 @@ def test_equivalent_phase_is_the_two_conducting_phases_in_series(
     values = dict(short_a=a, short_b=b, short_c=c, eccentricity=zeta, eccentricity_phase=phase)
     turns = C.pole_pairs * theta / (math.pi / 3.0) - 0.5
     assume(abs(turns - round(turns)) > 1e-6 + 1e-12 * abs(turns))
-    pairs, constants = pairs_of(fault(**values), C), kernel_constants(actuator)
-    r, per_l, kappa = equivalent_phase(theta, moved, pairs, constants)
+    pairs, constants = plain(pairs_of)(fault(**values), C), kernel_constants(actuator)
+    r, per_l, kappa = plain(equivalent_phase)(theta, moved, pairs, constants)
     expected = naive_monitor.equivalent_phase(theta, moved, Faults(**values), actuator)
     assert (r, 1.0 / per_l, kappa) == pytest.approx(expected, abs=1e-9)

@@ -17,6 +17,7 @@ from ematwin.models.bldc.truer.motor import truer_emf_constants
 from ematwin.models.bldc.truer.state import Truer, TruerState
 from ematwin.models.registry import model_of
 from ematwin.models.simulating import simulate
+from ematwin.numerics.compile import plain
 from naive import monitor as naive_monitor
 from naive import reference as naive_reference
 from naive import truer as naive
@@ -114,9 +115,9 @@ def test_rounded_emf_constants_are_those_of_the_naive_version():
     rng, faults = np.random.default_rng(8), Faults(**SEVERE)
     windings = naive.Windings(TRUER, faults)
     c, truer = kernel_constants(TRUER), truer_constants(TRUER)
-    fault = fault_state.py_func(faults.vector, c.half_gap)
+    fault = plain(fault_state)(faults.vector, c.half_gap)
     for theta in rng.uniform(-10.0, 10.0, 50):
-        found = truer_emf_constants(theta, *windings.h, fault, c, truer)
+        found = plain(truer_emf_constants)(theta, *windings.h, fault, c, truer)
         assert found == pytest.approx(windings.kappa(theta), abs=1e-10)
 
 
@@ -124,16 +125,16 @@ def test_sampled_loops_answer_as_the_naive_ones_do():
     rng, faults, dt = np.random.default_rng(9), Faults(gain=0.7), 1e-6
     c, truer = kernel_constants(TRUER), truer_constants(TRUER, 0.3)
     speed, current = naive.SpeedLoop(TRUER, faults, dt, 0.3), naive.CurrentLoop(TRUER, dt)
-    asked, volts = (0.0,) * 5 + (last_reading(truer, 0.0, 0.0), 0.0), (0.0,) * 5
+    asked, volts = (0.0,) * 5 + (plain(last_reading)(truer, 0.0, 0.0), 0.0), (0.0,) * 5
     steps = 2_000  # limits of current, voltage and speed among them
     inputs = np.repeat(rng.normal(size=(steps // 20, 5)) * [2, 0.01, 0.5, 100, 15], 20, axis=0)
     for command, angle, output, w_m, i in inputs:
-        asked = advance_speed_loop(
+        asked = plain(advance_speed_loop)(
             *asked, command, angle, output, w_m, c.k_position * 1.2, c, truer, dt
         )
         assert asked[0] == pytest.approx(speed.demand(command, output, w_m, angle), rel=1e-9)
         i_ref = min(max(asked[0], -c.i_max), c.i_max)
-        volts = advance_current_loop(*volts, i_ref, i, c.v_supply, truer, dt)
+        volts = plain(advance_current_loop)(*volts, i_ref, i, c.v_supply, truer, dt)
         assert volts[0] == pytest.approx(current.answer(i_ref, i), rel=1e-9)
 
 
@@ -149,7 +150,7 @@ def test_bridge_with_shorted_turns_solves_the_equations_of_coupled_windings():
         # c is off, and its current flows on through the lower diode
         volts = np.array([c.v_supply, 0.0, -c.v_diode])
         expected = naive.advance_phases(windings, currents, volts, emf, dt)
-        found, _, taken, _, _ = advance_shorted_bridge(
+        found, _, taken, _, _ = plain(advance_shorted_bridge)(
             *currents, *emf[:3], 1.0, -1.0, 0.0, (1.0, 1.0, 1.0, *windings.mu), c, dt
         )
         np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
