@@ -95,12 +95,12 @@ def test_intervals_of_forecasts_from_a_few_estimates_hold_what_follows():
         power = time ** random.uniform(0.7, 2.2)
         level = random.uniform(0.1, 0.8) * (power if seed % 2 else np.expm1(3.0 * time) / 19.1)
         value = level + random.normal(0.0, 0.02, 30)
-        series = Series(time, value, np.zeros(30), np.zeros((30, 2))).until(time[14])
-        ahead, to_come, _ = paths(trend(series, learn([series], 0.0, 1.0)), time[14], "wiener")
+        series = Series(time, value, np.zeros(30), np.zeros((30, 2))).until(time[19])
+        ahead, to_come, _ = paths(trend(series, learn([series], 0.0, 1.0)), time[19], "wiener")
         low, high = np.quantile(to_come, [0.1, 0.9], axis=0)
-        at = time[19::5] - time[14]
-        held += list(np.interp(at, ahead, low) < level[19::5])
-        held += list(level[19::5] < np.interp(at, ahead, high))
+        at = time[21::4] - time[19]
+        held += list(np.interp(at, ahead, low) < level[21::4])
+        held += list(level[21::4] < np.interp(at, ahead, high))
     assert 0.85 < np.mean(held) < 0.98  # 90 % on either side; paths are 20 only
 
 

@@ -8,7 +8,7 @@ import ruptures
 from scipy.stats import norm
 
 from ematwin.fleet.learning import learn
-from ematwin.fleet.trend import Series, Wear, trend
+from ematwin.fleet.trend import Series, Wear, again, trend
 from naive.trend import dense
 
 WEAR = Wear(
@@ -41,7 +41,30 @@ def test_level_and_slope_are_those_of_a_dense_solution(overhauls, lasting):
     np.testing.assert_allclose(found.level_error, np.sqrt(cov[:, 0, 0]), atol=1e-7)
     np.testing.assert_allclose(found.mean, mean[-1, :3], atol=1e-7)
     np.testing.assert_allclose(found.covariance, cov[-1, :3, :3], atol=1e-7)
-    assert found.evidence == pytest.approx(told, abs=1e-9)
+    assert found.told == pytest.approx(told, abs=1e-9)
+
+
+@pytest.mark.parametrize("overhauls", [(), (1.5,), (3.5,)])
+def test_draws_of_the_wear_end_in_the_states_of_their_own_filters(overhauls):
+    series = made(2, overhauls=overhauls)
+    value = series.value.copy()
+    value[10:] += 0.4
+    value[20] += 0.5
+    series = replace(series, value=value)
+    wear = replace(learn([series], 0.0, 1.0), jump_rate=1e-2)
+    found = trend(series, wear)
+    assert 10 in found.jumps
+    assert 20 in found.outliers
+    for draws, mean, cov in found.states:
+        for n in range(0, len(mean), 97):
+            own = {name: getattr(draws, name)[n] for name in draws._fields[:-1]}
+            single = replace(wear, **own, lasting=draws.lasting)
+            done = again(series, found, single)
+            last = done.mean[-1, :3], done.cov[-1, :3, :3]
+            if overhauls == (3.5,):
+                last = single.mean[:3], np.diag(single.spread[:3] ** 2)
+            np.testing.assert_allclose(mean[n], last[0], rtol=1e-9, atol=1e-12)
+            np.testing.assert_allclose(cov[n], last[1], rtol=1e-9, atol=1e-12)
 
 
 def test_a_jump_and_an_outlier_keep_the_dense_solution():
@@ -57,9 +80,10 @@ def test_a_jump_and_an_outlier_keep_the_dense_solution():
     variance[20] = np.inf
     mean, _, told = dense(series.time, value, variance, series.covariates, STEADY, (12,))
     np.testing.assert_allclose(found.level, mean[:, 0], atol=1e-9)
-    told += np.log(STEADY.jump_rate * (series.time[12] - series.time[11]))
-    told += norm.logpdf(0.0, scale=STEADY.size / STEADY.outlier_share)
-    assert found.evidence == pytest.approx(told, abs=1e-8)
+    assert found.told == pytest.approx(told, abs=1e-8)
+    jump = np.log(STEADY.jump_rate * (series.time[12] - series.time[11]))
+    outlier = norm.logpdf(0.0, scale=STEADY.size / STEADY.outlier_share)
+    assert found.shocks == pytest.approx(jump + outlier, abs=1e-8)
 
 
 def test_one_odd_estimate_at_the_end_is_an_outlier_until_the_next_confirms_it():
@@ -118,7 +142,7 @@ def test_evidence_tells_wear_that_slows_down_from_wear_that_feeds_itself(law):
         value = random.uniform(0.2, 0.6) * grown + random.normal(0.0, 0.01, 40)
         several.append(replace(one, value=value))
     wear = learn(several, 0.0, 1.0)
-    assert [one.lasting > 0.0 for one in (wear, *wear.others)] == 13 * [law == "power"]
+    assert {one.lasting > 0.0 for one in (wear, *wear.others)} == {law == "power"}
 
 
 def test_variances_are_those_of_the_largest_likelihood_but_for_weak_priors():
@@ -126,7 +150,7 @@ def test_variances_are_those_of_the_largest_likelihood_but_for_weak_priors():
     wear = learn(several, 0.0, 1.0)
 
     def told(one):
-        return sum(trend(series, one).evidence for series in several)
+        return sum(found.told + found.shocks for found in (trend(s, one) for s in several))
 
     best = told(wear)
     for name in ("q_level", "q_slope", "occasion"):

@@ -2,8 +2,9 @@
 
 Means and spreads by expectation and maximisation (Shumway and Stoffer 1982, J. Time Ser. Anal. 3,
 253-264), the four variances by the slope of the likelihood, both with weak priors. Other
-plausible values are drawn from a normal distribution (Laplace), of variances their logarithms. A
-forecast averages over the draws, so that few estimates, or few actuators, give a wide one.
+plausible values are drawn from their posterior (`ematwin.fleet.sampling`), of variances their
+logarithms. A forecast averages over the draws, so that few estimates, or few actuators, give a wide
+one.
 
 All that for two laws of wear, an acceleration that fades and one that grows, as powers of time and
 exponentials have them. Each has draws in proportion to its evidence, of the whole fleet.
@@ -14,15 +15,17 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.optimize import minimize
-from scipy.special import expit, wrightomega
+from scipy.special import wrightomega
 
-from ematwin.fleet.trend import Pass, Series, Trend, Wear, again, trend
+from ematwin.fleet.sampling import shares, weighted_draws
+from ematwin.fleet.trend import Draws, Pass, Series, Trend, Wear, again, trend
 
 _ROUNDS, _CLIMB, _EM = 3, 12, 3  # iterations: variances by slopes, then means by EM
 _FACTOR = 2.0  # standard deviation of the logarithm of a variance beforehand: of few estimates
 # the likelihood alone makes variances nothing, and life left too certain
-_OTHERS = 12  # draws of means, spreads and variances
+_DRAWS = 1000  # of means, spreads and variances: one for each path of a forecast
 # By how many factors of e an acceleration falls over the record: of a power p of time, 2 - p, in
 # the middle of powers between 0 and 2; or of an exponential, in the middle of growth up to e^4.
 _FADES, _GROWS = 1.0, -2.0
@@ -39,27 +42,45 @@ def learn(fleet: Sequence[Series], healthy: float, size: float) -> Wear:
     size : range of the unknown
     """
     known = [one.thinned() for one in fleet if one.time.size]
-    fades, grows = (_learnt(known, _first(fleet, healthy, size, one)) for one in (_FADES, _GROWS))
-    told = [sum(trend(one, wear).evidence for one in known) for wear in (fades, grows)]
-    share = float(expit(told[1] - told[0]))  # of the second law
-    n = 2 * round(0.5 * share * len(grows.others))  # draws come in pairs, each about its mean
-    return replace(grows if share > 0.5 else fades, others=grows.others[:n] + fades.others[n:])
-
-
-def _learnt(known: Sequence[Series], before: Wear) -> Wear:
-    """The wear of greatest likelihood with one law, from a start; other plausible ones."""
-    wear = before
+    starts = [_first(fleet, healthy, size, falls) for falls in (_FADES, _GROWS)]
     if not known:
-        return wear
+        return starts[0]
+    wears, draws, weights = zip(*(_learnt(known, one) for one in starts), strict=True)
+    share = np.cumsum(shares(np.concatenate(weights)))
+    which = np.searchsorted(share, (np.arange(_DRAWS) + 0.5) / _DRAWS)  # systematic resampling
+    count = weights[0].size
+    parts = which[which < count], which[which >= count] - count
+    others = [one.some(part) for one, part in zip(draws, parts, strict=True) if part.size]
+    return replace(wears[parts[0].size < parts[1].size], others=tuple(others))
+
+
+def _learnt(known: Sequence[Series], before: Wear) -> tuple[Wear, Draws, np.ndarray]:
+    """The wear of greatest likelihood with one law, from a start; draws of others, and weights."""
+    wear = before
     for _ in range(_ROUNDS):
         shocks = [trend(one, wear) for one in known]
-        likelihood = _Likelihood(known, shocks, wear, before)
-        wear = likelihood.climbed()
+        wear = _Likelihood(known, shocks, wear, before).climbed()
         for _ in range(_EM):
             passes = [again(s, t, wear) for s, t in zip(known, shocks, strict=True)]
             wear = _maximised(passes, wear, before)
-    passes = [again(s, t, wear) for s, t in zip(known, shocks, strict=True)]
-    return replace(wear, others=_draws(_Likelihood(known, shocks, wear, before), passes, before))
+    likelihood = _Likelihood(known, shocks, wear, before)
+    points, weight = weighted_draws(likelihood.density, _point(wear), likelihood.root())
+    return wear, _draws(points, wear.lasting), weight
+
+
+def _point(wear: Wear) -> np.ndarray:
+    """Logarithms of the four variances, the five means, logarithms of the squared spreads."""
+    least = (1e-6 * wear.size) ** 2
+    variances = [wear.q_level, wear.q_slope, wear.occasion**2, wear.scale**2]
+    logs = np.log(np.maximum(variances, least))
+    return np.concatenate([logs, wear.mean, 2.0 * np.log(wear.spread)])
+
+
+def _draws(points: np.ndarray, lasting: float) -> Draws:
+    """The wear at points (N, 14) as `_point` gives them."""
+    q_level, q_slope, occasion, scale = np.exp(points[:, :4]).T
+    mean, spread = np.ascontiguousarray(points[:, 4:9]), np.exp(0.5 * points[:, 9:])
+    return Draws(mean, spread, q_level, q_slope, occasion**0.5, scale**0.5, lasting)
 
 
 def _first(fleet: Sequence[Series], healthy: float, size: float, falls: float) -> Wear:
@@ -89,7 +110,7 @@ def _first(fleet: Sequence[Series], healthy: float, size: float, falls: float) -
 
 
 class _Likelihood:
-    """Likelihood and prior of the four variances, as functions of their logarithms.
+    """Likelihood and prior, as functions of the logarithms of the variances, and of `_point`.
 
     The gradient comes from the scores of the smoother (Koopman and Shephard 1992, Biometrika 79,
     823-826).
@@ -99,11 +120,8 @@ class _Likelihood:
         self, fleet: Sequence[Series], shocks: Sequence[Trend], wear: Wear, before: Wear
     ) -> None:
         self._fleet, self._shocks, self.wear = fleet, shocks, wear
-        least = (1e-6 * wear.size) ** 2
-        self._usual, self._begin = (
-            np.log(np.maximum([one.q_level, one.q_slope, one.occasion**2, one.scale**2], least))
-            for one in (before, wear)
-        )
+        self._before, least = before, (1e-6 * wear.size) ** 2
+        self._usual, self._begin = (_point(one)[:4] for one in (before, wear))
         self._bounds = np.array(
             [(math.log(least), math.log(10.0 * wear.size**2))] * 3 + [(-20.0, 5.0)]
         )
@@ -116,8 +134,24 @@ class _Likelihood:
         )  # fmt: skip
         return self._with(end.x)
 
-    def draws(self, random: np.ndarray) -> list[Wear]:
-        """Other plausible variances, by normal deviates (N, 4), with the curvature at these."""
+    def density(self, points: np.ndarray) -> np.ndarray:
+        """Logarithm of the posterior density (N,) at points (N, 14), but for the evidence."""
+        draws = _draws(points, self.wear.lasting)
+        told = np.zeros(len(points))
+        for one, found in zip(self._fleet, self._shocks, strict=True):
+            told += found.ended(one, draws)[2] + found.shocks
+        spread = np.concatenate([np.full(4, _FACTOR), self._before.spread, np.full(5, _FACTOR)])
+        away = (points - _point(self._before)) / spread
+        told -= (0.5 * away**2 + np.log(spread)).sum(axis=1)
+        return np.nan_to_num(told, nan=-1e300, neginf=-1e300)
+
+    def root(self) -> np.ndarray:
+        """Root (14, 14) of about the covariance of the posterior.
+
+        Of variances by the curvature. An actuator whose own estimates leave the share 1 - r of the
+        variance s^2 over the fleet tells r/s^2 of the mean, and r^2/2 of log s^2 (Fisher
+        information of a normal distribution).
+        """
         step = 0.1
         slopes = [
             (self._told(self._begin + move)[1] - self._told(self._begin - move)[1]) / (2.0 * step)
@@ -125,9 +159,13 @@ class _Likelihood:
         ]
         values, vectors = np.linalg.eigh(0.5 * (np.array(slopes) + np.transpose(slopes)))
         # beyond what the prior says nothing is known less
-        spread = np.maximum(values, _FACTOR**-2) ** -0.5
-        points = self._begin + random * spread @ vectors.T
-        return [self._with(np.clip(one, *self._bounds.T)) for one in points]
+        known = np.maximum(values, _FACTOR**-2)
+        spread = self.wear.spread
+        passes = [again(s, t, self.wear) for s, t in zip(self._fleet, self._shocks, strict=True)]
+        told = np.clip(1.0 - np.array([done.error[0] for done in passes]) / spread**2, 0.0, 1.0)
+        mean = self._before.spread**-2 + told.sum(axis=0) / spread**2
+        factor = _FACTOR**-2 + 0.5 * (told**2).sum(axis=0)
+        return np.asarray(block_diag(vectors * known**-0.5, np.diag([*mean**-0.5, *factor**-0.5])))
 
     def _with(self, x: np.ndarray) -> Wear:
         q_level, q_slope, occasion, scale = np.exp(x).tolist()
@@ -150,24 +188,6 @@ class _Likelihood:
             slopes[3] += 0.5 * (one.error[seen] ** 2 * surprise).sum()
         away = (x - self._usual) / _FACTOR
         return 0.5 * float(away @ away) - total, away / _FACTOR - slopes * np.exp(x)
-
-
-def _draws(likelihood: _Likelihood, passes: Sequence[Pass], before: Wear) -> tuple[Wear, ...]:
-    """Other plausible variances, means and spreads.
-
-    An actuator whose own estimates leave the share 1 - r of the variance s^2 over the fleet tells
-    r/s^2 of the mean, and r^2/2 of log s^2 (Fisher information of a normal distribution).
-    """
-    wear, half = likelihood.wear, np.random.default_rng(1).standard_normal((_OTHERS // 2, 14))
-    random = np.stack([half, -half], axis=1).reshape(_OTHERS, 14)
-    told = np.array([np.clip(1.0 - done.error[0] / wear.spread**2, 0.0, 1.0) for done in passes])
-    mean = (before.spread**-2 + told.sum(axis=0) / wear.spread**2) ** -0.5
-    factor = (_FACTOR**-2 + 0.5 * (told**2).sum(axis=0)) ** -0.5
-    several = zip(
-        likelihood.draws(random[:, :4]), wear.mean + mean * random[:, 4:9],
-        wear.spread * np.exp(0.5 * factor * random[:, 9:]), strict=True,
-    )  # fmt: skip
-    return tuple(replace(one, mean=m, spread=s) for one, m, s in several)
 
 
 def _maximised(passes: Sequence[Pass], wear: Wear, before: Wear) -> Wear:

@@ -113,20 +113,22 @@ def paths(
     """Levels to come after a moment, years, with each draw of the fleet's variances."""
     generator = np.random.default_rng(seed)
     states = one.later(max(0.0, moment - one.time))
-    which = np.arange(draws) % len(states)
-    means = np.array([mean for _, mean, _ in states])
-    roots = np.array(
-        [np.linalg.cholesky(cov + 1e-15 * np.trace(cov) * np.eye(3)) for _, _, cov in states]
-    )
-    start = means[which] + np.einsum(
-        "nij,nj->ni", roots[which], generator.standard_normal((draws, 3))
-    )  # fmt: skip
-    q_level, q_slope = (
-        np.array([getattr(wear, name) for wear, _, _ in states])[which, None]
-        for name in ("q_level", "q_slope")
-    )
     ahead = np.concatenate([[0.0], np.geomspace(1.0 / 365.25, horizon, _STEPS)])
-    climb = np.array([wear.bend(ahead)[1] for wear, _, _ in states])[which]
+    q_level, q_slope, mean, cov, climb = map(
+        np.concatenate,
+        zip(
+            *((of.q_level, of.q_slope, mean, cov, np.tile(of.bend(ahead)[1], (len(mean), 1)))
+              for of, mean, cov in states),
+            strict=True,
+        ),
+    )  # fmt: skip
+    # of each law as many paths as it has draws, in an order that other magnitudes do not share
+    which = generator.permutation(np.arange(draws) * len(mean) // draws)
+    q_level, q_slope, climb = q_level[which, None], q_slope[which, None], climb[which]
+    least = 1e-15 * np.trace(cov, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+    root = np.linalg.cholesky(cov + least)
+    deviates = generator.standard_normal((draws, 3))
+    start = mean[which] + np.einsum("nij,nj->ni", root[which], deviates)
     dt = np.diff(ahead)
     wander = np.sqrt(q_slope * dt) * generator.standard_normal((draws, dt.size))
     drift = start[:, 1:2] + np.cumsum(wander, axis=1)

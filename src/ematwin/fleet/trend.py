@@ -25,10 +25,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
-from ematwin.fleet.kalman import filtered, smoothed
+from ematwin.fleet.kalman import ended, filtered, smoothed
 
 _MOST = 30  # shocks in one series
 _TAUGHT = 200  # estimates of an actuator that teach the fleet: all of them teach no more
@@ -61,6 +62,12 @@ class Series:
             tuple(at for at in self.overhauls if at <= moment),
         )  # fmt: skip
 
+    @property
+    def arrays(self) -> tuple[np.ndarray, ...]:
+        """Contiguous, as filter and smoother are compiled for each layout of their arguments."""
+        several = self.time, self.value, self.error, self.covariates
+        return tuple(map(np.ascontiguousarray, several))
+
     def thinned(self) -> "Series":
         """At most `_TAUGHT` of its estimates, evenly."""
         every = -(-self.time.size // _TAUGHT) or 1
@@ -84,7 +91,7 @@ class Wear:
     size : standard deviation of jumps and of outliers, the range of the unknown
     jump_rate : jumps per actuator and year beforehand
     outlier_share : of estimates beforehand
-    others : draws of other plausible values
+    others : draws of other plausible values, for each law of wear some
     """
 
     mean: np.ndarray
@@ -98,22 +105,43 @@ class Wear:
     size: float
     jump_rate: float = 0.1
     outlier_share: float = 0.01
-    others: tuple["Wear", ...] = ()
+    others: tuple["Draws", ...] = ()
+
+    def variance(self, error: np.ndarray) -> np.ndarray:
+        """Of the part of an estimate's error that differs between recordings."""
+        return self.occasion**2 + (self.scale * error) ** 2
+
+    @property
+    def alone(self) -> "Draws":
+        """These values as one draw."""
+        several = (self.mean, self.spread, self.q_level, self.q_slope, self.occasion, self.scale)
+        return Draws._make((*(np.array([one]) for one in several), self.lasting))
+
+
+class Draws(NamedTuple):
+    """N draws of the values of `Wear` with one law: (N, 5) and (N,) arrays."""
+
+    mean: np.ndarray
+    spread: np.ndarray
+    q_level: np.ndarray
+    q_slope: np.ndarray
+    occasion: np.ndarray
+    scale: np.ndarray
+    lasting: float
+
+    def some(self, part: np.ndarray) -> "Draws":
+        """Some of them."""
+        return Draws._make((*(one[part] for one in self[:-1]), self.lasting))
 
     def bend(self, ahead: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Change of slope and of level, after some years, by an acceleration of 1 per year^2."""
         rise = -self.lasting * np.expm1(-ahead / self.lasting)
         return rise, self.lasting * (ahead - rise)
 
-    def variance(self, error: np.ndarray) -> np.ndarray:
-        """Of the part of an estimate's error that differs between recordings."""
-        return self.occasion**2 + (self.scale * error) ** 2
-
-    def constant_variance(self, error: np.ndarray) -> float:
-        """Of the part that is the same in all recordings of an actuator."""
-        if not error.size:
-            return 0.0
-        return max(0.0, 1.0 - self.scale**2) * float(np.median(error)) ** 2
+    def constant_variance(self, error: np.ndarray) -> np.ndarray:
+        """Of the part of an error that is the same in all recordings of an actuator, (N,)."""
+        usual = float(np.median(error)) if error.size else 0.0
+        return np.maximum(0.0, 1.0 - self.scale**2) * usual**2
 
 
 @dataclass(frozen=True)
@@ -129,7 +157,8 @@ class Trend:
     slope : (n,) array, smoothed, per year
     corrected : (n,) array, estimates less the effects of covariates
     outliers, jumps : indices of estimates that are outliers, and before which the level jumped
-    evidence : logarithm of the probability density of the estimates, and of its jumps and outliers
+    told, shocks : logarithms of the probability densities of the estimates, and of their jumps and
+        outliers beforehand
     """
 
     series: Series
@@ -142,14 +171,30 @@ class Trend:
     corrected: np.ndarray
     outliers: tuple[int, ...]
     jumps: tuple[int, ...]
-    evidence: float
+    told: float
+    shocks: float
 
     @cached_property
-    def states(self) -> list[tuple[Wear, np.ndarray, np.ndarray]]:
-        """Mean and covariance of the state at ``time``, for each draw of the wear."""
+    def states(self) -> list[tuple[Draws, np.ndarray, np.ndarray]]:
+        """Draws of the wear, by law, with mean (N, 3) and covariance (N, 3, 3) at ``time``."""
         if not self.wear.others:
-            return [(self.wear, self.mean, self.covariance)]
-        return [(one, *again(self.series, self, one).last()) for one in self.wear.others]
+            return [(self.wear.alone, self.mean[None], self.covariance[None])]
+        return [(one, *self._ended(one)) for one in self.wear.others]
+
+    def _ended(self, draws: Draws) -> tuple[np.ndarray, np.ndarray]:
+        if self.time > self.series.time[-1]:  # renewed since
+            return draws.mean[:, :3], draws.spread[:, :3, None] ** 2 * np.eye(3)
+        return self.ended(self.series, draws)[:2]
+
+    def ended(self, series: Series, draws: Draws) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """States (N, 3) after the last estimate, covariances, and log likelihoods (N,)."""
+        used = np.ones(series.time.size, dtype=bool)
+        used[list(self.outliers)] = False
+        restarts = _restarts(series, self.wear, self.jumps)
+        count = len(draws.mean)
+        mean, cov, told = np.empty((count, 3)), np.empty((count, 3, 3)), np.empty(count)
+        ended(*series.arrays, used, self.wear.after, *restarts, draws, mean, cov, told)
+        return mean, cov, told
 
     @property
     def time(self) -> float:
@@ -159,32 +204,41 @@ class Trend:
     @property
     def constant_variance(self) -> float:
         """Of the error that all estimates have in common."""
-        return self.wear.constant_variance(self.series.error)
+        return float(self.wear.alone.constant_variance(self.series.error)[0])
 
     def at(self, moment: float) -> tuple[float, float, float]:
         """Level, its standard error and the slope at a later moment, years."""
         ahead = max(0.0, moment - self.time)
-        mean, cov = self._later(ahead, self.wear, self.mean, self.covariance)
+        (mean,), (cov,) = self._later(
+            ahead, self.wear.alone, self.mean[None], self.covariance[None]
+        )
         return float(mean[0]), math.sqrt(cov[0, 0]), float(mean[1])
 
-    def later(self, ahead: float) -> list[tuple[Wear, np.ndarray, np.ndarray]]:
+    def later(self, ahead: float) -> list[tuple[Draws, np.ndarray, np.ndarray]]:
         """`states` some years after ``time``."""
         return [(one, *self._later(ahead, one, mean, cov)) for one, mean, cov in self.states]
 
     def _later(
-        self, ahead: float, wear: Wear, mean: np.ndarray, cov: np.ndarray
+        self, ahead: float, draws: Draws, mean: np.ndarray, cov: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        rise, climb = map(float, wear.bend(np.array(ahead)))
-        left = math.exp(-ahead / wear.lasting)
+        rise, climb = map(float, draws.bend(np.array(ahead)))
+        left = math.exp(-ahead / draws.lasting)
         move = np.array([[1.0, ahead, climb], [0.0, 1.0, rise], [0.0, 0.0, left]])
-        mean = move @ mean
         cov = move @ cov @ move.T
-        cov[0, 0] += wear.q_level * ahead + wear.constant_variance(self.series.error)
-        cov[0, 0] += wear.q_slope * ahead**3 / 3.0
-        cov[0, 1] += wear.q_slope * ahead**2 / 2.0
-        cov[1, 0] += wear.q_slope * ahead**2 / 2.0
-        cov[1, 1] += wear.q_slope * ahead
-        return mean, cov
+        cov[:, 0, 0] += draws.q_level * ahead + draws.constant_variance(self.series.error)
+        powers = np.array([[ahead**3 / 3.0, ahead**2 / 2.0], [ahead**2 / 2.0, ahead]])
+        cov[:, :2, :2] += draws.q_slope[:, None, None] * powers
+        return mean @ move.T, cov
+
+
+def _restarts(series: Series, wear: Wear, jumps: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Variance of the jump before each estimate (n,), and whether an overhaul lies before it."""
+    n = series.time.size
+    jump, reset = np.zeros(n), np.zeros(n, dtype=bool)
+    jump[list(jumps)] = wear.size**2
+    starts = np.searchsorted(series.time, np.array(series.overhauls, dtype=float))
+    reset[[i for i in starts if 0 < i < n]] = True
+    return jump, reset
 
 
 class Pass:
@@ -195,18 +249,10 @@ class Pass:
         self.variance = wear.variance(series.error)
         used = self.variance.copy()
         used[list(outliers)] = np.inf
-        self.jump = np.zeros(n)
-        self.jump[list(jumps)] = wear.size**2
-        self.reset = np.zeros(n, dtype=bool)
-        starts = np.searchsorted(series.time, np.array(series.overhauls, dtype=float))
-        self.reset[[i for i in starts if 0 < i < n]] = True
-        self._renewed, self._wear = n in starts, wear
+        self.jump, self.reset = _restarts(series, wear, jumps)
         self.mean, self.cov, gain = np.empty((n + 1, 5)), np.empty((n + 1, 5, 5)), np.empty((n, 5))
         innovation, power = np.empty(n), np.empty(n)
-        # contiguous: filter and smoother are compiled for each layout of their arguments
-        time, value, covariates = map(
-            np.ascontiguousarray, (series.time, series.value, series.covariates)
-        )
+        time, value, _, covariates = series.arrays
         self.told = filtered(
             time, value, used, covariates, wear.mean, wear.spread,
             wear.after, wear.q_level, wear.q_slope, wear.lasting, self.jump, self.reset,
@@ -220,13 +266,6 @@ class Pass:
             innovation, power, self.score, self.weight, self.residual, self.precision,
             self.smooth, self.error,
         )  # fmt: skip
-
-    def last(self) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and covariance of the state but for effects, after the last estimate or overhaul."""
-        if self._renewed:
-            return self._wear.mean[:3], np.diag(self._wear.spread[:3] ** 2)
-        # copies: a view would keep all moments of the pass
-        return self.mean[-1, :3].copy(), self.cov[-1, :3, :3].copy()
 
     def odds(self, series: Series, wear: Wear) -> tuple[np.ndarray, np.ndarray]:
         """Log odds, (n,) each, of an outlier at, and of a jump before, each estimate."""
@@ -270,14 +309,17 @@ def trend(series: Series, wear: Wear) -> Trend:
         else:
             outliers.append(i)
         done = Pass(series, wear, outliers, jumps)
+    last = done.mean[-1, :3].copy(), done.cov[-1, :3, :3].copy()  # a view would keep all moments
+    if any(at > series.time[-1] for at in series.overhauls):
+        last = wear.mean[:3], np.diag(wear.spread[:3] ** 2)
     effect = (done.smooth[:, _EFFECTS:] * series.covariates).sum(axis=1)
-    told = done.told + np.log(wear.jump_rate * np.diff(series.time, prepend=0.0)[jumps]).sum()
+    told = np.log(wear.jump_rate * np.diff(series.time, prepend=0.0)[jumps]).sum()
     told += len(outliers) * math.log(wear.outlier_share / wear.size / math.sqrt(2.0 * math.pi))
     return Trend(
-        series, wear, *done.last(),
+        series, wear, *last,
         done.smooth[:, _LEVEL], np.sqrt(np.maximum(done.error[:, _LEVEL], 0.0)),
         done.smooth[:, _SLOPE], series.value - effect,
-        tuple(sorted(outliers)), tuple(sorted(jumps)), float(told),
+        tuple(sorted(outliers)), tuple(sorted(jumps)), float(done.told), float(told),
     )  # fmt: skip
 
 
