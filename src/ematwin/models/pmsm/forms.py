@@ -20,6 +20,7 @@ _PHASES = tuple(0.5 * math.pi * n for n in range(4))
 _SHARE = 0.3  # of the dry friction of the motor, that cogging begins with
 _HARMONIC = 0.02
 _BENT = (3e-4, 6e-4, 1e-3, 2e-3, 4e-3, 8e-3)  # rad on the motor shaft, before friction slides
+_PARTS = 60  # of a recording, in each of which channels follow each other
 _DAMPING = 0.01  # N m s/rad
 _COGGING = ("motor.cogging_torque", "motor.cogging_periods", "motor.cogging_phase")
 _HARMONICS = ("motor.harmonic_5", "motor.harmonic_7")
@@ -127,12 +128,17 @@ class Response:
 
     def least(self, actuator: Any) -> float:
         """Share of the recording that noise and the error of the reference leave."""
-        rows = self.left(actuator, {}).reshape(self._channels, -1)
+        rows = self._rows(actuator)
         noise = math.sqrt(sum(white_noise(row) ** 2 * row.size for row in rows))
         return math.hypot(noise / self.size, REFERENCE_ERROR)
 
     def left(self, actuator: Any, values: Values) -> np.ndarray:
-        """Residual (K,)."""
+        """Residual (K,), one part of the recording after the other."""
+        parts = np.array_split(self._rows(actuator), _PARTS, axis=1)
+        return np.concatenate([part.ravel() for part in parts])
+
+    def _rows(self, actuator: Any) -> np.ndarray:
+        """Residual (C, S) of each channel; infinite where the twin diverged."""
         other = copy.copy(self._compared)
         other.actuator = actuator
         key = actuator.presliding
@@ -141,7 +147,8 @@ class Response:
             assert missed is not None  # a recording that begins at rest
             self._missed[key] = missed
         found = other.with_missed(self._missed[key]).residuals({}, 1)[0]
-        return np.where(np.isfinite(found), found, np.inf)
+        found = np.where(np.isfinite(found), found, np.inf)
+        return np.asarray(found.reshape(self._channels, -1))
 
 
 def equation(compared: PmsmComparison, sheet: Any, fitted: tuple[str, ...]) -> Equation:

@@ -89,7 +89,9 @@ class PmsmModel(ServoModel):
             return ()
         from ematwin.models.pmsm.forms import equation
 
-        return (equation(self.compare(recording, actuator), actuator, tuple(self.nominal)),)
+        free = {place for place, *_ in actuator.parameters() if actuator.tolerance(place)}
+        fitted = tuple(sorted(free | self.nominal.keys()))
+        return (equation(self.compare(recording, actuator), actuator, fitted),)
 
     def excitation(self, recording: Recording, actuator: Any) -> list[str]:
         """Whether the motor turns, and the gap is crossed."""
