@@ -189,7 +189,7 @@ def run(coils, drive, m, command, load, steps):
                 if spring * twist < 0.0:
                     spring = 0.0  # it cannot pull
             act_m = torque - spring - m["viscous_m"] * w_m
-            act_m -= m["cogging"] * math.sin(m["cogging_periods"] * th_m)
+            act_m -= m["cogging"] * math.sin(m["cogging_periods"] * th_m + m["cogging_phase"])
             act_o = spring - load[tick] - m["viscous_o"] * w_o
 
             def dry(t, w):

@@ -90,10 +90,8 @@ class FoundForms:
         listed = "; ".join(self.found)
         share = min(100.0 * (1.0 - self.after / self.before), 99.9)
         does = "Together these explain" if len(self.found) > 1 else "This explains"
-        return (
-            f"{listed[:1].upper()}{listed[1:]}. {does} {share:.3g} % of the residual of "
-            "the current along the recorded motion."
-        )
+        told = f"{listed[:1].upper()}{listed[1:]}. {does} {share:.3g} %"
+        return f"{told} of what the simple twin leaves."
 
 
 def find_forms(

@@ -157,8 +157,8 @@ class Equation(NamedTuple):
     Parameters
     ----------
     name : str, such as "controller"
-    left : gives what an actuator leaves of the recording, (K,) array, with faults, load and sensors
-        by name, as they usually are if not named
+    left : gives what an actuator leaves of the recording, (K,) array in the order of time, with
+        faults, load and sensors by name, as they usually are if not named
     size : float, norm of the trace to be explained, in the same unit
     least : gives the share of it that noise and the error of the model leave of an actuator
     fitted : places that are fitted whatever the forms

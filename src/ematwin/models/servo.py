@@ -27,6 +27,7 @@ _OVERSPEED = 20.0  # times the speed limit: no fault makes a motor so fast
 _BEYOND = 1.02  # times the travel: end stops give a little
 _DEGREES = (10.0, 180.0)  # times the travel: what degrees taken for radians reach (57.3)
 _GAPS = 5.0  # times the healthy gap that a motion should cross
+_SLOTS = (3, 6, 9, 12, 15, 18, 24)  # of usual stators
 _SLOPE = 0.1  # of the RMS of a speed: how far a drive's own may be from the slope of the position
 
 
@@ -140,6 +141,17 @@ def normalised_fault(
 def dry_friction(actuator: Any) -> Any:
     """Dry friction of motor and output on the motor shaft, N m."""
     return actuator.motor.friction_torque + actuator.transmission.friction_torque
+
+
+def cogging_cycles(pole_pairs: int) -> list[int]:
+    """Cycles in a turn that the cogging of usual stators may have.
+
+    Magnets are drawn to teeth as many times in a turn as both have in common; magnets that differ
+    add the number of slots, teeth that differ that of poles (Zhu and Howe 2000, IEEE Trans. Energy
+    Conversion 15(4), 407-412).
+    """
+    poles = 2 * pole_pairs
+    return sorted({poles, *_SLOTS, *(math.lcm(slots, poles) for slots in _SLOTS)})
 
 
 def nuisance(

@@ -177,7 +177,7 @@ def monitor_scores(
 
     Parameters
     ----------
-    constants : (B, 64) array, the fields of `Constants`; B a multiple of `LANES`
+    constants : (B, 65) array, the fields of `Constants`; B a multiple of `LANES`
     command, load : (P + K + 1,) arrays, at the ticks of the current loops, rad and N m on the
         motor shaft; the load runs in straight lines between
     before : int, P, ticks that settle the start and are not compared; whole samples of all loops

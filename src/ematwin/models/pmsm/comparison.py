@@ -27,7 +27,7 @@ from ematwin.models.pmsm.parameters import PmsmActuator
 from ematwin.models.pmsm.state import Constants
 from ematwin.models.sizes import check_enough, check_moves
 from ematwin.numerics.side_by_side import cores, side_by_side
-from ematwin.numerics.signals import LowPass
+from ematwin.numerics.signals import LowPass, white_noise
 from ematwin.recordings.recording import Recording
 
 CUTOFF = 800.0  # Hz
@@ -35,7 +35,7 @@ LOWEST_CUTOFF = 200.0  # Hz, for recordings that are sampled slowly
 _RATE = 4.0  # times the cutoff: the least rate at which a low-pass acts as one
 _KEPT = 3.0  # times the cutoff: rate of the samples that are compared
 _TWIN_ERROR = 0.003  # of the RMS of a channel
-_REFERENCE_ERROR = 0.001  # the same of what corrects the twin
+REFERENCE_ERROR = 0.001  # the same of what corrects the twin
 _AT_REST = 0.005  # s at the start whose means are the first state
 _SETTLED = 0.1  # s that a candidate holds its first position before the recording begins
 MOVING = 0.05  # of the speed limit: what begins faster does not begin at rest
@@ -127,8 +127,7 @@ class PmsmComparison(Comparison):
     def _weigh(self, model_error: float) -> None:
         """Weigh channels by their noise and by the error of a model, as a share of their RMS.
 
-        The noise follows from the residuals where they are known, else from the part that the
-        low-pass removes.
+        The noise follows from the residuals where they are known, else it is white.
         """
         signals = self._signals
         self._weights = np.zeros(len(COMPARED))
@@ -136,8 +135,9 @@ class PmsmComparison(Comparison):
         for name, trace in self._filtered.items():
             group = _TOGETHER.get(name, name)
             size[group] = size.get(group, 0.0) + float(np.mean(trace**2))
-        for name, trace in self._filtered.items():
-            noise = self.low_pass.passed_noise(signals[name], trace, self.recording.sample_rate)
+        passed = self.low_pass.noise_gain(self.recording.sample_rate)
+        for name in self._filtered:
+            noise = passed * white_noise(signals[name]) ** 2
             if self._left is not None:
                 noise = float(self._left[COMPARED.index(name)])
             error = noise + model_error**2 * size[_TOGETHER.get(name, name)]
@@ -172,7 +172,7 @@ class PmsmComparison(Comparison):
         other._target = self._thinned(self._filtered) - self._thinned(
             {name: trace for name, trace in missed.items() if name in self._signals}
         )
-        other._weigh(_REFERENCE_ERROR)
+        other._weigh(REFERENCE_ERROR)
         return other
 
     def reweighed(self, residuals: np.ndarray) -> "PmsmComparison":
@@ -186,7 +186,7 @@ class PmsmComparison(Comparison):
             alike = max(1.0, counted * correlation_time(left))
             weight = self._weights[n]
             other._left[n] = alike * float(np.mean(left**2)) / weight if weight > 0.0 else 0.0
-        other._weigh(_REFERENCE_ERROR)
+        other._weigh(REFERENCE_ERROR)
         return other
 
     def exact(self, values: Mapping[str, float]) -> dict[str, np.ndarray] | None:

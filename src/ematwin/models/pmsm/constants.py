@@ -28,7 +28,7 @@ _LEAST = 1e-9  # share of shorted turns that stands for none
 def constants_of(
     actuator: PmsmActuator, candidates: Mapping[str, Any], count: int, step: float
 ) -> np.ndarray:
-    """(B, 64) array, the fields of `Constants` of B candidates.
+    """(B, 65) array, the fields of `Constants` of B candidates.
 
     ``candidates`` are values (B,) of unknowns and, by place, of parameters; all others are
     healthy. ``step`` is that over which the currents of shorted loops decay, s.
@@ -108,6 +108,7 @@ def _constants(actuator: PmsmActuator, k: Mapping[str, Any], step: float) -> Con
         w_stribeck=gear.stribeck_speed,
         cogging=motor.cogging_torque,
         cogging_periods=float(motor.cogging_periods),
+        cogging_phase=motor.cogging_phase,
         half_gap=0.5 * gear.backlash * backlash_factor(k["backlash"]),
         stiffness=gear.stiffness,
         damping=gear.damping,

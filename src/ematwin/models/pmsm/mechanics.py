@@ -37,7 +37,7 @@ def torques(now, torque, load, c, dt):
     mid_m = now.theta_m + half * now.w_m
     mid_o = now.theta_o + half * now.w_o
     gear = contact_torque(mid_m, now.w_m, mid_o, now.w_o, c.half_gap, c.stiffness, c.damping)
-    ripple, _ = sincos(c.cogging_periods * mid_m)
+    ripple, _ = sincos(c.cogging_periods * mid_m + c.cogging_phase)
     act_m = torque - gear - c.viscous_m * now.w_m - c.cogging * ripple
     act_o = gear - load - c.viscous_o * now.w_o
     slides_m = sliding_torque(c.friction_m, c.static_ratio, fading(now.w_m, c.w_stribeck))

@@ -4,7 +4,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ematwin.models.base import Demand, Law, Signal, Study, Values
+from ematwin.models.base import Demand, Equation, Law, Signal, Study, Values
 from ematwin.models.pmsm.channels import (
     CHANNELS,
     NEEDS,
@@ -80,6 +80,18 @@ class PmsmModel(ServoModel):
         from ematwin.models.pmsm.laws import laws
 
         return laws(self, recording, actuator)
+
+    def equations(
+        self, recording: Recording, actuator: Any, values: Values | None = None
+    ) -> tuple[Equation, ...]:
+        """The response of the loops, of a healthy recording alone: faults are told by the twin."""
+        if values is not None:
+            return ()
+        from ematwin.models.pmsm.forms import equation
+
+        free = {place for place, *_ in actuator.parameters() if actuator.tolerance(place)}
+        fitted = tuple(sorted(free | self.nominal.keys()))
+        return (equation(self.compare(recording, actuator), actuator, fitted),)
 
     def excitation(self, recording: Recording, actuator: Any) -> list[str]:
         """Whether the motor turns, and the gap is crossed."""

@@ -53,6 +53,9 @@ class Motor(Section):
     )
     cogging_torque: float = quantity("N*m", "amplitude of the cogging torque", ge=0)
     cogging_periods: int = quantity("", "cogging periods in a turn", exact=True, ge=1)
+    cogging_phase: float = quantity(
+        "rad", "angle of the sine of the cogging where the motor stands at zero", default=0.0
+    )
 
 
 class Drive(Section):

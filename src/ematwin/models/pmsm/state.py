@@ -71,6 +71,7 @@ class Constants(NamedTuple):
     w_stribeck: float  # rad/s
     cogging: float  # N m
     cogging_periods: float
+    cogging_phase: float  # rad
     half_gap: float  # rad
     stiffness: float  # N m/rad
     damping: float  # N m s/rad

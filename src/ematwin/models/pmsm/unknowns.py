@@ -34,7 +34,7 @@ UNKNOWNS = (
            lambda a, k: a.controller.position_gain * state.gain_factor(k), 0.5),
     *(
         _fault(f"short_{x}", f"shorted turns of phase {x}", "%",
-               lambda a, k: 100.0 * state.shorted_share(k), slack=0.05)
+               lambda a, k: 100.0 * state.shorted_share(np.maximum(k, 0.0)), slack=0.05)
         for x in "abc"
     ),
     _fault("demagnetisation", "flux of the magnets", "Wb",

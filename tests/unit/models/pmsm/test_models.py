@@ -74,7 +74,7 @@ def naive(values, command, load, actuator=ACTUATOR):
         "viscous_o": gear.viscous_damping, "friction_m": worn * motor.friction_torque,
         "friction_o": worn * gear.friction_torque, "static_ratio": gear.static_ratio,
         "w_stribeck": gear.stribeck_speed, "cogging": motor.cogging_torque,
-        "cogging_periods": motor.cogging_periods,
+        "cogging_periods": motor.cogging_periods, "cogging_phase": motor.cogging_phase,
         "bristles": 0.0 if bristles is None else bristles.motor_stiffness,
         "bristle_damping": 0.0 if bristles is None else bristles.damping,
         "thermal_resistance": 0.0 if heat is None else heat.thermal_resistance,

@@ -5,9 +5,7 @@ speed where positions come in counts; of the mechanics cogging, a rounded back-E
 falls with speed. Sample times are chosen from those that drives have, and start values from common
 settings: an integral time of 10 to 100 ms, a current loop of 2000 to 8000 rad/s that cancels the
 winding (technical optimum), voltage losses of a volt, cogging of a few per cent of the rated
-torque. Magnets are drawn to teeth as many times in a turn as both have in common; magnets that
-differ add the number of slots, teeth that differ that of poles (Zhu and Howe 2000, IEEE Trans.
-Energy Conversion 15(4), 407-412).
+torque.
 """
 
 import math
@@ -21,6 +19,7 @@ from ematwin.models.bldc.balance import Contact, Crossing, TorqueBalance
 from ematwin.models.bldc.counts import comparable_cutoff
 from ematwin.models.bldc.unknowns import LOAD
 from ematwin.models.optional import FIRST_SAMPLE, Equation, Form, Values
+from ematwin.models.servo import cogging_cycles
 from ematwin.numerics.signals import LowPass
 from ematwin.recordings.recording import Recording
 
@@ -34,7 +33,6 @@ _INTEGRAL = (0.01, 0.03, 0.1)  # s
 _SOFTER = (0.3, 0.1, 0.03)  # than the contact of the file
 _FILTER = (5e-5, 2e-4, 5e-4, 1e-3)  # s, of speeds
 _BANDWIDTH = (2000.0, 4000.0, 8000.0)  # rad/s
-_SLOTS = (3, 6, 9, 12, 15, 18, 24)
 _FADING = (1.0, 3.0, 10.0)  # rad/s of the motor
 _BENT = 5e-4  # rad of the motor, before it slides
 _TURNED = 0.01  # of an angle: friction of a motor that has just turned round bends bristles first
@@ -145,12 +143,10 @@ def _said_of_current_loop(actuator: Any) -> str:
 
 
 def _coggings(actuator: Any) -> list[Values]:
-    poles = 2 * actuator.motor.pole_pairs
-    cycles = {poles, *_SLOTS, *(math.lcm(slots, poles) for slots in _SLOTS)}
     torque = 0.1 * actuator.motor.friction_torque or 1e-4 * actuator.motor.emf_constant
     return [
         {"cogging.torque": torque, "cogging.cycles": each, "cogging.phase": phase}
-        for each, phase in product(sorted(cycles), _PHASES)
+        for each, phase in product(cogging_cycles(actuator.motor.pole_pairs), _PHASES)
     ]
 
 

@@ -1,0 +1,160 @@
+"""Forms that healthy recordings of a PMSM servo may show though its file has them otherwise.
+
+The controller of such a servo is sampled and known. Cogging, harmonics of the EMF and friction that
+gives before it slides are looked for in the response of the closed loops, which is smooth.
+"""
+
+import copy
+import math
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from ematwin.models.optional import Equation, Form, Values
+from ematwin.models.pmsm.comparison import REFERENCE_ERROR, PmsmComparison
+from ematwin.models.servo import cogging_cycles
+from ematwin.numerics.signals import white_noise
+
+_PHASES = tuple(0.5 * math.pi * n for n in range(4))
+_SHARE = 0.3  # of the dry friction of the motor, that cogging begins with
+_HARMONIC = 0.02
+_BENT = (3e-4, 6e-4, 1e-3, 2e-3, 4e-3, 8e-3)  # rad on the motor shaft, before friction slides
+_PARTS = 60  # of a recording, in each of which channels follow each other
+_DAMPING = 0.01  # N m s/rad
+_COGGING = ("motor.cogging_torque", "motor.cogging_periods", "motor.cogging_phase")
+_HARMONICS = ("motor.harmonic_5", "motor.harmonic_7")
+_STIFFNESS = ("presliding.motor_stiffness", "presliding.output_stiffness")
+
+
+def _values(actuator: Any, places: tuple[str, ...]) -> dict[str, float]:
+    return {place: actuator.value(place) for place in places}
+
+
+def _coggings(actuator: Any) -> list[Values]:
+    torque = max(actuator.motor.cogging_torque, _SHARE * actuator.motor.friction_torque)
+    return [
+        dict(zip(_COGGING, (torque, *each), strict=True))
+        for each in product(cogging_cycles(actuator.motor.pole_pairs), _PHASES)
+    ]
+
+
+def _harmonics(actuator: Any) -> list[Values]:
+    now = _values(actuator, _HARMONICS)
+    return [{**now, place: now[place] + x} for place in _HARMONICS for x in (-_HARMONIC, _HARMONIC)]
+
+
+def _stiffness(actuator: Any) -> list[dict[str, float]]:
+    """Of both sides, for each way that they give."""
+    gear = actuator.transmission
+    frictions = (actuator.motor.friction_torque, gear.friction_torque)
+    return [
+        {p: gear.static_ratio * x / bent for p, x in zip(_STIFFNESS, frictions, strict=True)}
+        for bent in _BENT
+    ]
+
+
+def _bristles(actuator: Any) -> list[Values]:
+    return [{**each, "presliding.damping": _DAMPING} for each in _stiffness(actuator)]
+
+
+def _other_bristles(actuator: Any) -> list[Values]:
+    """One side otherwise."""
+    return [{place: each[place]} for place in _STIFFNESS for each in _stiffness(actuator)]
+
+
+def _said_of_harmonics(actuator: Any) -> str:
+    fifth, seventh = (100.0 * actuator.value(place) for place in _HARMONICS)
+    return f"harmonics of the back-EMF of {fifth:.2g} % (5th) and {seventh:.2g} % (7th)"
+
+
+def _said_of_bristles(actuator: Any) -> str:
+    bent = actuator.motor.friction_torque / actuator.presliding.motor_stiffness
+    return f"friction of the motor gives {1e3 * bent:.2g} mrad before it slides"
+
+
+def _forms(sheet: Any) -> tuple[Form, ...]:
+    """Forms that are otherwise than in the sheet."""
+    cogging, harmonics = (_values(sheet, places) for places in (_COGGING, _HARMONICS))
+    return (
+        Form(
+            "cogging",
+            lambda a: _values(a, _COGGING[1:]) != {p: cogging[p] for p in _COGGING[1:]},
+            _COGGING,
+            _coggings,
+            lambda a: (
+                f"cogging of {1e3 * a.motor.cogging_torque:.2g} mN m, "
+                f"{a.motor.cogging_periods} a turn"
+            ),
+            ("motor.cogging_torque", "motor.cogging_phase"),
+        ),
+        Form(
+            "harmonics of the back-EMF",
+            lambda a: _values(a, _HARMONICS) != harmonics,
+            _HARMONICS,
+            _harmonics,
+            _said_of_harmonics,
+            _HARMONICS,
+        ),
+        Form(
+            "presliding friction",
+            lambda a: a.presliding is not None,
+            _STIFFNESS,
+            _bristles,
+            _said_of_bristles,
+            alternatives=_other_bristles,
+        ),
+    )
+
+
+class Response:
+    """The twin's response less the recording, in standard deviations of noise.
+
+    The reference model reads angles and currents in steps, so that its differences are rough. The
+    monitor model answers, corrected by what it missed of the first actuator with such friction:
+    bristles are the reference's alone, and their stiffness is chosen from a list.
+
+    Attributes
+    ----------
+    size : float, norm of the weighted recording; 0 of one that begins in motion, where the
+        integrals of the loops are not known
+    """
+
+    def __init__(self, compared: PmsmComparison) -> None:
+        self._compared = compared.with_missed({})
+        self._missed: dict[Any, dict[str, np.ndarray]] = {}
+        self._channels = len(compared.measured())
+        self.size = math.sqrt(self._compared.scale) if compared.before else 0.0
+
+    def least(self, actuator: Any) -> float:
+        """Share of the recording that noise and the error of the reference leave."""
+        rows = self._rows(actuator)
+        noise = math.sqrt(sum(white_noise(row) ** 2 * row.size for row in rows))
+        return math.hypot(noise / self.size, REFERENCE_ERROR)
+
+    def left(self, actuator: Any, values: Values) -> np.ndarray:
+        """Residual (K,), one part of the recording after the other."""
+        parts = np.array_split(self._rows(actuator), _PARTS, axis=1)
+        return np.concatenate([part.ravel() for part in parts])
+
+    def _rows(self, actuator: Any) -> np.ndarray:
+        """Residual (C, S) of each channel; infinite where the twin diverged."""
+        other = copy.copy(self._compared)
+        other.actuator = actuator
+        key = actuator.presliding
+        if key not in self._missed:
+            missed = other.missed({})
+            assert missed is not None  # a recording that begins at rest
+            self._missed[key] = missed
+        found = other.with_missed(self._missed[key]).residuals({}, 1)[0]
+        found = np.where(np.isfinite(found), found, np.inf)
+        return np.asarray(found.reshape(self._channels, -1))
+
+
+def equation(compared: PmsmComparison, sheet: Any, fitted: tuple[str, ...]) -> Equation:
+    """The response to a healthy recording, with the forms that may be otherwise than in a sheet."""
+    response = Response(compared)
+    return Equation(
+        "response", response.left, response.size, response.least, fitted, _forms(sheet),
+        alike=lambda actuator: REFERENCE_ERROR,
+    )  # fmt: skip
