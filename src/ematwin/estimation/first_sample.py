@@ -20,8 +20,8 @@ def found_first_sample(
 
     The share of commutations on the wrong side of a sample grows with the error of the instant, and
     so does the cost, to both sides. It hardly depends on which sample of the current is the first
-    of the speed as well. So instants of the first row are compared, then those of the best column,
-    which is followed with steps that are halved.
+    of the speed as well. So the first row is compared, then the best column, then nearer instants,
+    with steps that are halved.
 
     Parameters
     ----------

@@ -91,7 +91,7 @@ class FoundForms:
         share = min(100.0 * (1.0 - self.after / self.before), 99.9)
         does = "Together these explain" if len(self.found) > 1 else "This explains"
         told = f"{listed[:1].upper()}{listed[1:]}. {does} {share:.3g} %"
-        return f"{told} of what the simple twin leaves."
+        return f"{told} of the simple twin's residual."
 
 
 def find_forms(

@@ -147,8 +147,8 @@ def cogging_cycles(pole_pairs: int) -> list[int]:
     """Cycles in a turn that the cogging of usual stators may have.
 
     Magnets are drawn to teeth as many times in a turn as both have in common; magnets that differ
-    add the number of slots, teeth that differ that of poles (Zhu and Howe 2000, IEEE Trans. Energy
-    Conversion 15(4), 407-412).
+    add the number of slots, teeth that differ the number of poles (Zhu and Howe 2000, IEEE Trans.
+    Energy Conversion 15(4), 407-412).
     """
     poles = 2 * pole_pairs
     return sorted({poles, *_SLOTS, *(math.lcm(slots, poles) for slots in _SLOTS)})

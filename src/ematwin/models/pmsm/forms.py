@@ -20,7 +20,7 @@ _PHASES = tuple(0.5 * math.pi * n for n in range(4))
 _SHARE = 0.3  # of the dry friction of the motor, that cogging begins with
 _HARMONIC = 0.02
 _BENT = (3e-4, 6e-4, 1e-3, 2e-3, 4e-3, 8e-3)  # rad on the motor shaft, before friction slides
-_PARTS = 60  # of a recording, in each of which channels follow each other
+_PARTS = 60  # of a recording; within a part channels follow each other
 _DAMPING = 0.01  # N m s/rad
 _COGGING = ("motor.cogging_torque", "motor.cogging_periods", "motor.cogging_phase")
 _HARMONICS = ("motor.harmonic_5", "motor.harmonic_7")
@@ -111,8 +111,8 @@ class Response:
     """The twin's response less the recording, in standard deviations of noise.
 
     The reference model reads angles and currents in steps, so that its differences are rough. The
-    monitor model answers, corrected by what it missed of the first actuator with such friction:
-    bristles are the reference's alone, and their stiffness is chosen from a list.
+    monitor model answers, corrected by its difference from the reference for the first actuator
+    with such friction: only the reference has bristles, whose stiffness is chosen from a list.
 
     Attributes
     ----------

@@ -84,7 +84,7 @@ class PmsmModel(ServoModel):
     def equations(
         self, recording: Recording, actuator: Any, values: Values | None = None
     ) -> tuple[Equation, ...]:
-        """The response of the loops, of a healthy recording alone: faults are told by the twin."""
+        """The response of the loops to a healthy recording; a faulty one has no such equation."""
         if values is not None:
             return ()
         from ematwin.models.pmsm.forms import equation
