@@ -238,13 +238,12 @@ def healthy_tests(
             "no single test determines its parameters. Calibrate on several recordings of the "
             "motions that it makes in use."
         )
+    experiment.check_limits(limits)
     known = _Known(experiment)
     given = experiment.started(scenario, duration)
     # both models: they differ by a little, and a command keeps its own limits
     first = [experiment.demanded(given, fast=fast) for fast in (True, False)]
-    within = experiment.limits(
-        {name: max(one.get(name, 0.0) for one in first) for name in first[-1]}, limits
-    )
+    within = {name: max(one.get(name, 0.0) for one in first) for name in first[-1]} | limits
     commands, done = [given, *candidates(model, given, within)], count(1)
 
     def usable_of(one: Scenario) -> _Usable | None:
