@@ -83,7 +83,7 @@ def test_calibrate_tells_people_the_same_and_learns_known_faults(ematwin, files)
     assert "learnt from runs 1, 2, 3, 4, 5, 6, 7" in answer.out
     assert re.search(r"backlash +scatters by [\d.]+ mm within a run", answer.out)
     assert "healthy reference: 28 recordings with condition normal" in answer.out
-    assert "Not fitted, as in the template: screw.lead, screw.backlash," in answer.out
+    assert "Not fitted: screw.lead, screw.backlash," in answer.out
     assert "known fault: no grease, from 4 motions: condition=dry;run=60,61" in answer.out
     assert "wrote taught.toml" in answer.out
 

@@ -132,7 +132,7 @@ def open_sentences(report: CalibrationReport, file: str = "CALIBRATED.toml") -> 
                 )
             ),
         )
-    return [*said, f"Not fitted, as in the template: {', '.join(fixed)}."]
+    return [*said, f"Not fitted: {', '.join(fixed)}."]
 
 
 def spread_sentences(report: CalibrationReport) -> list[str]:
