@@ -5,12 +5,13 @@ import pytest
 
 import ematwin
 from ematwin.errors import InputError, RecordError
-from ematwin.estimation.baseline import baseline_of
+from ematwin.estimation.baseline import Baseline, baseline_of
 from ematwin.estimation.learn import learn
 from ematwin.models.ball_screw.model import MODEL
 from ematwin.models.registry import load_actuator
 from ematwin.monitoring.calibrate import calibrate
 from ematwin.monitoring.calibration import Calibration
+from ematwin.monitoring.calibration_report import Basis, CalibrationReport
 from ematwin.monitoring.identify import detect
 from ematwin.monitoring.runs import Group, Runs
 from made_up_rig import TRUTH, command, healthy_runs, motion, rig, run, template
@@ -316,3 +317,15 @@ def test_a_motion_of_another_command_is_refused():
 def test_a_recording_whose_rate_is_no_multiple_of_the_step_is_refused():
     motions = [one.changed(time=0.825 * one.time) for one in healthy_runs(3, motions=1)]
     assert "not a whole number of steps" in refusal(motions)
+
+
+def test_values_of_a_form_that_was_found_come_from_the_runs(tmp_path):
+    sheet = load_actuator("servo48")
+    cogging = {"cogging.torque": 1e-3, "cogging.cycles": 12, "cogging.phase": 0.2}
+    known = Calibration(sheet.changed(cogging), Baseline.of_simulation())
+    basis = Basis(sheet, [], [], None)
+    CalibrationReport(known, [], [], ["a", "b"], basis=basis).save(tmp_path / "own.toml")
+    loaded = load_actuator(tmp_path / "own.toml")
+    source = {place: row[-1] for place, *row in loaded.parameters()}
+    assert all(source[place].startswith("found in healthy runs a, b with") for place in cogging)
+    assert source["motor.inertia"] == sheet.parameter("motor.inertia")[-1]
