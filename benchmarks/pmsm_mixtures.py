@@ -1,8 +1,7 @@
 """Mixtures of up to five faults of a PMSM servo: error, verdict, intervals, time.
 
-    python benchmarks/pmsm_mixtures.py [--count 50] [--first 0] [--sheet] [--out FILE]
-                                       [--without-voltages | --measured-voltages]
-                                       [--calibrated 4]
+    python benchmarks/pmsm_mixtures.py [--count 50] [--first 0] [--sheet | --calibrated 4]
+                                       [--without-voltages | --measured-voltages] [--out FILE]
 
 The recordings are of the reference model (5 us, quantised sensors), with white noise of 2 % of the
 RMS and converters of 12 bits on phase currents and voltages, those that the drive commands or, with
@@ -192,8 +191,9 @@ def main():
     which.add_argument(
         "--measured-voltages", action="store_const", dest="voltages", const=TERMINALS
     )
-    which.add_argument("--sheet", action="store_true")
-    which.add_argument("--calibrated", type=int, default=0, help="actuators off their sheet")
+    twin = parser.add_mutually_exclusive_group()
+    twin.add_argument("--sheet", action="store_true")
+    twin.add_argument("--calibrated", type=int, default=0, help="actuators off their sheet")
     parser.add_argument("--out", type=Path)
     given = parser.parse_args()
     actuator = load_actuator("servo400")

@@ -273,7 +273,7 @@ def design(
     ).knowing_aliases()
     model, chosen = experiment.model, experiment.actuator
     given = experiment.started(scenario, duration)
-    experiment.check_limits(limits)
+    limits = experiment.limits(limits)
     if fault is not None:
         experiment.check_magnitude(fault)
     known = model.values_of(chosen, faults or {})
@@ -283,7 +283,7 @@ def design(
         return fault_vectors(experiment, count, np.random.default_rng(seed), fixed, even=True)
 
     some = shown_by(experiment, given, vectors(draws, seed), fault)
-    within = {**experiment.demanded(given), **limits}
+    within = experiment.demanded(given) | limits
 
     def cost_of(command: Scenario, healthy: Recording, enough: float) -> float:
         return expected_errors(
@@ -293,7 +293,7 @@ def design(
 
     found = ranked(experiment, given, within, cost_of, budget=budget, seed=seed, progress=progress)
     others = shown_by(experiment, given, vectors(fresh, seed + 1), fault)
-    final = {**experiment.demanded(given, fast=False), **limits}
+    final = experiment.demanded(given, fast=False) | limits
 
     def judged(command: Scenario, kept: Mapping[str, float]) -> CommandErrors:
         demands: dict[str, float] = {}

@@ -148,10 +148,10 @@ def discriminate(
         actuator, exact=exact, noise=noise, sample_rate=sample_rate, seed=seed, threads=threads
     )
     given = experiment.started(scenario, duration)
-    experiment.check_limits(limits)
+    limits = experiment.limits(limits)
     pair = Pair(experiment, first, second)
     before = experiment.record(given, fast=True)
-    within = {**experiment.model.demanded(before), **limits}
+    within = experiment.model.demanded(before) | limits
     ranking = ranked(
         experiment, given, within, lambda _, healthy, __: -pair.distance(healthy, _ITERATIONS),
         budget=budget, seed=seed,

@@ -284,8 +284,8 @@ class Experiment:
         aliases = aliases_of(self.model, self.actuator, problem, point)
         return width_at(problem, point, aliases=aliases, least_noise=least_noise)
 
-    def check_limits(self, given: Mapping[str, float]) -> None:
-        """Refuse limits that the kind does not have.
+    def limits(self, given: Mapping[str, float]) -> dict[str, float]:
+        """Given limits, as numbers.
 
         Raises
         ------
@@ -303,6 +303,7 @@ class Experiment:
                 raise InputError(
                     f"The limit of {name} must be a positive number, received {value}."
                 )
+        return {name: float(value) for name, value in given.items()}
 
     def knowing_aliases(self) -> tuple["Experiment", tuple[str, ...]]:
         """The same where what no command can determine counts as known, and the names of that.

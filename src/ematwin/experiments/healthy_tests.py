@@ -238,7 +238,7 @@ def healthy_tests(
             "no single test determines its parameters. Calibrate on several recordings of the "
             "motions that it makes in use."
         )
-    experiment.check_limits(limits)
+    limits = experiment.limits(limits)
     known = _Known(experiment)
     given = experiment.started(scenario, duration)
     # both models: they differ by a little, and a command keeps its own limits

@@ -138,8 +138,8 @@ class _Likelihood:
         """Logarithm of the posterior density (N,) at points (N, 14), but for the evidence."""
         draws = _draws(points, self.wear.lasting)
         told = np.zeros(len(points))
-        for one, found in zip(self._fleet, self._shocks, strict=True):
-            told += found.ended(one, draws)[2] + found.shocks
+        for found in self._shocks:
+            told += found.ended(draws)[2] + found.shocks
         spread = np.concatenate([np.full(4, _FACTOR), self._before.spread, np.full(5, _FACTOR)])
         away = (points - _point(self._before)) / spread
         told -= (0.5 * away**2 + np.log(spread)).sum(axis=1)

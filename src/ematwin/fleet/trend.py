@@ -184,10 +184,11 @@ class Trend:
     def _ended(self, draws: Draws) -> tuple[np.ndarray, np.ndarray]:
         if self.time > self.series.time[-1]:  # renewed since
             return draws.mean[:, :3], draws.spread[:, :3, None] ** 2 * np.eye(3)
-        return self.ended(self.series, draws)[:2]
+        return self.ended(draws)[:2]
 
-    def ended(self, series: Series, draws: Draws) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def ended(self, draws: Draws) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """States (N, 3) after the last estimate, covariances, and log likelihoods (N,)."""
+        series = self.series
         used = np.ones(series.time.size, dtype=bool)
         used[list(self.outliers)] = False
         restarts = _restarts(series, self.wear, self.jumps)

@@ -143,15 +143,16 @@ def dry_friction(actuator: Any) -> Any:
     return actuator.motor.friction_torque + actuator.transmission.friction_torque
 
 
-def cogging_cycles(pole_pairs: int) -> list[int]:
-    """Cycles in a turn that the cogging of usual stators may have.
+def possible_coggings(pole_pairs: int) -> list[tuple[int, float]]:
+    """Cycles in a turn that the cogging of usual stators may have, each at four phases, rad.
 
     Magnets are drawn to teeth as many times in a turn as both have in common; magnets that differ
     add the number of slots, teeth that differ the number of poles (Zhu and Howe 2000, IEEE Trans.
     Energy Conversion 15(4), 407-412).
     """
     poles = 2 * pole_pairs
-    return sorted({poles, *_SLOTS, *(math.lcm(slots, poles) for slots in _SLOTS)})
+    cycles = sorted({poles, *_SLOTS, *(math.lcm(slots, poles) for slots in _SLOTS)})
+    return [(each, 0.5 * math.pi * n) for each in cycles for n in range(4)]
 
 
 def nuisance(

@@ -73,10 +73,12 @@ class CalibrationReport:
     def sources(self) -> dict[str, str]:
         """Where the value of each parameter comes from that is not the template's, by place."""
         runs = ", ".join(self.learnt)
+        template = self.actuator if self.basis is None else self.basis.template
+        before = {place: value for place, value, *_ in template.parameters()}
         found = {
             place: f"found in healthy runs {runs} with ematwin {__version__}"
             for place, value, *_ in self.actuator.parameters()
-            if self.basis is not None and _value(self.basis.template, place) != value
+            if before.get(place) != value
         }
         return found | {
             p.place: f"calibrated on healthy runs {runs} with ematwin {__version__}, standard "
@@ -155,9 +157,3 @@ class CalibrationReport:
             "notes": list(self.notes),
             "signatures": [one.fault for one in known],
         }
-
-
-def _value(template: ParameterSet, place: str) -> float | None:
-    """A value of the template; None in a section that it leaves out."""
-    row = template.parameter(place)
-    return None if row is None else row[1]

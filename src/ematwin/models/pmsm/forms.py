@@ -6,17 +6,15 @@ gives before it slides are looked for in the response of the closed loops, which
 
 import copy
 import math
-from itertools import product
 from typing import Any
 
 import numpy as np
 
 from ematwin.models.optional import Equation, Form, Values
 from ematwin.models.pmsm.comparison import REFERENCE_ERROR, PmsmComparison
-from ematwin.models.servo import cogging_cycles
+from ematwin.models.servo import possible_coggings
 from ematwin.numerics.signals import white_noise
 
-_PHASES = tuple(0.5 * math.pi * n for n in range(4))
 _SHARE = 0.3  # of the dry friction of the motor, that cogging begins with
 _HARMONIC = 0.02
 _BENT = (3e-4, 6e-4, 1e-3, 2e-3, 4e-3, 8e-3)  # rad on the motor shaft, before friction slides
@@ -35,7 +33,7 @@ def _coggings(actuator: Any) -> list[Values]:
     torque = max(actuator.motor.cogging_torque, _SHARE * actuator.motor.friction_torque)
     return [
         dict(zip(_COGGING, (torque, *each), strict=True))
-        for each in product(cogging_cycles(actuator.motor.pole_pairs), _PHASES)
+        for each in possible_coggings(actuator.motor.pole_pairs)
     ]
 
 

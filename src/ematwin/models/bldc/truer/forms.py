@@ -19,7 +19,7 @@ from ematwin.models.bldc.balance import Contact, Crossing, TorqueBalance
 from ematwin.models.bldc.counts import comparable_cutoff
 from ematwin.models.bldc.unknowns import LOAD
 from ematwin.models.optional import FIRST_SAMPLE, Equation, Form, Values
-from ematwin.models.servo import cogging_cycles
+from ematwin.models.servo import possible_coggings
 from ematwin.numerics.signals import LowPass
 from ematwin.recordings.recording import Recording
 
@@ -44,7 +44,6 @@ _FRICTION = (
     "transmission.efficiency_opposing",  # which also makes the load count for more or less
     "transmission.efficiency_aiding",
 )
-_PHASES = tuple(0.5 * math.pi * n for n in range(4))
 
 
 def _speed(actuator: Any) -> dict[str, float]:
@@ -146,7 +145,7 @@ def _coggings(actuator: Any) -> list[Values]:
     torque = 0.1 * actuator.motor.friction_torque or 1e-4 * actuator.motor.emf_constant
     return [
         {"cogging.torque": torque, "cogging.cycles": each, "cogging.phase": phase}
-        for each, phase in product(cogging_cycles(actuator.motor.pole_pairs), _PHASES)
+        for each, phase in possible_coggings(actuator.motor.pole_pairs)
     ]
 
 
