@@ -273,11 +273,14 @@ class _Selection:
         every = (*known.absent, *(form.name for form in absent))
         if not found:
             return replace(known, absent=every)
+        # of a section that the file has, only what belongs to a form: the rest keeps its tolerance
+        own = {place for form in found for place in (*form.places, *form.fitted)}
         sections = {place.partition(".")[0] for form in found for place in form.places}
         values = {
             place: value
             for place, value, *_ in fit.actuator.parameters()
             if place.partition(".")[0] in sections
+            and (place in own or known.actuator.parameter(place) is None)
         }
         try:
             actuator = known.actuator.changed(values)

@@ -43,6 +43,9 @@ def test_cogging_harmonics_and_friction_that_gives_are_found_with_their_values()
     assert motor.harmonic_7 == pytest.approx(0.02, abs=0.004)
     assert 10.0 < bristles.motor_stiffness < 40.0
     assert 10.0 < bristles.output_stiffness < 40.0
+    # what has a tolerance stays at its centre, also beside a form in its section
+    assert motor.resistance == ACTUATOR.motor.resistance
+    assert motor.inertia == ACTUATOR.motor.inertia
 
 
 def test_a_drive_that_is_as_its_file_says_has_no_other_form():
