@@ -36,6 +36,9 @@ from ematwin.numerics.side_by_side import side_by_side
 
 NO_SEARCH = "equations along the motion"
 _STEP = 1e-3  # of a coordinate: most equations are smooth
+_ROUNDS = 20  # of a fit, at most; mostly four, as the equations are nearly linear
+_SHARES, _SMALL_SHARES = (1.0, 0.3), (0.1, 0.03)  # of a step that are tried
+_SLOWER = 0.5  # of the gain before: by less than that secants no longer agree with the equations
 
 
 def usual_search(model: Model, actuator: ParameterSet, problem: Problem) -> Search:
@@ -87,7 +90,7 @@ def informed(
     ----------
     problem : with everything free
     start : (d,) array, values from which to descend
-    most : squared standard deviations; where slopes promise no less the problem is given up
+    most : squared standard deviations; where no fewer would be left the problem is given up
     like : of the same recordings, with which this one is compared: its standard deviations count,
         and its first samples
 
@@ -191,35 +194,42 @@ class _Fit:
         Raises
         ------
         TooFarError
-            If slopes promise that more than ``most`` squared standard deviations will be left.
+            If more than ``most`` squared standard deviations would be left by twice the gain that
+            fresh slopes promise.
         """
         chart, free = self._problem.chart, self._free
         here, fresh = self.residuals(z)[0], self._last is None
         slopes = self._slopes(z, here) if self._last is None else self._last[1]
         if fresh:
             self._weigh(here, slopes)
-        for _ in range(20):  # at most: mostly four, as the equations are nearly linear
+        before, shares = math.inf, _SHARES
+        for _ in range(_ROUNDS):
             low, high = chart.lower - z[0], chart.upper - z[0]
             step = np.zeros(z.shape[1])
             step[free] = bounded_squares(slopes.T, -here, low[free], high[free])
-            promised = here + step[free] @ slopes
-            if fresh and promised @ promised > most:
+            promised, cost = here + step[free] @ slopes, float(here @ here)
+            if fresh and 2.0 * float(promised @ promised) - cost > most:
                 raise TooFarError
-            tried = chart.project(z + np.outer((1.0, 0.3), step))  # shares of a step
+            tried = chart.project(z + np.outer(shares, step))
             left = self.residuals(tried)
             costs = np.einsum("bk,bk->b", left, left)
             best = int(np.argmin(costs))
-            gained = float(here @ here) - costs[best]
+            gained = cost - costs[best]
             moved = (tried[best] - z[0])[free]
             change = left[best] - here
             if gained > 0.0:
                 z, here = tried[best : best + 1], left[best]
-            if gained > NOTHING:
-                slopes, fresh = with_secant(slopes, moved, change), False
-            elif fresh:  # slopes of so short a step would be those of ripple
+            if NOTHING < gained < _SLOWER * before:
+                slopes, fresh, before = with_secant(slopes, moved, change), False, gained
+                shares = _SHARES
+            elif not fresh:
+                slopes, fresh, before = self._slopes(z, here), True, math.inf
+            elif shares is _SHARES and cost - float(promised @ promised) > NOTHING:
+                shares = _SMALL_SHARES
+            else:  # slopes of so short a step would be those of ripple
                 break
-            else:
-                slopes, fresh = self._slopes(z, here), True
+        if not fresh:
+            slopes = self._slopes(z, here)
         self._last = here, slopes
         equations = [one.equation for one in self._every]
         norms = [

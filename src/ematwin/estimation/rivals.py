@@ -212,15 +212,16 @@ def _compared(
     if len(starts) > 1 and not costs[best] < _FAR**2 * peak.cost:
         return None
     start, as_found = starts[best], _start(full, full.names, {**own, **form.starts[best]})
-    most = math.inf if unexplained else _FAR**2 * height(peak, peak.problem.noise)
+    # equations along the motion may exclude a form, however well it fits the closed loop
+    most = math.inf
+    if peak.problem.is_informed and not unexplained:
+        most = DECIDES + height(peak, peak.problem.comparisons[0].model_error * peak.problem.noise)
     try:
         along = informed(model, form.actuator, full, as_found, most, like=peak.problem)
     except TooFarError:
         return None
     if along:
         full, start = along
-        if not unexplained and _excluded(full, start, peak):
-            return None
     steps = _steps(peak, full)
     known = {
         "within": (1.0 if unexplained else _FAR) * _smooth_misfit(peak),
@@ -256,18 +257,6 @@ def _compared(
             if rise >= -DECIDES:
                 break
     return end, rise
-
-
-def _excluded(full: Problem, start: np.ndarray, peak: Laplace) -> bool:
-    """Whether equations along the motion exclude a form, however well it fits the closed loop.
-
-    ``start`` (d,) is where they and the priors have it best.
-    """
-    if not peak.problem.is_informed:
-        return False
-    noise = peak.problem.comparisons[0].model_error * peak.problem.noise
-    away = full.prior_distances(start[None])[0] / full.noise
-    return float(away @ away) - height(peak, noise) > DECIDES
 
 
 def _rival(model: Model, form: OtherForm, problem: Problem, end: Laplace, rise: float) -> Rival:

@@ -9,7 +9,7 @@ import json
 import math
 import re
 from collections.abc import Collection, Iterator, Mapping
-from functools import cached_property
+from functools import cache, cached_property
 from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar, Self, get_args
@@ -177,6 +177,7 @@ class ParameterSet(BaseModel):
         return actuator
 
     @classmethod
+    @cache
     def section(cls, key: str) -> type[Section] | None:
         """The class of a section; None if there is none of that name."""
         field = cls.model_fields.get(key)

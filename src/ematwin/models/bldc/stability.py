@@ -1,19 +1,23 @@
 """Whether the sampled loops of a drive settle, with the motor alone and without friction."""
 
 import math
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from ematwin.numerics.linear_algebra import largest_share, spectral_radius
 
+_RECENT = 64  # sets of parameters: most of a Jacobian's columns leave the loops as they are
+
 
 def check_speed_loop(actuator: Any) -> None:
     """Raise ValueError unless the sampled speed loop settles; the message gives the limit."""
     loop = actuator.speed_loop
-    if loop is None or _speed_settles(actuator, 1.0):
+    given = loop, actuator.controller, actuator.encoder, actuator.motor.inertia
+    if loop is None or _speed_settles(*given, 1.0):
         return
-    low = largest_share(lambda share: _speed_settles(actuator, share))
+    low = largest_share(lambda share: _speed_settles(*given, share))
     advice = "lower the gains" if low == 0.0 else "sample faster or lower the gains"
     raise ValueError(
         f"the speed loop is unstable at speed_loop.sample_time = {loop.sample_time:.3g} s with "
@@ -25,15 +29,16 @@ def check_speed_loop(actuator: Any) -> None:
 def check_current_loop(actuator: Any) -> None:
     """Raise ValueError unless the loops settle behind the sampled current loop."""
     loop = actuator.current_loop
-    if loop is None or _current_settles(actuator, 1.0):
+    given = loop, actuator.controller, actuator.motor
+    if loop is None or _current_settles(*given, 1.0):
         return
     said = (
         f"with current_loop.sample_time = {loop.sample_time:.3g} s and a delay of "
         f"{loop.delay:.3g} s"
     )
-    if not _current_settles(actuator, 0.0):
+    if not _current_settles(*given, 0.0):
         raise ValueError(f"the current loop is unstable {said}: sample faster or lower its gains")
-    low = largest_share(lambda share: _current_settles(actuator, share))
+    low = largest_share(lambda share: _current_settles(*given, share))
     raise ValueError(
         f"the speed loop is unstable {said}: behind such a current loop, and with the motor "
         f"alone, controller.speed_gain must be below {low * actuator.controller.speed_gain:.3g} "
@@ -41,19 +46,19 @@ def check_current_loop(actuator: Any) -> None:
     )
 
 
-def _speed_settles(actuator: Any, share: float) -> bool:
+@lru_cache(maxsize=_RECENT)
+def _speed_settles(loop: Any, control: Any, encoder: Any, inertia: float, share: float) -> bool:
     """Whether the speed loop settles at a share of its sample time and delay.
 
     With an encoder it knows the mean speed of the last sample time, filtered.
     """
-    loop, control, inertia = actuator.speed_loop, actuator.controller, actuator.motor.inertia
     span, delay = share * loop.sample_time, share * loop.delay
     if span == 0.0:
         return True
     k_i = loop.integral_gain * span
     k_p = control.speed_gain + k_i
     position, speed, asked, integral, before, seen = np.eye(6)
-    known, encoder = speed, actuator.encoder
+    known = speed
     if encoder is not None:
         tau = encoder.filter_time
         passed = -math.expm1(-span / tau) if tau > 0.0 else 1.0
@@ -70,9 +75,9 @@ def _speed_settles(actuator: Any, share: float) -> bool:
     return spectral_radius(system[np.ix_(kept, kept)]) < 1.0
 
 
-def _current_settles(actuator: Any, share: float) -> bool:
+@lru_cache(maxsize=_RECENT)
+def _current_settles(loop: Any, control: Any, motor: Any, share: float) -> bool:
     """Whether the loops settle with a share of the speed gain; 0 is the current loop alone."""
-    loop, motor, control = actuator.current_loop, actuator.motor, actuator.controller
     span = loop.sample_time
     decay = math.exp(-motor.resistance * span / motor.inductance)
     per_volt = (1.0 - decay) / motor.resistance
