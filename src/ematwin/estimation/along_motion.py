@@ -113,17 +113,17 @@ def informed(
         return None
     rests = {along.equation.rests for along in every}
     if first := [along for along in every if along.equation.name in rests]:
-        z, _ = _Fit(actuator, problem, first, z, scales).run(z, most)
+        z = _Fit(actuator, problem, first, z, scales).descended(z, most)
         values = _values(problem, z)
         every = [along.at(values[along.recording]) for along in every]
     every = [along for along in every if along.equation.size > 0.0]
     fit = _Fit(actuator, problem, every, z, scales)
-    z, known = fit.run(z, most)
+    z = fit.descended(z, most)
     if like is None and fit.finds_first_samples(z):
-        z, known = fit.run(z, most)
+        z = fit.descended(z, most)
         problem = problem.sampled_first(fit.first_samples)
     whole = _show_all(model, actuator, problem, every)
-    return problem.informed(known._replace(whole=whole)), chart.to_values(z)[0]
+    return problem.informed(fit.evidence(z)._replace(whole=whole)), chart.to_values(z)[0]
 
 
 def _values(problem: Problem, z: np.ndarray) -> list[dict[str, float]]:
@@ -167,10 +167,12 @@ class _Fit:
         self.first_samples = [one.recording.first_sample for one in problem.comparisons]
         self._matters = [_matters(one, actuator, problem) for one in every]
         here = problem.chart.to_values(z)[0]
-        left = [
-            self._left(one, {name: float(here[n]) for name, n in places.items()})
-            for one, places in zip(every, self._matters, strict=True)
-        ]
+
+        def left_by(n: int) -> np.ndarray:
+            values = {name: float(here[place]) for name, place in self._matters[n].items()}
+            return self._left(every[n], values)
+
+        left = side_by_side(left_by, range(len(every)))
         self._counts = [each.size for each in left]
         ends = np.cumsum(self._counts).tolist()
         self._parts = [slice(a, b) for a, b in zip([0, *ends], ends, strict=False)]
@@ -179,17 +181,16 @@ class _Fit:
         self._least = [one.least(actuator) * one.size for one in equations]
         self._alike = [one.alike(actuator) * one.size for one in equations]
         self._given = scales
-        self._independent = [1.0] * len(left)  # samples of each, until `run` has its slopes
+        self._independent = [1.0] * len(left)  # samples of each, until there are slopes
         self._scales = [self._scale(n) for n in range(len(every))]
         matters = {n for places in self._matters for n in places.values()}
         self._free = np.array(sorted(matters), dtype=int)
         self._last: tuple[np.ndarray, np.ndarray] | None = None
 
-    def run(self, z: np.ndarray, most: float = math.inf) -> tuple[np.ndarray, Information]:
+    def descended(self, z: np.ndarray, most: float = math.inf) -> np.ndarray:
         """Coordinates (1, d) of least squares next to others, by Gauss-Newton steps within bounds.
 
-        And the evidence of the equations there, by slopes that are fresh. A run begins with the
-        slopes of the one before.
+        A descent begins with the slopes of the one before.
 
         Raises
         ------
@@ -228,9 +229,13 @@ class _Fit:
                 shares = _SMALL_SHARES
             else:  # slopes of so short a step would be those of ripple
                 break
-        if not fresh:
-            slopes = self._slopes(z, here)
-        self._last = here, slopes
+        self._last = here, slopes if fresh else self._slopes(z, here)
+        return z
+
+    def evidence(self, z: np.ndarray) -> Information:
+        """What the equations tell at coordinates (1, d) at which `descended` ended."""
+        assert self._last is not None
+        here, slopes = self._last
         equations = [one.equation for one in self._every]
         norms = [
             float(np.linalg.norm(here[part] / x))
@@ -241,8 +246,8 @@ class _Fit:
         weights = np.repeat(np.array(ends) / self._scales, self._counts)
         here = weights * here[: weights.size]
         rotation, root = np.linalg.qr((weights * slopes[:, : weights.size]).T)
-        every = np.zeros((free.size + 1, z.shape[1]))
-        every[:-1, free] = root
+        every = np.zeros((self._free.size + 1, z.shape[1]))
+        every[:-1, self._free] = root
         moved = rotation.T @ here
         rest = math.sqrt(max(0.0, float(here @ here - moved @ moved)))
         names = [(one.recording, one.equation.name) for one in self._every]
@@ -252,10 +257,11 @@ class _Fit:
             norm / one.size if norm > WORSE * least and not one.rests else 0.0
             for norm, least, one in zip(norms, self._least, equations, strict=True)
         )
-        return z, Information(chart, z[0], every, np.append(moved, rest), scales, unexplained)
+        chart, left = self._problem.chart, np.append(moved, rest)
+        return Information(chart, z[0], every, left, scales, unexplained)
 
     def finds_first_samples(self, z: np.ndarray) -> bool:
-        """Find when loops sampled first, near coordinates (1, d) at which `run` ended.
+        """Find when loops sampled first, near coordinates (1, d) at which `descended` ended.
 
         Whether that explains more of a recording than another instant may by chance.
         """
