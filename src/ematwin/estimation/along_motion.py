@@ -24,7 +24,7 @@ from ematwin.estimation.equation_fit import with_secant, with_values
 from ematwin.estimation.first_sample import found_first_sample
 from ematwin.estimation.levenberg_marquardt import NOTHING
 from ematwin.estimation.local import LocalDescent
-from ematwin.estimation.prior import Information
+from ematwin.estimation.prior import Information, Remainder
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Search, named
 from ematwin.models.base import Model
@@ -105,7 +105,7 @@ def informed(
     if not problem.lacks_forms:
         return None
     chart, known = problem.chart, None if like is None else like.information
-    scales = {} if known is None else known.scales
+    remainders = {} if known is None else known.remainders
     z = chart.project(chart.from_values(start[None]))
     values = _values(problem, z)
     every = _along(model, actuator, problem, values)
@@ -113,15 +113,17 @@ def informed(
         return None
     rests = {along.equation.rests for along in every}
     if first := [along for along in every if along.equation.name in rests]:
-        z = _Fit(actuator, problem, first, z, scales).descended(z, most)
+        z = _Fit(actuator, problem, first, z, remainders).descended(z, most)
         values = _values(problem, z)
         every = [along.at(values[along.recording]) for along in every]
     every = [along for along in every if along.equation.size > 0.0]
-    fit = _Fit(actuator, problem, every, z, scales)
+    fit = _Fit(actuator, problem, every, z, remainders)
     z = fit.descended(z, most)
     if like is None and fit.finds_first_samples(z):
         z = fit.descended(z, most)
         problem = problem.sampled_first(fit.first_samples)
+    if known is not None and fit.counts_more():
+        z = fit.descended(z)
     whole = _show_all(model, actuator, problem, every)
     return problem.informed(fit.evidence(z)._replace(whole=whole)), chart.to_values(z)[0]
 
@@ -140,6 +142,16 @@ class _Along(NamedTuple):
 
     recording: int
     equation: Equation
+
+    @property
+    def name(self) -> tuple[int, str]:
+        """Of the equation among those of all recordings."""
+        return self.recording, self.equation.name
+
+    def remainder(self, actuator: ParameterSet) -> Remainder:
+        """What noise and its own errors leave of it, before a fit."""
+        one = self.equation
+        return Remainder(0.0, one.least(actuator) * one.size, one.alike(actuator) * one.size, 1.0)
 
     def at(self, values: Values) -> "_Along":
         """The same where it rests on values that are known better."""
@@ -161,7 +173,7 @@ class _Fit:
         problem: Problem,
         every: Sequence[_Along],
         z: np.ndarray,
-        scales: Mapping[tuple[int, str], float],
+        known: Mapping[tuple[int, str], Remainder],
     ) -> None:
         self._actuator, self._problem, self._every = actuator, problem, every
         self.first_samples = [one.recording.first_sample for one in problem.comparisons]
@@ -176,13 +188,11 @@ class _Fit:
         self._counts = [each.size for each in left]
         ends = np.cumsum(self._counts).tolist()
         self._parts = [slice(a, b) for a, b in zip([0, *ends], ends, strict=False)]
-        # what noise and the equations' own errors leave
-        equations = [one.equation for one in every]
-        self._least = [one.least(actuator) * one.size for one in equations]
-        self._alike = [one.alike(actuator) * one.size for one in equations]
-        self._given = scales
-        self._independent = [1.0] * len(left)  # samples of each, until there are slopes
-        self._scales = [self._scale(n) for n in range(len(every))]
+        self._known = [known.get(one.name) for one in every]
+        self._remainders = [
+            one or along.remainder(actuator) for one, along in zip(self._known, every, strict=True)
+        ]
+        self._scales = [1.0 / one.deviation(one.norm) for one in self._remainders]
         matters = {n for places in self._matters for n in places.values()}
         self._free = np.array(sorted(matters), dtype=int)
         self._last: tuple[np.ndarray, np.ndarray] | None = None
@@ -200,9 +210,10 @@ class _Fit:
         """
         chart, free = self._problem.chart, self._free
         here, fresh = self.residuals(z)[0], self._last is None
-        slopes = self._slopes(z, here) if self._last is None else self._last[1]
+        self._last = here, self._slopes(z, here) if self._last is None else self._last[1]
         if fresh:
-            self._weigh(here, slopes)
+            self._weigh()
+        here, slopes = self._last
         before, shares = math.inf, _SHARES
         for _ in range(_ROUNDS):
             low, high = chart.lower - z[0], chart.upper - z[0]
@@ -234,31 +245,47 @@ class _Fit:
 
     def evidence(self, z: np.ndarray) -> Information:
         """What the equations tell at coordinates (1, d) at which `descended` ended."""
+        self.counts_more()
         assert self._last is not None
-        here, slopes = self._last
-        equations = [one.equation for one in self._every]
-        norms = [
-            float(np.linalg.norm(here[part] / x))
-            for part, x in zip(self._parts, self._scales, strict=True)
-        ]
-        # a larger residual is a discrepancy
-        ends = [self._scale(n, norm) for n, norm in enumerate(norms)]
-        weights = np.repeat(np.array(ends) / self._scales, self._counts)
-        here = weights * here[: weights.size]
-        rotation, root = np.linalg.qr((weights * slopes[:, : weights.size]).T)
+        here, slopes = (one[..., : self._parts[-1].stop] for one in self._last)
+        rotation, root = np.linalg.qr(slopes.T)
         every = np.zeros((self._free.size + 1, z.shape[1]))
         every[:-1, self._free] = root
         moved = rotation.T @ here
         rest = math.sqrt(max(0.0, float(here @ here - moved @ moved)))
-        names = [(one.recording, one.equation.name) for one in self._every]
-        scales = dict(zip(names, ends, strict=True))
         # of recorded currents: in the gap few samples of small angles count
         unexplained = max(
-            norm / one.size if norm > WORSE * least and not one.rests else 0.0
-            for norm, least, one in zip(norms, self._least, equations, strict=True)
+            left.norm / one.equation.size
+            if left.norm > WORSE * left.least and not one.equation.rests
+            else 0.0
+            for left, one in zip(self._remainders, self._every, strict=True)
         )
         chart, left = self._problem.chart, np.append(moved, rest)
-        return Information(chart, z[0], every, left, scales, unexplained)
+        names = (one.name for one in self._every)
+        remainders = dict(zip(names, self._remainders, strict=True))
+        return Information(chart, z[0], every, left, remainders, unexplained)
+
+    def counts_more(self) -> bool:
+        """Count as discrepancies what equations leave beyond noise where a descent ended.
+
+        Where the other fit leaves more, what is left here counts. Whether that is so anywhere.
+        """
+        assert self._last is not None
+        more = False
+        for n, (known, part) in enumerate(zip(self._known, self._parts, strict=True)):
+            norm = float(np.linalg.norm(self._last[0][part])) / self._scales[n]
+            self._remainders[n] = left = self._remainders[n]._replace(norm=norm)
+            self._rescale(n, left.deviation(norm if known is None else min(norm, known.norm)))
+            more |= known is not None and norm < known.norm
+        return more
+
+    def _rescale(self, n: int, deviation: float) -> None:
+        """Weigh the nth equation by another standard deviation, its last residuals too."""
+        assert self._last is not None
+        ratio, part = 1.0 / deviation / self._scales[n], self._parts[n]
+        self._scales[n] = 1.0 / deviation
+        for one in self._last:
+            one[..., part] *= ratio
 
     def finds_first_samples(self, z: np.ndarray) -> bool:
         """Find when loops sampled first, near coordinates (1, d) at which `descended` ended.
@@ -301,31 +328,20 @@ class _Fit:
         beside[np.arange(free.size), free] += steps
         return np.asarray((self.residuals(beside) - here) / steps[:, None])
 
-    def _weigh(self, here: np.ndarray, slopes: np.ndarray) -> None:
-        """Weigh residuals (K,) and slopes (f, K) anew by independent samples of their noise.
+    def _weigh(self) -> None:
+        """Weigh equations anew by independent samples of their noise.
 
         The unknowns of an equation explain most of its residual at a start that is far away.
         """
+        assert self._last is not None
+        here, slopes = self._last
         for n, part in enumerate(self._parts):
-            step = np.linalg.lstsq(slopes[:, part].T, here[part], rcond=1e-9)[0]
-            left = here[part] - step @ slopes[:, part]
-            self._independent[n] = left.size / correlation_time(left)
-            before, self._scales[n] = self._scales[n], self._scale(n)
-            here[part] *= self._scales[n] / before
-            slopes[:, part] *= self._scales[n] / before
-
-    def _scale(self, n: int, noise: float = 0.0) -> float:
-        """One over the standard deviation of residuals of the nth equation; independent ones count.
-
-        ``noise`` is the norm of the residuals at the end. Beyond the least it is a discrepancy,
-        which is alike throughout and counts once.
-        """
-        along = self._every[n]
-        if (given := self._given.get((along.recording, along.equation.name))) is not None:
-            return given
-        least = self._least[n]
-        beyond = max(0.0, noise**2 - least**2)
-        return 1.0 / math.sqrt(least**2 / self._independent[n] + self._alike[n] ** 2 + beyond)
+            if self._known[n] is None:
+                step = np.linalg.lstsq(slopes[:, part].T, here[part], rcond=1e-9)[0]
+                left = here[part] - step @ slopes[:, part]
+                independent = left.size / correlation_time(left)
+                self._remainders[n] = one = self._remainders[n]._replace(independent=independent)
+                self._rescale(n, one.deviation(one.norm))
 
     def _left(self, one: _Along, values: Values, instant: float | None = None) -> np.ndarray:
         beside = {name: value for name, value in values.items() if "." not in name}

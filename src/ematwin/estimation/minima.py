@@ -161,11 +161,14 @@ def risen(first: Laplace, other: Laplace) -> float:
 
     Costs at the two minima scatter with impacts and ripple, by a tenth from one answer
     of the reference to the next, where noise alone would have them differ by far less: so all that
-    a fast model misses counts as noise here.
+    a fast model misses counts as noise here. Of equations along the motion no more counts than the
+    peak that explains more leaves.
     """
     noise = first.problem.comparisons[0].model_error * min(first.problem.noise, other.problem.noise)
-    both = first.problem.is_informed and other.problem.is_informed
-    return height(other, noise, both) - height(first, noise, both)
+    mine, its = first.problem.information, other.problem.information
+    if mine is None or its is None:
+        return height(other, noise, False) - height(first, noise, False)
+    return height(other, noise) - height(first, noise) - mine.beyond(its)
 
 
 def strained(peak: Laplace) -> dict[str, float]:

@@ -1,5 +1,6 @@
 """Knowledge of unknowns besides a recording: normal distributions of their coordinates."""
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -75,6 +76,31 @@ class Prior:
         return Prior((*self.names, *other.names), np.concatenate([self.mean, other.mean]), total)
 
 
+class Remainder(NamedTuple):
+    """What an equation along the motion leaves of a recording, by norms of residuals.
+
+    Attributes
+    ----------
+    norm : of its residual
+    least : what noise and its own errors leave
+    alike : the same of those of its errors that are alike throughout
+    independent : samples of the noise
+    """
+
+    norm: float
+    least: float
+    alike: float
+    independent: float
+
+    def deviation(self, norm: float) -> float:
+        """Standard deviation of its residuals where so much is left; independent ones count.
+
+        Beyond the least it is a discrepancy, which is alike throughout and counts once.
+        """
+        beyond = max(0.0, norm**2 - self.least**2)
+        return math.sqrt(self.least**2 / self.independent + self.alike**2 + beyond)
+
+
 class Information(NamedTuple):
     """Knowledge of unknowns: the density exp(-|left + root (z - z_0)|^2/2).
 
@@ -86,7 +112,7 @@ class Information(NamedTuple):
     z : (d,) array, coordinates z_0
     root : (k, d) array
     left : (k,) array
-    scales : by recording and name of an equation, one over the standard deviation of its residuals
+    remainders : Remainder of each equation, by its recording and name
     unexplained : float, largest share of the currents that an equation leaves, where
         noise leaves less than half
     whole : bool, whether it holds all that the recordings show of faults
@@ -96,13 +122,25 @@ class Information(NamedTuple):
     z: np.ndarray
     root: np.ndarray
     left: np.ndarray
-    scales: Mapping[tuple[int, str], float]
+    remainders: Mapping[tuple[int, str], Remainder]
     unexplained: float = 0.0
     whole: bool = False
 
     def distances(self, values: Mapping[str, np.ndarray]) -> np.ndarray:
         """(B, k), standard deviations, of values (B,) by name."""
         return np.asarray(self.left + (coordinates(self.chart, values) - self.z) @ self.root.T)
+
+    def beyond(self, other: "Information") -> float:
+        """Squared distance by which its residuals grow where another explains more.
+
+        A discrepancy that the other one explains is none, and does not count as noise.
+        """
+        total = 0.0
+        for name, mine in self.remainders.items():
+            if name in other.remainders and other.remainders[name].norm < mine.norm:
+                less = mine.deviation(other.remainders[name].norm)
+                total += mine.norm**2 * (less**-2 - mine.deviation(mine.norm) ** -2)
+        return total
 
 
 def coordinate(one: Unknown, value: Any) -> Any:

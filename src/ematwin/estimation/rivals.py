@@ -98,9 +98,10 @@ def rivals_of(
     # each may use all cores: the other one often ends at once
     ends = side_by_side(compared, forms, threads)
     # where answers of the reference scatter, two of one form differ by so much
-    peak = assessed.joint.peaks[0]
-    noise = peak.problem.comparisons[0].model_error * peak.problem.noise
-    unit = max(1.0, SIGMAS * assessed.cost_scatter / noise**2 / DECIDES)
+    peak, unit = assessed.joint.peaks[0], 1.0
+    if not peak.problem.is_told:
+        noise = peak.problem.comparisons[0].model_error * peak.problem.noise
+        unit = max(1.0, SIGMAS * assessed.cost_scatter / noise**2 / DECIDES)
     return [
         _rival(model, form, problem, one[0], one[1] / unit)
         for form, one in zip(forms, ends, strict=True)

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ematwin import Noise, simulate
+from ematwin import Noise, identify, simulate
 from ematwin.estimation.along_motion import NO_SEARCH, informed, usual_search
 from ematwin.estimation.assess import unassessed
 from ematwin.estimation.baseline import Baseline, with_all_free
@@ -189,3 +189,18 @@ def test_nothing_is_searched_where_equations_show_every_fault(recording):
     simple = load_actuator("servo48")  # the fast model answers
     problem = Problem.of(recording, simple)
     assert usual_search(MODEL, simple, problem).name == MODEL.default_search
+
+
+@pytest.mark.parametrize("turning", [0.0, 1.0])
+def test_a_form_that_explains_what_equations_leave_is_told(turning):
+    """What the twin cannot explain is no noise where a form explains it."""
+    truth = DRIVE.changed({"eccentricity.turning_share": turning})
+    faults = {"friction": 0.2, "backlash": 0.1, "short_a": 0.2, "eccentricity": 0.1}
+    values = {**faults, "eccentricity_phase": 0.8}  # no shorts alone are such an offset
+    noise = Noise(white=0.02)
+    recording = simulate("reference", actuator=truth, faults=values, noise=noise, seed=3)
+    found = identify(recording, DRIVE, exact=True)
+    if turning:
+        assert set(found.verdict.faults) == faults.keys()
+    else:
+        assert "An eccentricity that is fixed in space explains it better" in found.verdict.sentence
