@@ -13,6 +13,7 @@ the equations show every fault it takes the place of the closed loop.
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -36,6 +37,7 @@ from ematwin.numerics.side_by_side import side_by_side
 
 NO_SEARCH = "equations along the motion"
 _STEP = 1e-3  # of a coordinate: most equations are smooth
+_RIPPLES = 3.0  # times an equation's own error: a change from which slopes are taken, at least
 _ROUNDS = 20  # of a fit, at most; mostly four, as the equations are nearly linear
 _SHARES, _SMALL_SHARES = (1.0, 0.3), (0.1, 0.03)  # of a step that are tried
 _SLOWER = 0.5  # of the gain before: by less than that secants no longer agree with the equations
@@ -193,6 +195,8 @@ class _Fit:
             one or along.remainder(actuator) for one, along in zip(self._known, every, strict=True)
         ]
         self._scales = [1.0 / one.deviation(one.norm) for one in self._remainders]
+        # of a coordinate: ripple is another at each value, and slopes have to stand out from it
+        self._steps = [max(_STEP, _RIPPLES * one.equation.alike(actuator)) for one in every]
         matters = {n for places in self._matters for n in places.values()}
         self._free = np.array(sorted(matters), dtype=int)
         self._last: tuple[np.ndarray, np.ndarray] | None = None
@@ -322,11 +326,34 @@ class _Fit:
 
     def _slopes(self, z: np.ndarray, here: np.ndarray) -> np.ndarray:
         """(f, K), of residuals (K,) at coordinates (1, d), by those that matter."""
-        free = self._free
-        steps = np.where(z[0] + _STEP <= self._problem.chart.upper, _STEP, -_STEP)[free]
+        chart, free = self._problem.chart, self._free
+        asked = [
+            (n, row)
+            for n, places in enumerate(self._matters)
+            for row in np.flatnonzero(np.isin(free, list(places.values()))).tolist()
+        ]
+
+        def slope(one: tuple[int, int]) -> np.ndarray:
+            n, row = one
+            part, step, beside = self._parts[n], self._steps[n], z.copy()
+            for length in (step, -step) if z[0, free[row]] + step <= high[row] else (-step,):
+                beside[0, free[row]] = z[0, free[row]] + length
+                point = chart.to_values(beside)[0]
+                values = {name: float(point[place]) for name, place in self._matters[n].items()}
+                with suppress(EmatwinError):  # a loop that would be unstable
+                    left = self._scales[n] * self._left(self._every[n], values)
+                    return np.asarray((left - here[part]) / length)
+            return np.zeros(self._counts[n])
+
+        high, last = chart.upper[free], self._parts[-1].stop
+        found = np.zeros((free.size, here.size))
+        for (n, row), column in zip(asked, side_by_side(slope, asked), strict=True):
+            found[row, self._parts[n]] = column
+        steps = np.where(z[0, free] + _STEP <= high, _STEP, -_STEP)
         beside = np.tile(z, (free.size, 1))
         beside[np.arange(free.size), free] += steps
-        return np.asarray((self.residuals(beside) - here) / steps[:, None])
+        found[:, last:] = (self._priors(chart.to_values(beside)) - here[last:]) / steps[:, None]
+        return found
 
     def _weigh(self) -> None:
         """Weigh equations anew by independent samples of their noise.
@@ -351,8 +378,11 @@ class _Fit:
     def residuals(self, z: np.ndarray) -> np.ndarray:
         """(B, K), in standard deviations, at coordinates (B, d); the priors' come last."""
         points = self._problem.chart.to_values(z)
-        priors = self._problem.prior_distances(points) / self._problem.noise
-        return np.hstack([self._of_equations(points), priors])
+        return np.hstack([self._of_equations(points), self._priors(points)])
+
+    def _priors(self, points: np.ndarray) -> np.ndarray:
+        """(B, k), in standard deviations, at points (B, d)."""
+        return np.asarray(self._problem.prior_distances(points) / self._problem.noise)
 
     def _of_equations(self, points: np.ndarray) -> np.ndarray:
         """(B, K), at points (B, d); infinite where a loop is unstable."""
