@@ -12,35 +12,19 @@ the equations show every fault it takes the place of the closed loop.
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
-from typing import NamedTuple
+from collections.abc import Sequence
 
 import numpy as np
 
-from ematwin.errors import EmatwinError
-from ematwin.estimation.constants import DECIDES, WORSE
-from ematwin.estimation.descent import TooFarError
-from ematwin.estimation.equation_fit import with_secant, with_values
-from ematwin.estimation.first_sample import found_first_sample
-from ematwin.estimation.levenberg_marquardt import NOTHING
 from ematwin.estimation.local import LocalDescent
-from ematwin.estimation.prior import Information, Remainder
+from ematwin.estimation.motion_fit import Along, MotionFit, values_at
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Search, named
 from ematwin.models.base import Model
-from ematwin.models.comparison import correlation_time
-from ematwin.models.optional import FIRST_SAMPLE, Equation, Values
+from ematwin.models.optional import Values
 from ematwin.models.parameter_set import ParameterSet
-from ematwin.numerics.linear_algebra import bounded_squares
-from ematwin.numerics.side_by_side import side_by_side
 
 NO_SEARCH = "equations along the motion"
-_STEP = 1e-3  # of a coordinate: most equations are smooth
-_RIPPLES = 3.0  # times an equation's own error: a change from which slopes are taken, at least
-_ROUNDS = 20  # of a fit, at most; mostly four, as the equations are nearly linear
-_SHARES, _SMALL_SHARES = (1.0, 0.3), (0.1, 0.03)  # of a step that are tried
-_SLOWER = 0.5  # of the gain before: by less than that secants no longer agree with the equations
 
 
 def usual_search(model: Model, actuator: ParameterSet, problem: Problem) -> Search:
@@ -57,10 +41,10 @@ def usual_search(model: Model, actuator: ParameterSet, problem: Problem) -> Sear
 
 def _along(
     model: Model, actuator: ParameterSet, problem: Problem, values: Sequence[Values]
-) -> list["_Along"]:
+) -> list[Along]:
     """The equations of each recording at values of its faults, load and sensors."""
     return [
-        _Along(n, one)
+        Along(n, one)
         for n, compared in enumerate(problem.comparisons)
         for one in model.equations(compared.recording, actuator, values[n])
         if one.size > 0.0
@@ -68,7 +52,7 @@ def _along(
 
 
 def _show_all(
-    model: Model, actuator: ParameterSet, problem: Problem, every: Sequence["_Along"]
+    model: Model, actuator: ParameterSet, problem: Problem, every: Sequence[Along]
 ) -> bool:
     """Whether equations show every fault in each recording."""
     faults = {one.name for one in model.faults(actuator)}
@@ -109,17 +93,17 @@ def informed(
     chart, known = problem.chart, None if like is None else like.information
     remainders = {} if known is None else known.remainders
     z = chart.project(chart.from_values(start[None]))
-    values = _values(problem, z)
+    values = values_at(problem, z)
     every = _along(model, actuator, problem, values)
     if not every:
         return None
     rests = {along.equation.rests for along in every}
     if first := [along for along in every if along.equation.name in rests]:
-        z = _Fit(actuator, problem, first, z, remainders).descended(z, most)
-        values = _values(problem, z)
+        z = MotionFit(actuator, problem, first, z, remainders).descended(z, most)
+        values = values_at(problem, z)
         every = [along.at(values[along.recording]) for along in every]
     every = [along for along in every if along.equation.size > 0.0]
-    fit = _Fit(actuator, problem, every, z, remainders)
+    fit = MotionFit(actuator, problem, every, z, remainders)
     z = fit.descended(z, most)
     if like is None and fit.finds_first_samples(z):
         z = fit.descended(z, most)
@@ -128,291 +112,3 @@ def informed(
         z = fit.descended(z)
     whole = _show_all(model, actuator, problem, every)
     return problem.informed(fit.evidence(z)._replace(whole=whole)), chart.to_values(z)[0]
-
-
-def _values(problem: Problem, z: np.ndarray) -> list[dict[str, float]]:
-    """Values by name for each recording at coordinates (1, d)."""
-    point = problem.chart.to_values(z)
-    return [
-        {name: float(x[0]) for name, x in problem.candidates(point, n).items()}
-        for n in range(len(problem.comparisons))
-    ]
-
-
-class _Along(NamedTuple):
-    """An equation along the motion of the nth recording."""
-
-    recording: int
-    equation: Equation
-
-    @property
-    def name(self) -> tuple[int, str]:
-        """Of the equation among those of all recordings."""
-        return self.recording, self.equation.name
-
-    def remainder(self, actuator: ParameterSet) -> Remainder:
-        """What noise and its own errors leave of it, before a fit."""
-        one = self.equation
-        return Remainder(0.0, one.least(actuator) * one.size, one.alike(actuator) * one.size, 1.0)
-
-    def at(self, values: Values) -> "_Along":
-        """The same where it rests on values that are known better."""
-        at = self.equation.at
-        return self if at is None else self._replace(equation=at(values))
-
-
-class _Fit:
-    """Some equations with their priors.
-
-    Attributes
-    ----------
-    first_samples : s, first sample of the loops in each recording; 0 if unknown
-    """
-
-    def __init__(
-        self,
-        actuator: ParameterSet,
-        problem: Problem,
-        every: Sequence[_Along],
-        z: np.ndarray,
-        known: Mapping[tuple[int, str], Remainder],
-    ) -> None:
-        self._actuator, self._problem, self._every = actuator, problem, every
-        self.first_samples = [one.recording.first_sample for one in problem.comparisons]
-        self._matters = [_matters(one, actuator, problem) for one in every]
-        here = problem.chart.to_values(z)[0]
-
-        def left_by(n: int) -> np.ndarray:
-            values = {name: float(here[place]) for name, place in self._matters[n].items()}
-            return self._left(every[n], values)
-
-        left = side_by_side(left_by, range(len(every)))
-        self._counts = [each.size for each in left]
-        ends = np.cumsum(self._counts).tolist()
-        self._parts = [slice(a, b) for a, b in zip([0, *ends], ends, strict=False)]
-        self._known = [known.get(one.name) for one in every]
-        self._remainders = [
-            one or along.remainder(actuator) for one, along in zip(self._known, every, strict=True)
-        ]
-        self._scales = [1.0 / one.deviation(one.norm) for one in self._remainders]
-        # of a coordinate: ripple is another at each value, and slopes have to stand out from it
-        self._steps = [max(_STEP, _RIPPLES * one.equation.alike(actuator)) for one in every]
-        matters = {n for places in self._matters for n in places.values()}
-        self._free = np.array(sorted(matters), dtype=int)
-        self._last: tuple[np.ndarray, np.ndarray] | None = None
-
-    def descended(self, z: np.ndarray, most: float = math.inf) -> np.ndarray:
-        """Coordinates (1, d) of least squares next to others, by Gauss-Newton steps within bounds.
-
-        A descent begins with the slopes of the one before.
-
-        Raises
-        ------
-        TooFarError
-            If more than ``most`` squared standard deviations would be left by twice the gain that
-            fresh slopes promise.
-        """
-        chart, free = self._problem.chart, self._free
-        here, fresh = self.residuals(z)[0], self._last is None
-        self._last = here, self._slopes(z, here) if self._last is None else self._last[1]
-        if fresh:
-            self._weigh()
-        here, slopes = self._last
-        before, shares = math.inf, _SHARES
-        for _ in range(_ROUNDS):
-            low, high = chart.lower - z[0], chart.upper - z[0]
-            step = np.zeros(z.shape[1])
-            step[free] = bounded_squares(slopes.T, -here, low[free], high[free])
-            promised, cost = here + step[free] @ slopes, float(here @ here)
-            if fresh and 2.0 * float(promised @ promised) - cost > most:
-                raise TooFarError
-            tried = chart.project(z + np.outer(shares, step))
-            left = self.residuals(tried)
-            costs = np.einsum("bk,bk->b", left, left)
-            best = int(np.argmin(costs))
-            gained = cost - costs[best]
-            moved = (tried[best] - z[0])[free]
-            change = left[best] - here
-            if gained > 0.0:
-                z, here = tried[best : best + 1], left[best]
-            if NOTHING < gained < _SLOWER * before:
-                slopes, fresh, before = with_secant(slopes, moved, change), False, gained
-                shares = _SHARES
-            elif not fresh:
-                slopes, fresh, before = self._slopes(z, here), True, math.inf
-            elif shares is _SHARES and cost - float(promised @ promised) > NOTHING:
-                shares = _SMALL_SHARES
-            else:  # slopes of so short a step would be those of ripple
-                break
-        self._last = here, slopes if fresh else self._slopes(z, here)
-        return z
-
-    def evidence(self, z: np.ndarray) -> Information:
-        """What the equations tell at coordinates (1, d) at which `descended` ended."""
-        self.counts_more()
-        assert self._last is not None
-        here, slopes = (one[..., : self._parts[-1].stop] for one in self._last)
-        rotation, root = np.linalg.qr(slopes.T)
-        every = np.zeros((self._free.size + 1, z.shape[1]))
-        every[:-1, self._free] = root
-        moved = rotation.T @ here
-        rest = math.sqrt(max(0.0, float(here @ here - moved @ moved)))
-        # of recorded currents: in the gap few samples of small angles count
-        unexplained = max(
-            left.norm / one.equation.size
-            if left.norm > WORSE * left.least and not one.equation.rests
-            else 0.0
-            for left, one in zip(self._remainders, self._every, strict=True)
-        )
-        chart, left = self._problem.chart, np.append(moved, rest)
-        names = (one.name for one in self._every)
-        remainders = dict(zip(names, self._remainders, strict=True))
-        return Information(chart, z[0], every, left, remainders, unexplained)
-
-    def counts_more(self) -> bool:
-        """Count as discrepancies what equations leave beyond noise where a descent ended.
-
-        Where the other fit leaves more, what is left here counts. Whether that is so anywhere.
-        """
-        assert self._last is not None
-        more = False
-        for n, (known, part) in enumerate(zip(self._known, self._parts, strict=True)):
-            norm = float(np.linalg.norm(self._last[0][part])) / self._scales[n]
-            self._remainders[n] = left = self._remainders[n]._replace(norm=norm)
-            self._rescale(n, left.deviation(norm if known is None else min(norm, known.norm)))
-            more |= known is not None and norm < known.norm
-        return more
-
-    def _rescale(self, n: int, deviation: float) -> None:
-        """Weigh the nth equation by another standard deviation, its last residuals too."""
-        assert self._last is not None
-        ratio, part = 1.0 / deviation / self._scales[n], self._parts[n]
-        self._scales[n] = 1.0 / deviation
-        for one in self._last:
-            one[..., part] *= ratio
-
-    def finds_first_samples(self, z: np.ndarray) -> bool:
-        """Find when loops sampled first, near coordinates (1, d) at which `descended` ended.
-
-        Whether that explains more of a recording than another instant may by chance.
-        """
-        assert self._last is not None
-        here, slopes = self._last
-        basis, found = np.linalg.qr(slopes.T)[0], False
-        for m, values in enumerate(_values(self._problem, z)):
-            actuator = with_values(self._actuator, values)
-            sampled = [
-                n for n, one in enumerate(self._every)
-                if one.recording == m and one.equation.first_samples(actuator)
-            ]  # fmt: skip
-            if self.first_samples[m] or not sampled:
-                continue
-
-            def cost(instant: float, own: Sequence[int] = sampled, at: Values = values) -> float:
-                left = here.copy()
-                for n in own:
-                    known = {name: at[name] for name in self._matters[n]}
-                    left[self._parts[n]] = self._scales[n] * self._left(
-                        self._every[n], known, instant
-                    )
-                along = left @ basis
-                return float(left @ left - along @ along)
-
-            instants = self._every[sampled[0]].equation.first_samples(actuator)
-            instant = found_first_sample(cost, instants)
-            if cost(instant) < cost(0.0) - DECIDES:
-                self.first_samples[m], found = instant, True
-        return found
-
-    def _slopes(self, z: np.ndarray, here: np.ndarray) -> np.ndarray:
-        """(f, K), of residuals (K,) at coordinates (1, d), by those that matter."""
-        chart, free = self._problem.chart, self._free
-        asked = [
-            (n, row)
-            for n, places in enumerate(self._matters)
-            for row in np.flatnonzero(np.isin(free, list(places.values()))).tolist()
-        ]
-
-        def slope(one: tuple[int, int]) -> np.ndarray:
-            n, row = one
-            part, step, beside = self._parts[n], self._steps[n], z.copy()
-            for length in (step, -step) if z[0, free[row]] + step <= high[row] else (-step,):
-                beside[0, free[row]] = z[0, free[row]] + length
-                point = chart.to_values(beside)[0]
-                values = {name: float(point[place]) for name, place in self._matters[n].items()}
-                with suppress(EmatwinError):  # a loop that would be unstable
-                    left = self._scales[n] * self._left(self._every[n], values)
-                    return np.asarray((left - here[part]) / length)
-            return np.zeros(self._counts[n])
-
-        high, last = chart.upper[free], self._parts[-1].stop
-        found = np.zeros((free.size, here.size))
-        for (n, row), column in zip(asked, side_by_side(slope, asked), strict=True):
-            found[row, self._parts[n]] = column
-        steps = np.where(z[0, free] + _STEP <= high, _STEP, -_STEP)
-        beside = np.tile(z, (free.size, 1))
-        beside[np.arange(free.size), free] += steps
-        found[:, last:] = (self._priors(chart.to_values(beside)) - here[last:]) / steps[:, None]
-        return found
-
-    def _weigh(self) -> None:
-        """Weigh equations anew by independent samples of their noise.
-
-        The unknowns of an equation explain most of its residual at a start that is far away.
-        """
-        assert self._last is not None
-        here, slopes = self._last
-        for n, part in enumerate(self._parts):
-            if self._known[n] is None:
-                step = np.linalg.lstsq(slopes[:, part].T, here[part], rcond=1e-9)[0]
-                left = here[part] - step @ slopes[:, part]
-                independent = left.size / correlation_time(left)
-                self._remainders[n] = one = self._remainders[n]._replace(independent=independent)
-                self._rescale(n, one.deviation(one.norm))
-
-    def _left(self, one: _Along, values: Values, instant: float | None = None) -> np.ndarray:
-        beside = {name: value for name, value in values.items() if "." not in name}
-        beside[FIRST_SAMPLE] = self.first_samples[one.recording] if instant is None else instant
-        return one.equation.left(with_values(self._actuator, values), beside)
-
-    def residuals(self, z: np.ndarray) -> np.ndarray:
-        """(B, K), in standard deviations, at coordinates (B, d); the priors' come last."""
-        points = self._problem.chart.to_values(z)
-        return np.hstack([self._of_equations(points), self._priors(points)])
-
-    def _priors(self, points: np.ndarray) -> np.ndarray:
-        """(B, k), in standard deviations, at points (B, d)."""
-        return np.asarray(self._problem.prior_distances(points) / self._problem.noise)
-
-    def _of_equations(self, points: np.ndarray) -> np.ndarray:
-        """(B, K), at points (B, d); infinite where a loop is unstable."""
-        asked: dict[tuple[int, tuple[float, ...]], Values] = {}
-        rows = []
-        for point in points:  # most columns of a Jacobian leave most equations as they are
-            each = [
-                {name: float(point[place]) for name, place in places.items()}
-                for places in self._matters
-            ]
-            rows.append([(n, tuple(one.values())) for n, one in enumerate(each)])
-            asked |= dict(zip(rows[-1], each, strict=True))
-
-        def answered(key: tuple[int, tuple[float, ...]]) -> np.ndarray | None:
-            try:
-                return self._scales[key[0]] * self._left(self._every[key[0]], asked[key])
-            except EmatwinError:  # a loop that is unstable
-                return None
-
-        found = dict(zip(asked, side_by_side(answered, asked), strict=True))
-        known = {
-            key: np.full(self._counts[key[0]], np.inf) if left is None else left
-            for key, left in found.items()
-        }
-        return np.array([np.concatenate([known[key] for key in row]) for row in rows])
-
-
-def _matters(along: _Along, actuator: ParameterSet, problem: Problem) -> dict[str, int]:
-    """Places among the free unknowns, by name, of those on which an equation depends."""
-    one = along.equation
-    stated = (place for form in one.forms if form.is_stated(actuator) for place in form.fitted)
-    mine = {*one.fitted, *stated, *one.unknowns}
-    return {name: n for name, n in problem.places(along.recording).items() if name in mine}
