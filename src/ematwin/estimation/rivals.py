@@ -237,10 +237,11 @@ def _compared(
             return None
         return end, risen(peak, end)
 
-    begun = [start]
-    if not unexplained and not np.array_equal(as_found, start):
-        begun = [start, as_found]  # from one alone a descent may stop short
-    ends = side_by_side(descended_from, begun, threads)
+    ends = [descended_from(start)]
+    short = ends[0] is None or ends[0][1] > DECIDES
+    # it may have stopped short: it gets the parameters of the first answer
+    if short and not unexplained and not np.array_equal(as_found, start):
+        ends.append(descended_from(as_found))
     near = [one for one in ends if one is not None]
     if not near:
         return None
