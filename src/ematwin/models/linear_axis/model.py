@@ -38,7 +38,7 @@ class LinearAxisModel(Model):
     disturbance = "pulses"
     needs = ("voltage", "position")
     # the fit takes up part of what the twin misses (docs/linear-axis.md)
-    model_error = 2.0
+    model_error = 2.5
     nominal: ClassVar[Mapping[str, float]] = {
         "carriage.mass": 1.25,
         "friction.coulomb": 1.5,
