@@ -1,26 +1,30 @@
 """A recording of a linear axis beside its twin in closed loop: voltage and position error.
 
-The error of the twin comes from the motion, not from the sensors: it is the same each time the
-reference is repeated, and alike over tens of milliseconds. `LinearAxisComparison.independent`
-counts residuals accordingly, so that intervals do not shrink with the number of samples.
+The error of the twin comes from the motion, not from the sensors. It repeats with the reference,
+and is larger the lower the frequency: friction that varies along the screw, and drift. So residuals
+are compared by frequency, up to the bandwidth of the position loop, above which the voltage does
+not show forces. Each frequency is weighed by the power that the residual has around it (generalised
+least squares by a smoothed periodogram: Ljung 1999, System Identification, section 7.4).
 """
 
 import copy
+import math
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from scipy.fft import next_fast_len, rfft
 
-from ematwin.models.comparison import Comparison, TraceComparison
+from ematwin.models.comparison import Candidates, Comparison, TraceComparison
 from ematwin.recordings.recording import Recording
 
-ALIKE = 0.065  # s; docs/linear-axis.md says how it was measured
+_LOWEST = 4  # frequencies of the lowest band of the periodogram; the others are octaves
 _AS_LONG = 0.9  # of the longer of two references that are the same
 _SAME = 1e-4  # of the travel: references that differ less are repeated
 
 
 class LinearAxisComparison(TraceComparison):
-    """Residuals of voltage and position error, each weighed by its noise.
+    """Spectra of the residuals of voltage and position error, each weighed by its noise.
 
     Parameters
     ----------
@@ -31,8 +35,22 @@ class LinearAxisComparison(TraceComparison):
         channels = recording.channels
         error = channels["reference"] - channels["position"]
         super().__init__(model, recording.changed(position_error=error), actuator)
-        self._once = len(recording) * recording.interval / ALIKE / repeats(channels["reference"])
+        self._length = next_fast_len(len(recording), real=True)
+        bandwidth = actuator.controller.position_gain / (2.0 * math.pi)
+        highest = int(bandwidth * self._length * recording.interval)
+        count = min(highest, self._length // 2) + 1
+        self._weights = np.ones((len(self._noise), count))
+        response = self._spectra(np.concatenate(
+            [trace / self._noise[name] for name, trace in self._measured.items()]
+        )[None])  # fmt: skip
+        self.scale = float(np.sum(response**2))
+        # both channels show one force: together they count once
+        self._once = (2.0 * count - 1.0) / repeats(channels["reference"])
         self.independent = max(1.0, self._once)
+
+    def residuals(self, candidates: Candidates, count: int) -> np.ndarray:
+        """Weighted spectra (B, K) of the residuals, real and imaginary parts of each channel."""
+        return self._spectra(super().residuals(candidates, count))
 
     def beside(self, others: Sequence[Comparison]) -> "LinearAxisComparison":
         """Recordings of one motion count as its repetitions: once together."""
@@ -44,9 +62,34 @@ class LinearAxisComparison(TraceComparison):
         other.independent = max(1.0, self._once / same)
         return other
 
+    def noise_weights(self, residuals: np.ndarray) -> np.ndarray:
+        """Factors (K,): frequencies around which a channel has more power than on average."""
+        parts = residuals.reshape(len(self._noise), 2, -1)
+        power = np.sum(parts**2, axis=1)
+        count = power.shape[1]
+        octaves = range(max(0, math.ceil(math.log2(count / _LOWEST))))
+        edges = np.array([0, *(_LOWEST << n for n in octaves)])
+        sizes = np.diff(np.append(edges, count))
+        around = np.repeat(np.add.reduceat(power, edges, axis=1) / sizes, sizes, axis=1)
+        mean = power.mean(axis=1, keepdims=True)
+        # less power does not raise a weight: the fit takes up errors of the twin as well
+        shares = np.sqrt(mean / np.maximum(around, np.maximum(mean, 1e-300)))
+        return np.repeat(shares[:, None], 2, axis=1).ravel()
+
     def reweighed(self, residuals: np.ndarray) -> "LinearAxisComparison":
-        """Itself: `independent` counts the residuals."""
-        return self
+        """The same comparison with each frequency weighed by the residuals around it."""
+        other = copy.copy(self)
+        weights = self.noise_weights(residuals).reshape(len(self._noise), 2, -1)[:, 0]
+        other._weights = self._weights * weights
+        return other
+
+    def _spectra(self, traces: np.ndarray) -> np.ndarray:
+        """Weighted spectra (B, K) of traces (B, channels x S)."""
+        rows = traces.reshape(len(traces), len(self._noise), -1)
+        found = rfft(rows, self._length, norm="ortho")[..., : self._weights.shape[1]]
+        found *= math.sqrt(2.0) * self._weights  # negative frequencies
+        found[..., 0] /= math.sqrt(2.0)
+        return np.concatenate([found.real, found.imag], axis=2).reshape(len(traces), -1)
 
 
 def is_same(command: np.ndarray, other: np.ndarray) -> bool:

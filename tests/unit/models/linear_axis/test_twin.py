@@ -6,7 +6,7 @@ import pytest
 import ematwin
 from ematwin.errors import InputError, ParameterError, RecordError
 from ematwin.estimation.problem import Problem
-from ematwin.models.linear_axis.comparison import ALIKE, repeats
+from ematwin.models.linear_axis.comparison import repeats
 from ematwin.models.linear_axis.parameters import LinearAxis
 from ematwin.models.linear_axis.plausibility import controller_voltage
 from ematwin.models.linear_axis.stability import loop_radius, velocity_gain_limit
@@ -140,9 +140,40 @@ def test_a_repeated_reference_counts_once():
     assert repeats(np.zeros(100)) == 1.0
 
 
-def test_independent_residuals_are_counted_by_time_not_by_samples(recording):
+def test_independent_residuals_are_those_within_the_bandwidth_of_the_loop(recording):
+    """Two for each frequency up to k_p/2 pi, once for both channels."""
+    bandwidth = AXIS.controller.position_gain / (2.0 * np.pi)
+    count = ematwin.models.registry.model_of(AXIS).compare(recording, AXIS).independent
+    assert count == pytest.approx(2.0 * bandwidth * 0.501, abs=2.0)
+
+
+@pytest.mark.parametrize(("frequency", "left"), [(4.0, 1.0), (80.0, 0.0)])
+def test_residuals_above_the_bandwidth_do_not_count(recording, frequency, left):
+    """Below it the cost is the sum of squares over the samples."""
     model = ematwin.models.registry.model_of(AXIS)
-    assert model.compare(recording, AXIS).independent == pytest.approx(0.501 / ALIKE, rel=0.01)
+    answer = model.respond(AXIS, recording, {}, 1)
+    ripple = 0.1 * np.sin(2.0 * np.pi * frequency * recording.time)
+    position = answer["position"][0]
+    given = recording.changed(voltage=answer["voltage"][0] + ripple, position=position)
+    cost = model.compare(given, AXIS).costs({}, 1)[0]
+    noise = model.noise(AXIS, given)["voltage"]
+    assert cost / np.sum((ripple / noise) ** 2) == pytest.approx(left, abs=0.05)
+
+
+def test_frequencies_with_more_power_than_on_average_count_less(recording):
+    comparison = ematwin.models.registry.model_of(AXIS).compare(recording, AXIS)
+    size = comparison.residuals({}, 1).size
+    parts = np.random.default_rng(1).normal(size=size).reshape(2, 2, -1)
+    parts[0, :, :4] *= 10.0  # the lowest frequencies of the voltage
+    left = parts.ravel()
+    weights = comparison.noise_weights(left).reshape(2, 2, -1)
+    mean = np.mean(parts[0] ** 2)
+    expected = np.sqrt(mean / np.mean(parts[0, :, :4] ** 2))
+    np.testing.assert_allclose(weights[0, :, :4], expected)
+    assert (weights[0, :, 4:] == 1.0).all()
+    assert weights[1].min() > 0.7
+    again = comparison.reweighed(left).residuals({}, 1)
+    np.testing.assert_allclose(again[0], weights.ravel() * comparison.residuals({}, 1)[0])
 
 
 def test_recordings_of_one_motion_count_once_together(recording):
