@@ -300,10 +300,10 @@ def equations(recording: Recording, actuator: Any, values: Values | None) -> tup
     )  # fmt: skip
     return (
         of_controller,
-        _contact(balance, actuator, given),
         _alone(balance, actuator, True, given),
         _alone(balance, actuator, False, given),
         of_mechanics,
+        _contact(balance, actuator, given),  # by torques, which the others tell
     )
 
 
@@ -342,7 +342,8 @@ def _contact(balance: TorqueBalance, actuator: Any, values: Values) -> Equation:
     contact = Contact(balance, actuator, values)
     return Equation(
         "contact", contact.left, contact.size, contact.least,
-        ("transmission.backlash",), (COMPLIANT,), ("friction", "backlash", *LOAD),
+        ("transmission.backlash", "transmission.output_inertia", *_FRICTION), (COMPLIANT,),
+        ("friction", "backlash", *LOAD),
         rests="mechanics", at=partial(_contact, balance, actuator),
         alike=lambda actuator: LEAST,
     )  # fmt: skip
