@@ -134,8 +134,10 @@ def calibrated(actuator, seed):
         measured(simulate(None, command, {}, true), actuator, 20_000 + seed + n, COMMANDED)
         for n, command in enumerate(("moves", "swing"))
     ]
+    start = time.process_time()
     report = calibrate(healthy, actuator)
-    print(f"drive {seed}: {report.baseline.forms}", flush=True)
+    seconds = time.process_time() - start
+    print(f"drive {seed}, {seconds:.0f} CPU s: {report.baseline.forms}", flush=True)
     return true, report.calibration
 
 

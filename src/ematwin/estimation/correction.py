@@ -41,6 +41,7 @@ from ematwin.estimation.corrected_problem import corrected_at
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.laplace import (
     Laplace,
+    followed,
     laplace,
     principal,
     prior_information,
@@ -255,7 +256,7 @@ def _rounds(
     steps: np.ndarray | None,
 ) -> list[_Round]:
     """Rounds from coordinates (d,) at which ``here`` is corrected, until the peak stays."""
-    chart, least = problem.chart, descent.least_noise
+    chart, least, smooth = problem.chart, descent.least_noise, problem.is_smooth
     found: list[_Round] = []
     moved = np.inf
     tried: Problem | None = here
@@ -267,13 +268,21 @@ def _rounds(
             z = 0.5 * (z + found[-1].z)
             continue
         here = tried
-        noise = max(here.noise, least)
-        peak = laplace(here, point, replace(descent, least_noise=noise), steps=steps)
-        descent, steps = descent.afresh(settled=np.inf), step_lengths(peak.covariance)
-        errors = np.sqrt(np.diag(peak.covariance))
-        before, moved = moved, float((np.abs(peak.z - z) / errors).max())
-        # impacts and ripple of the reference scatter: nearer than that rounds do not come
-        ends = moved <= _STAYS or _SHRINKS * before < moved <= _NEAR
+        noise, before = max(here.noise, least), moved
+        # slopes of a smooth misfit hold from one round to the next: taken anew where it stays
+        for whole in (False, True) if smooth and found and runs < _ROUNDS else (True,):
+            if whole:
+                peak = laplace(here, point, replace(descent, least_noise=noise), steps=steps)
+                descent, steps = descent.afresh(settled=np.inf), step_lengths(peak.covariance)
+            else:
+                peak = followed(found[-1].peak, here, z, descent.held)
+                point = peak.point
+            errors = np.sqrt(np.diag(peak.covariance))
+            moved = float((np.abs(peak.z - z) / errors).max())
+            # impacts and ripple of the reference scatter: nearer than that rounds do not come
+            ends = moved <= _STAYS or _SHRINKS * before < moved <= _NEAR
+            if not ends:
+                break
         known = [*((one.z, one.peak.z - one.z) for one in found), (z, peak.z - z)]
         left = np.array([step for _, step in known[-1 if ends else -_DEPTH :]])
         found.append(_Round(z, here, peak, left, runs))

@@ -15,9 +15,12 @@ from ematwin.estimation.constants import WORTH
 from ematwin.estimation.levenberg_marquardt import LevenbergMarquardt
 from ematwin.estimation.noise import with_shown_noise
 from ematwin.estimation.problem import Problem
+from ematwin.models.chart import Chart
+from ematwin.numerics.linear_algebra import bounded_squares
 
 STEP = 5e-3  # along directions that data do not see, share of a range
 _STAGES, _LEAST_STAGES, _ITERATIONS = 8, 1, 5
+_SAME = 0.97  # ratio of noises with which priors count alike
 _ROUNDS = 2  # along aliases, which curve: ratios stay as they are
 
 
@@ -90,12 +93,14 @@ class Descent:
         first = z = chart.project(chart.from_values(start[None]))
         before = small.residuals(chart.to_values(z))[0]
         near = small.relative_misfit(small.data_cost(before)) < self.settled
+        # wide minima first
+        wide, last, here = small.smoothed(), small, before
         for stage in range(_LEAST_STAGES if near else 0, _STAGES):
-            # wide minima first
-            seen = small.smoothed() if stage == 0 else small
-            left = seen.residuals(chart.to_values(z))[0]
-            spent += 1
-            weighed = with_shown_noise(seen, left, self.least_noise)
+            seen = wide if stage == 0 else small
+            if seen is not last:
+                last, here = seen, seen.residuals(chart.to_values(z))[0]
+                spent += 1
+            weighed = with_shown_noise(seen, here, self.least_noise)
 
             def residuals(points: np.ndarray, weighed: Problem = weighed) -> np.ndarray:
                 nonlocal spent
@@ -103,26 +108,46 @@ class Descent:
                 return weighed.residuals(chart.to_values(points))
 
             least = self.least * weighed.noise**2
-            descent = LevenbergMarquardt.start(z, residuals, least=least)
+            known = weighed.weighed_anew(here, seen)[None]
+            descent = LevenbergMarquardt.start(z, residuals, least=least, known=known)
             first_cost = float(descent.costs[0])
-            first_data = weighed.data_cost(descent.residuals[0])
+            first_data = weighed.data_cost(here)
             for _ in range(self.iterations if near and stage == _LEAST_STAGES else _ITERATIONS):
                 descent.iterate(residuals, chart.lower, chart.upper, chart.project)
             end = descent.best(1)
-            z = chart.project(end.points)
-            last_data = weighed.data_cost(end.residuals[0])
+            z, here = chart.project(end.points), seen.weighed_anew(end.residuals[0], weighed)
+            last_data = weighed.data_cost(here)
             if stage == 0 and weighed.relative_misfit(last_data) > self.within:
                 raise TooFarError
             # where data fit better the noise is less, and priors count less
             gained = max(first_cost - float(end.costs[0]), first_data - last_data)
-            if stage >= _LEAST_STAGES and gained < WORTH * weighed.noise**2:
+            # no rough stretches stopped it, and no other noise would lead on
+            shown = with_shown_noise(seen, here, self.least_noise).noise
+            ended = wide is small and end.finished.all() and shown > _SAME * weighed.noise
+            if ended or (stage >= _LEAST_STAGES and gained < WORTH * weighed.noise**2):
                 break
         # the smooth misfit may have led astray
         if _cost_of(weighed, chart.to_values(first), before) < _cost_of(
-            weighed, chart.to_values(z), end.residuals[0]
+            weighed, chart.to_values(z), here
         ):
             z = first
         return z, weighed, spent
+
+
+def bounded_step(
+    jacobian: np.ndarray, here: np.ndarray, z: np.ndarray, chart: Chart, still: Collection[str]
+) -> np.ndarray:
+    """The step (d,) to the least squares of the linearised residuals within the bounds.
+
+    ``jacobian`` (d, K) of residuals that are ``here`` (K,) at coordinates (d,); unknowns in
+    ``still`` stay.
+    """
+    free = [n for n, one in enumerate(chart.unknowns) if one.name not in still]
+    low = np.minimum(chart.lower - z, 0.0)[free]
+    high = np.maximum(chart.upper - z, 0.0)[free]
+    step = np.zeros(len(z))
+    step[free] = bounded_squares(jacobian[free].T, -here, low, high)
+    return np.asarray(chart.project((z + step)[None])[0] - z)
 
 
 def _cost_of(weighed: Problem, point: np.ndarray, residuals: np.ndarray) -> float:

@@ -6,8 +6,10 @@ left of stretches that the fit has not seen (cross-validation).
 
 import copy
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 
@@ -29,6 +31,8 @@ _STEP = 0.01  # of a logarithm, or of a radian, that is differenced
 _FRACTIONS = (1.0, 0.4, 0.1)  # of a step that are tried
 _LONGEST = 2.0  # of a step, in logarithms
 _STRETCHES = 6  # of a recording, each counted once
+
+Try = tuple[Callable[[], ParameterSet], Values]  # makes an actuator, with values of a recording
 
 
 @dataclass(frozen=True)
@@ -67,15 +71,22 @@ class EquationFit:
     @property
     def step(self) -> np.ndarray:
         """(d,) step to the least squares of the linearised residuals."""
-        return _step(self.left, self.slopes, self.prior, self.pull)
+        return _least(self.prior + self._moments, self.pull + self._slope(self.left))
 
     @property
     def information(self) -> tuple[np.ndarray, np.ndarray]:
         """Inverse covariance (d, d) and its gradient (d,) here, by the recordings alone."""
         unit = self.weight + self.alike
-        data = sum((one @ one.T for one in self.slopes), np.zeros_like(self.prior))
-        slope = sum(one @ r for one, r in zip(self.slopes, self.left, strict=True))
-        return data / unit, np.asarray(slope) / unit
+        return self._moments / unit, self._slope(self.left) / unit
+
+    @cached_property
+    def _moments(self) -> np.ndarray:
+        """(d, d), products of the slopes over all samples."""
+        return np.asarray(sum((one @ one.T for one in self.slopes), np.zeros_like(self.prior)))
+
+    def _slope(self, left: Sequence[np.ndarray]) -> np.ndarray:
+        """(d,), products of the slopes with residuals over all samples."""
+        return np.asarray(sum(one @ r for one, r in zip(self.slopes, left, strict=True)))
 
     def projected(self, left: Sequence[np.ndarray], scaled: bool) -> float:
         """What would be left of other residuals if all that is fitted were fitted anew.
@@ -83,17 +94,18 @@ class EquationFit:
         With ``scaled`` the change from this fit's residuals to them may be of any size, as that by
         a parameter of a form is; infinite where the size would be negative, which no form has.
         """
-        slopes, prior, pull = self.slopes, self.prior, self.pull
+        moments, prior, pull = self._moments, self.prior, self.pull
+        slope = self._slope(left)
         if scaled:
-            slopes = [
-                np.vstack([one, r - before])
-                for one, r, before in zip(slopes, left, self.left, strict=True)
-            ]
+            changes = [r - before for r, before in zip(left, self.left, strict=True)]
+            beside = self._slope(changes)
+            moments = np.block([[moments, np.c_[beside]], [np.r_[beside, energy(changes)]]])
+            slope = np.append(slope, sum(x @ r for x, r in zip(changes, left, strict=True)))
             prior, pull = np.pad(prior, (0, 1)), np.pad(pull, (0, 1))
-        step = _step(left, slopes, prior, pull)
+        step = _least(prior + moments, pull + slope)
         if scaled and step[-1] < -1.0:
             return math.inf
-        return energy([r + step @ one for r, one in zip(left, slopes, strict=True)])
+        return energy(left) + float(step @ (2.0 * slope + moments @ step))
 
     def held_back(self) -> np.ndarray:
         """Energy left in each stretch by a fit that has not seen its recording, or its stretch."""
@@ -104,8 +116,8 @@ class EquationFit:
         found = []
         for group, r, slopes in pieces:
             others = [one for one in pieces if one[0] != group]
-            seen, moved = [one[1] for one in others], [one[2] for one in others]
-            found.append(energy([r + _step(seen, moved, self.prior, self.pull) @ slopes]))
+            seen = replace(self, left=[one[1] for one in others], slopes=[one[2] for one in others])
+            found.append(energy([r + seen.step @ slopes]))
         return np.array(found)
 
     def beats(self, other: "EquationFit") -> bool:
@@ -114,12 +126,8 @@ class EquationFit:
         return bool(gain.mean() > TWO_SIGMA * gain.std(ddof=1) / math.sqrt(gain.size))
 
 
-def _step(
-    left: Sequence[np.ndarray], slopes: Sequence[np.ndarray], prior: np.ndarray, pull: np.ndarray
-) -> np.ndarray:
-    """(d,) step to the least squares of linearised residuals and the prior."""
-    curvature = prior + sum(one @ one.T for one in slopes)
-    gradient = pull + sum(one @ r for one, r in zip(slopes, left, strict=True))
+def _least(curvature: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+    """(d,) step to the minimum of a quadratic form."""
     return np.asarray(-np.linalg.lstsq(curvature, gradient, rcond=1e-12)[0])
 
 
@@ -171,10 +179,37 @@ class Equations:
     def _left(self, actuator: ParameterSet) -> list[np.ndarray]:
         return [self._left_of(n, actuator, {}) for n in range(len(self.each))]
 
+    def _left_each(
+        self, tries: Sequence[Try], some: Sequence[int]
+    ) -> list[list[np.ndarray] | None]:
+        """What each actuator leaves of some recordings; None of one that would be unstable."""
+        each = [one for n in some if (one := self.each[n].each) is not None]
+        together = len(each) == len(some)
+
+        def of(one: Try) -> Any:
+            make, values = one
+            try:
+                actuator = make()
+                return actuator if together else [self._left_of(n, actuator, values) for n in some]
+            except EmatwinError:
+                return None
+
+        found = side_by_side(of, tries)
+        stable = [one for one in found if one is not None]
+        if not (together and stable):
+            return found
+        both = zip(some, each, strict=True)
+        lefts = [[self._share(n, left) for left in one(stable)] for n, one in both]
+        rest = zip(*lefts, strict=True)
+        return [None if one is None else list(next(rest)) for one in found]
+
     def _left_of(self, n: int, actuator: ParameterSet, values: Values) -> np.ndarray:
         """What an actuator leaves of a recording, as a share of all that is to be explained."""
         given = {FIRST_SAMPLE: values.get(FIRST_SAMPLE, self.first_samples[n])}
-        left, beside = self.each[n].left(actuator, given), self._beside[n]
+        return self._share(n, self.each[n].left(actuator, given))
+
+    def _share(self, n: int, left: np.ndarray) -> np.ndarray:
+        beside = self._beside[n]
         return (left if beside is None else beside.whitened(left[None])[0]) / self._size
 
     def least(self, actuator: ParameterSet) -> float:
@@ -194,16 +229,10 @@ class Equations:
         some = range(len(self.each)) if only is None else [only]
         part = fit if only is None else fit.of(only)
 
-        def tried(one: tuple[Values, bool]) -> float:
-            values, scaled = one
-            try:
-                actuator = with_values(fit.actuator, values)
-                left = [self._left_of(n, actuator, values) for n in some]
-            except EmatwinError:  # a loop that would be unstable
-                return math.inf
-            return part.projected(left, scaled=scaled)
-
-        costs = np.array(side_by_side(tried, starts))
+        tries = [(partial(with_values, fit.actuator, values), values) for values, _ in starts]
+        lefts = self._left_each(tries, some)
+        pairs = zip(lefts, starts, strict=True)
+        costs = np.array([np.inf if x is None else part.projected(x, y[1]) for x, y in pairs])
         return [starts[n][0] for n in np.argsort(costs, kind="stable") if np.isfinite(costs[n])]
 
     def fitted(
@@ -253,19 +282,19 @@ class Equations:
     ) -> EquationFit:
         """The fit at an actuator with residuals ``here``; slopes that ``like`` has are taken."""
         known = {} if like is None else {place: n for n, place in enumerate(like.places)}
-
-        def beside(n: int) -> list[np.ndarray]:
-            if like is not None and places[n] in known:
-                return [one[known[places[n]]] for one in like.slopes]
-            for step in (_STEP, -_STEP):
-                try:
-                    moved = self._left(_moved(actuator, places, step * np.eye(len(places))[n]))
-                except EmatwinError:  # at the border of stability, or of what a file may hold
-                    continue
-                return [(there - r) / step for there, r in zip(moved, here, strict=True)]
-            return [np.zeros_like(r) for r in here]
-
-        columns = side_by_side(beside, range(len(places)))
+        columns = [
+            [one[known[place]] for one in like.slopes] if like is not None and place in known
+            else [np.zeros_like(r) for r in here]
+            for place in places
+        ]  # fmt: skip
+        new, eye = [n for n, place in enumerate(places) if place not in known], np.eye(len(places))
+        for step in (_STEP, -_STEP):  # at a border of stability, or of what a file may hold
+            tries: list[Try] = [(partial(_moved, actuator, places, step * eye[n]), {}) for n in new]
+            lefts = self._left_each(tries, range(len(here)))
+            for n, left in zip(new, lefts, strict=True):
+                if left is not None:
+                    columns[n] = [(there - r) / step for there, r in zip(left, here, strict=True)]
+            new = [n for n, left in zip(new, lefts, strict=True) if left is None]
         slopes = [np.array([column[n] for column in columns]) for n in range(len(here))]
         return self._fit(actuator, places, here, slopes)
 

@@ -1,8 +1,9 @@
 """Joint fit of healthy recordings: the search of parameters, and the minimum of all together.
 
 Recordings of few commands are searched all over the ranges of the parameters, until two searches
-end equally deep; a kind with one minimum starts from its template. From there all recordings are
-fitted together, with sensors and load of each.
+end equally deep. Where the misfit is smooth, and noise alone is left next to where the fit of forms
+ended, there is no search; and a kind with one minimum starts from its template. From there all
+recordings are fitted together, with sensors and load of each.
 """
 
 import math
@@ -141,7 +142,9 @@ class HealthyFit:
             problem, point = along
             alone = self.floor
         else:
-            point, alone = self._searched(problem, comparisons, own, tell)
+            point, alone = self._from_near(problem) or self._searched(
+                problem, comparisons, own, tell
+            )
         # coarse to fine: what is learnt here is what faults are multiples of
         scatter = reference_scatter(problem, point) if problem.lacks_forms else 0.0
         noise = noise_at(problem, scatter)
@@ -170,6 +173,20 @@ class HealthyFit:
                 start[name if len(comparisons) == 1 else f"{name}@{n}"] = value
         first = [start.get(a, b) for a, b in zip(problem.names, problem.start, strict=True)]
         return np.array(first), problem.relative_misfit(cost)
+
+    def _from_near(self, problem: Problem) -> tuple[np.ndarray, float] | None:
+        """The minimum next to where the forms were fitted, as `_searched` gives it.
+
+        None where more than noise is left there, or where the misfit is rough.
+        """
+        if not (self.near and problem.is_smooth):
+            return None
+        nearer = corrected_at(problem, problem.start)
+        if nearer is None:
+            return None
+        peak = laplace(nearer, problem.start, Descent(self._aliases, settled=np.inf))
+        left = nearer.relative_misfit(peak.cost)
+        return (peak.point, left) if left < AS_GOOD * nearer.expected_misfit else None
 
     def _searched(
         self,

@@ -19,14 +19,14 @@ residuals, unknowns that aliases had held included, for as long as that gains.
 """
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from ematwin.estimation.aliases import Aliases, Direction, directions, held_pivots
 from ematwin.estimation.constants import WORTH
-from ematwin.estimation.descent import STEP, Descent
+from ematwin.estimation.descent import STEP, Descent, bounded_step
 from ematwin.estimation.levenberg_marquardt import LARGEST_BATCH
 from ematwin.estimation.noise import with_shown_noise
 from ematwin.estimation.problem import Problem
@@ -144,7 +144,9 @@ def laplace(
     # everything together, where evidence decides what data do not see
     for _ in range(2 if problem.has_evidence else 0):
         # what evidence alone tells, the descent has left where it was
-        first = chart.to_values((z + _bounded_step(slopes, z, chart, still))[None])[0]
+        first = chart.to_values(
+            (z + bounded_step(slopes.jacobian, slopes.here, z, chart, still))[None]
+        )[0]
         point, more = descent.afresh(settled=np.inf).end(problem, first)
         spent += more
         tried = chart.project(chart.from_values(point[None]))[0]
@@ -154,6 +156,17 @@ def laplace(
         slopes = _slopes(problem, seen, z, aliases)
     z, slopes = _stepped(problem, seen, z, slopes, aliases, held)
     return _peak(problem, z, slopes, spent + seen.spent)
+
+
+def followed(peak: Laplace, problem: Problem, z: np.ndarray, held: Collection[str]) -> Laplace:
+    """The peak of a problem that differs little from that of another peak, in one step.
+
+    From coordinates (d,), by the other's slopes, noise and width; ``held`` as of `Descent`.
+    """
+    problem = problem.with_noise(peak.problem.noise, trust=peak.problem.trust)
+    here = problem.residuals(problem.chart.to_values(z[None]))[0]
+    step = bounded_step(peak.jacobian, here, z, problem.chart, held)
+    return replace(peak, problem=problem, z=z + step, residuals=here, evaluations=1)
 
 
 def width_at(
@@ -301,7 +314,7 @@ def _stepped(
     """
     chart = problem.chart
     for _ in range(8 if np.isfinite(slopes.jacobian).all() else 0):
-        step = _bounded_step(slopes, z, chart, held)
+        step = bounded_step(slopes.jacobian, slopes.here, z, chart, held)
         # shares of the step are tried
         tried = chart.project(z + np.outer((1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.08), step))
         left = seen(tried)
@@ -312,18 +325,6 @@ def _stepped(
         z = tried[best]
         slopes = _slopes(problem, seen, z, aliases, step_lengths(slopes.covariance))
     return z, slopes
-
-
-def _bounded_step(
-    slopes: _Slopes, z: np.ndarray, chart: Chart, still: Collection[str]
-) -> np.ndarray:
-    """The step (d,) to the least squares of the linearised residuals within the bounds."""
-    free = [n for n, one in enumerate(chart.unknowns) if one.name not in still]
-    low = np.minimum(chart.lower - z, 0.0)[free]
-    high = np.maximum(chart.upper - z, 0.0)[free]
-    step = np.zeros(len(z))
-    step[free] = bounded_squares(slopes.jacobian[free].T, -slopes.here, low, high)
-    return np.asarray(chart.project((z + step)[None])[0] - z)
 
 
 def _shown(

@@ -49,12 +49,13 @@ class LevenbergMarquardt:
         *,
         damping: float = 1e-2,
         least: float = 0.0,
+        known: np.ndarray | None = None,
     ) -> "LevenbergMarquardt":
-        """A descent from points (M, d); costs M evaluations."""
+        """A descent from points (M, d); costs M evaluations, unless residuals (M, S) are known."""
         count = len(points)
         return cls(
             points.copy(),
-            residuals(points),
+            residuals(points) if known is None else known.copy(),
             np.full(count, damping),
             np.full(count, LONGEST_DIFFERENCE),
             np.zeros(count, dtype=bool),

@@ -21,6 +21,7 @@ from ematwin.models.chart import Chart
 from ematwin.models.comparison import Comparison
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.unknown import HasUnknowns, Unknown
+from ematwin.numerics.side_by_side import side_by_side
 from ematwin.recordings.recording import Recording
 
 
@@ -165,7 +166,8 @@ class Problem(HasUnknowns):
 
     def residuals(self, points: np.ndarray) -> np.ndarray:
         """Weighted residuals (B, K) of points (B, d), as `split` takes them apart."""
-        parts = [self.residuals_of(n, points) for n in range(len(self.comparisons))]
+        every = range(len(self.comparisons))
+        parts = side_by_side(lambda n: self.residuals_of(n, points), every)
         if self.has_evidence:
             counts = [one.evidence for one in self.comparisons]
             ends = [part.shape[1] - count for part, count in zip(parts, counts, strict=True)]
@@ -251,6 +253,11 @@ class Problem(HasUnknowns):
         if any(one is None for one in smooth):
             return self
         return self.with_comparisons([one for one in smooth if one is not None])
+
+    @property
+    def is_smooth(self) -> bool:
+        """Whether the misfits are smooth, those of the reference too."""
+        return not self.lacks_forms and all(one.smoothed() is None for one in self.comparisons)
 
     def coarse(self) -> "Problem":
         """The same problem with the longer steps of its twins."""
@@ -349,6 +356,14 @@ class Problem(HasUnknowns):
         return Residuals(
             residuals[..., :data], residuals[..., data:priors], residuals[..., priors:]
         )
+
+    def weighed_anew(self, residuals: np.ndarray, other: "Problem") -> np.ndarray:
+        """Residuals (K,) that another problem gives, which differs in noise and trust alone."""
+        found = residuals.copy()
+        parts, ratio = self.split(found), self.noise / other.noise
+        parts.evidence[...] *= ratio * self.trust / other.trust
+        parts.priors[...] *= ratio
+        return found
 
     def data_cost(self, residuals: np.ndarray) -> float:
         """The sum of squares of the data in residuals (K,), without evidence and priors."""

@@ -246,13 +246,11 @@ def fault_sets(
     waiting, best = list(logs), max(logs, key=lambda names: logs[names])
     while waiting and len(logs) < 100 * _MOST:
         names = waiting.pop()
-        for name in space.faults:
-            other = names ^ {name}
+        for other in (names ^ {name} for name in space.faults):
             if other in logs:
                 continue
-            logs[other] = space.evidence(other)
-            if logs[other] > logs[best]:
-                best = other
+            logs[other] = space.evidence(other, logs[best] - WINDOW)
+            best = max(best, other, key=lambda names: logs[names])
             if logs[other] > logs[best] - WINDOW:
                 waiting.append(other)
     near = [names for names in logs if logs[names] > logs[best] - WINDOW]
@@ -260,18 +258,15 @@ def fault_sets(
     kept = sorted(near, key=lambda names: -logs[names])[:_MOST]
     kept += [best ^ {name} for name in space.faults if best ^ {name} not in kept]
     rng = np.random.default_rng(SEED)
-    found = []
-    for names in kept:
-        share, z = space.drawn(names, rng)
-        found.append((logs[names] + share, names, chart.to_values(z)))
-    most = max(log for log, _, _ in found)
-    weights = np.exp([log - most for log, _, _ in found])
+    found = [(*space.drawn(names, rng), names) for names in kept]
+    most = max(log for log, *_ in found)
+    weights = np.exp([log - most for log, *_ in found])
     total = most + math.log(weights.sum())
     weights /= weights.sum()
     anything = frozenset(space.undetermined)
     sets = [
-        FaultSet(names, float(weight), values, anything)
-        for weight, (_, names, values) in zip(weights, found, strict=True)
+        FaultSet(names, float(weight), chart.to_values(z), anything)
+        for weight, (_, z, names) in zip(weights, found, strict=True)
     ]
     sets.sort(key=lambda one: -one.probability)
     evidence = total + space.log_volume(mean if at is None else at)
@@ -324,24 +319,28 @@ class _Space:
         volume = float(np.log(size).sum() + 0.5 * np.log(2.0 * np.pi * values).sum())
         return volume + 0.5 * float(away @ (away / values))
 
-    def evidence(self, names: frozenset[str]) -> float:
+    def evidence(self, names: frozenset[str], least: float = -math.inf) -> float:
         """Logarithm of the probability of a set, but for a constant, or somewhat more.
 
-        Of what lies within its bounds the best point counts, and not its share.
+        Of what lies within its bounds the best point counts, and not its share. No bounds count
+        where it is less than ``least`` without them.
         """
-        prior = len(names) * math.log(BEFOREHAND / (1.0 - BEFOREHAND))
-        *_, pull, away, volume = self._set(names)
-        return prior - 0.5 * float(pull @ pull + away @ away) - volume
+        places, mean, left, log = self._given(names)
+        if log < least:
+            return log
+        _, pull = self._within_bounds(places, mean, left)
+        return log - 0.5 * float(pull @ pull)
 
     def drawn(self, names: frozenset[str], rng: np.random.Generator) -> tuple[float, np.ndarray]:
-        """Logarithm of the share of a set within its bounds, and draws z (N, d) within them.
+        """Logarithm of the probability of a set, but for a constant, and draws z (N, d) of it.
 
-        Draws are around the best point within the bounds, and count by how probable they are. Both
-        are less what `evidence` counts of them. A magnitude with a direction is uniform in its
-        range, so that the density of its components is divided by the length of the circle.
+        Draws are around the best point within the bounds, and count by how probable they are. A
+        magnitude with a direction is uniform in its range, so that the density of its components
+        is divided by the length of the circle.
         """
         chart = self._chart
-        places, mean, root, pull, *_ = self._set(names)
+        places, mean, left, log = self._given(names)
+        root, pull = self._within_bounds(places, mean, left)
         normal = rng.standard_normal((_TRIED if places else 1, len(places)))
         at = mean + (normal + pull) @ root.T
         logs = -normal @ pull
@@ -364,37 +363,38 @@ class _Space:
         z[:, ~self._own] = self._mean[~self._own] + away @ self._follows.T + others
         for n in (n for own in self.undetermined.values() for n in own):
             z[:, n] = rng.uniform(chart.lower[n], chart.upper[n], len(z))
-        return most + math.log(float(shares.mean())), chart.project(z)
+        log -= 0.5 * float(pull @ pull)
+        return log + most + math.log(float(shares.mean())), chart.project(z)
 
-    def _set(
-        self, names: frozenset[str]
-    ) -> tuple[list[int], np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
-        """The normal distribution of a set: the others are healthy.
+    def _given(self, names: frozenset[str]) -> tuple[list[int], np.ndarray, np.ndarray, float]:
+        """Places, mean and covariance of a set where the others are healthy.
 
-        Its places, mean, root of the covariance; from the mean to the best point within the bounds
-        and from healthy to the mean of the others, in standard deviations; and the logarithm of
-        the volume of the others.
+        And the logarithm of their density there, times the prior of the set.
         """
-        covariance, chart = self._covariance, self._chart
+        covariance, log = self._covariance, len(names) * math.log(BEFOREHAND / (1.0 - BEFOREHAND))
         places = [n for name, own in self.faults.items() if name in names for n in own]
         absent = [n for name, own in self.faults.items() if name not in names for n in own]
         mean, left = self._mean[places], covariance[np.ix_(places, places)]
-        away, volume = np.zeros(0), 0.0
         if absent:
             other = np.linalg.cholesky(covariance[np.ix_(absent, absent)])
             gap = self._healthy[absent] - self._mean[absent]
             both = np.linalg.solve(other, np.c_[gap, covariance[np.ix_(absent, places)]])
             away, across = both[:, 0], both[:, 1:]
             mean, left = mean + across.T @ away, left - across.T @ across
-            volume = float(np.log(np.diag(other)).sum())
-            volume += 0.5 * len(absent) * math.log(2.0 * math.pi)
-        values, vectors = eigen(left) if places else (np.zeros(0), np.zeros((0, 0)))
-        sizes = np.sqrt(np.maximum(values, 1e-18))
-        lower, upper = chart.lower[places], chart.upper[places]
+            log -= 0.5 * float(away @ away) + float(np.log(np.diag(other)).sum())
+            log -= 0.5 * len(absent) * math.log(2.0 * math.pi)
+        return places, mean, left, log
+
+    def _within_bounds(
+        self, places: list[int], mean: np.ndarray, covariance: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Root of a covariance; from the mean to the best point within bounds, in its columns."""
+        values, vectors = eigen(covariance)
+        sizes, pull = np.sqrt(np.maximum(values, 1e-18)), np.zeros(len(places))
+        lower, upper = self._chart.lower[places], self._chart.upper[places]
         inside = np.clip(mean, lower, upper)
-        pull = np.zeros(len(places))
         if not np.array_equal(inside, mean):
             scale = (vectors / sizes).T
             target = scale @ (mean - inside)
             pull = scale @ bounded_squares(scale, target, lower - inside, upper - inside) - target
-        return places, mean, vectors * sizes, pull, away, volume
+        return vectors * sizes, pull

@@ -175,6 +175,8 @@ class Equation(NamedTuple):
         errors count it once, however many samples there are
     changes : gives how the residual (K,) changes with load, sensors or timing that may pass for a
         form, by name
+    each : gives what each of several actuators leaves, by a kind that answers for many at once, in
+        the time of one; None where ``left`` serves
     """
 
     name: str
@@ -190,3 +192,4 @@ class Equation(NamedTuple):
     first_samples: Callable[[Any], Sequence[Sequence[float]]] = lambda actuator: ()
     alike: Callable[[ParameterSet], float] = lambda actuator: 0.0
     changes: Callable[[ParameterSet], Mapping[str, np.ndarray]] = lambda actuator: {}
+    each: Callable[[Sequence[ParameterSet]], Sequence[np.ndarray]] | None = None

@@ -6,6 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 _SMALL = 1e-10  # of the largest slope: what counts as none
+_SURE = 1e-4  # pivot of a column of length one
 
 
 def inverse(information: np.ndarray) -> np.ndarray:
@@ -55,7 +56,7 @@ def bounded_squares(
     for _ in range(20 * len(size)):
         f = np.flatnonzero(free)
         held = pull[f] - normal[np.ix_(f, ~free)] @ x[~free]
-        way = np.linalg.lstsq(normal[np.ix_(f, f)], held, rcond=None)[0] - x[f]
+        way = _solved(normal[np.ix_(f, f)], held) - x[f]
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             room = np.where(way > 0.0, high[f] - x[f], low[f] - x[f]) / way
         room = np.where(way == 0.0, np.inf, room)
@@ -73,6 +74,20 @@ def bounded_squares(
             break
         free[int(np.argmax(np.where(inward, np.abs(slope), -1.0)))] = True
     return np.clip(x / size, least, most)
+
+
+def _solved(normal: np.ndarray, pull: np.ndarray) -> np.ndarray:
+    """The x (d,) with ``normal x = pull``, of a covariance whose diagonal is one; shortest of many.
+
+    By elimination where that is sure: singular values take ten times as long.
+    """
+    try:
+        pivots = np.diag(np.linalg.cholesky(normal))
+    except np.linalg.LinAlgError:
+        pivots = np.zeros(1)
+    if pivots.min(initial=1.0) > _SURE:
+        return np.asarray(np.linalg.solve(normal, pull))
+    return np.asarray(np.linalg.lstsq(normal, pull, rcond=None)[0])
 
 
 def spectral_radius(transition: np.ndarray) -> float:

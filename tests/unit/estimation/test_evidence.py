@@ -101,6 +101,14 @@ def test_residuals_are_data_then_evidence_then_priors() -> None:
     np.testing.assert_allclose(problem.costs(points), squares)
 
 
+def test_residuals_by_another_noise_need_no_simulation() -> None:
+    problem = Problem([TwoSensors().with_evidence()], UNKNOWNS, prior=PRIOR)
+    point = 1.05 * point_of(problem)[None]
+    for other in (problem.with_noise(0.7), problem.with_noise(0.1, trust=0.3)):
+        anew = other.weighed_anew(problem.residuals(point)[0], problem)
+        np.testing.assert_allclose(anew, other.residuals(point)[0], rtol=1e-12)
+
+
 @pytest.mark.parametrize(("watts_noise", "low", "high"), [(0.02, 1.0, 1.0), (0.5, 0.07, 0.14)])
 def test_evidence_that_is_worse_than_expected_counts_less(watts_noise, low, high) -> None:
     problem = Problem([TwoSensors(0.06, watts_noise).with_evidence()], UNKNOWNS, prior=PRIOR)

@@ -16,15 +16,15 @@ from ematwin.models.pmsm.monitor_step import (
 )
 from ematwin.models.pmsm.reference_step import (
     ReferenceState,
-    currents_of,
     leg_errors,
     leg_voltages,
+    phase_currents,
     reference_step,
 )
 from ematwin.models.pmsm.state import Constants
 from ematwin.numerics.compile import loop, part, step
 from ematwin.numerics.lanes import LANES, columns, lane_loop, wide_vectors
-from ematwin.numerics.scalar import ROOT_3, biquad, sincos
+from ematwin.numerics.scalar import biquad, sincos
 
 REFERENCE_COLUMNS = (
     "current_d", "current_q", "voltage_d", "voltage_q", "motor_position", "output_position",
@@ -58,10 +58,7 @@ def read_by_drive(
 
     Gives the loops after it, the log, phase currents a and b (A), and both angles as read (rad).
     """
-    x, y, _, _ = currents_of(now.psi_alpha, now.psi_beta, c.pole_pairs * now.theta_m, c)
-    drawn = (now.j_a + now.j_b + now.j_c) / 3.0
-    i_a = x - drawn + now.j_a
-    i_b = -0.5 * x + 0.5 * ROOT_3 * y - drawn + now.j_b
+    i_a, i_b = phase_currents(now, c)
     theta_m = rounded(now.theta_m + c.resolver / c.pole_pairs, of_motor)
     theta_o = rounded(now.theta_o, of_output)
     after, seen = control_step(

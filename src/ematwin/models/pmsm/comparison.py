@@ -121,7 +121,7 @@ class PmsmComparison(Comparison):
         rate = self.recording.sample_rate
         self._signals = dict(signals)
         self._filtered = {n: self.low_pass.apply(trace, rate) for n, trace in signals.items()}
-        self._target = self._thinned(self._filtered)
+        self._target = self.thinned(self._filtered)
         self._weigh(_TWIN_ERROR)
 
     def _weigh(self, model_error: float) -> None:
@@ -142,7 +142,7 @@ class PmsmComparison(Comparison):
                 noise = float(self._left[COMPARED.index(name)])
             error = noise + model_error**2 * size[_TOGETHER.get(name, name)]
             self._weights[COMPARED.index(name)] = 1.0 / error if error > 0.0 else 0.0
-        measured = self._thinned(self._filtered)
+        measured = self.thinned(self._filtered)
         kept = measured.shape[1] * len(signals)
         self.scale = float(np.sum(self._weights[:, None] * measured**2))
         self.independent = max(1.0, 2.0 * self.low_pass.cutoff * float(self._ticks[-1])) * len(
@@ -158,7 +158,7 @@ class PmsmComparison(Comparison):
             return np.ascontiguousarray(values)
         return np.interp(self._ticks, time, values)
 
-    def _thinned(self, traces: Mapping[str, np.ndarray]) -> np.ndarray:
+    def thinned(self, traces: Mapping[str, np.ndarray]) -> np.ndarray:
         """Traces (S,) by name as the kernel takes them, (6, kept); zero where there is none."""
         kept = -(-self._ticks.size // self.every)
         found = np.zeros((len(COMPARED), kept))
@@ -169,7 +169,7 @@ class PmsmComparison(Comparison):
     def with_missed(self, missed: Mapping[str, np.ndarray]) -> "PmsmComparison":
         """The same comparison, the error of the twin, (S,), subtracted from the recording."""
         other = copy.copy(self)
-        other._target = self._thinned(self._filtered) - self._thinned(
+        other._target = self.thinned(self._filtered) - self.thinned(
             {name: trace for name, trace in missed.items() if name in self._signals}
         )
         other._weigh(REFERENCE_ERROR)
@@ -241,22 +241,39 @@ class PmsmComparison(Comparison):
 
     def costs(self, candidates: Candidates, count: int) -> np.ndarray:
         """Sums of weighted squares (B,); infinite where a candidate diverged."""
-        costs, _ = self.run(candidates, count, self._target, self.every, keep=False)
+        costs, _ = self.run(
+            self._constants(candidates, count), self._target, self.every, keep=False
+        )
         return np.where(np.isfinite(costs), costs, np.inf)
 
     def residuals(self, candidates: Candidates, count: int) -> np.ndarray:
         """Weighted residuals (B, K), channel after channel."""
-        _, answer = self.run(candidates, count, self._target, self.every, keep=True)
+        _, answer = self.run(
+            self._constants(candidates, count), self._target, self.every, keep=True
+        )
+        return self.left_by(answer[:, : len(COMPARED)])
+
+    def answers_of(self, actuators: Sequence[PmsmActuator]) -> np.ndarray:
+        """Low-passed answers (B, 6, kept) of B healthy actuators whose loops sample alike."""
+        constants = [constants_of(one, {}, 1, self.step) for one in actuators]
+        _, answer = self.run(np.concatenate(constants), self._target, self.every, keep=True)
+        return answer[:, : len(COMPARED)]
+
+    def left_by(self, answers: np.ndarray) -> np.ndarray:
+        """Weighted residuals (B, K) of answers (B, 6, kept), channel after channel."""
         rows = [n for n, name in enumerate(COMPARED) if name in self._signals]
-        left = answer[:, rows] - self._target[rows]
+        left = answers[:, rows] - self._target[rows]
         left *= np.sqrt(self._weights[rows])[:, None]
-        return np.asarray(left.reshape(count, -1))
+        return np.asarray(left.reshape(len(answers), -1))
+
+    def _constants(self, candidates: Candidates, count: int) -> np.ndarray:
+        return constants_of(self.actuator, candidates, count, self.step)
 
     def responses(self, candidates: Candidates, count: int) -> dict[str, np.ndarray]:
         """Response of the twin, low-passed, (B, S) arrays by name."""
         full = np.zeros((len(COMPARED), self._ticks.size))
         full[:, 0] = self._target[:, 0]
-        _, answer = self.run(candidates, count, full, 1, keep=True)
+        _, answer = self.run(self._constants(candidates, count), full, 1, keep=True)
         time = self.recording.time - self.recording.time[0]
         found = {}
         for n, name in enumerate(COMPARED):
@@ -268,13 +285,16 @@ class PmsmComparison(Comparison):
         return found
 
     def run(
-        self, candidates: Candidates, count: int, target: np.ndarray, every: int, *, keep: bool
+        self, constants: np.ndarray, target: np.ndarray, every: int, *, keep: bool
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Costs (B,), not finite where one diverged, and, if kept, answers (B, 7, K)."""
+        """Costs (B,), not finite where one diverged, and, if kept, answers (B, 7, K).
+
+        ``constants`` (B, 65) are those of the candidates.
+        """
         from ematwin.models.pmsm.batch import monitor_scores
         from ematwin.numerics.lanes import LANES
 
-        constants = constants_of(self.actuator, candidates, count, self.step)
+        count = len(constants)
         lost = ~np.isfinite(constants).all(axis=1)
         blocks = -(-count // LANES)
         lanes = np.repeat(constants[-1:], blocks * LANES, axis=0)

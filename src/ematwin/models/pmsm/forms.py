@@ -6,6 +6,7 @@ gives before it slides are looked for in the response of the closed loops, which
 
 import copy
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ import numpy as np
 from ematwin.models.optional import Equation, Form, Values
 from ematwin.models.pmsm.comparison import REFERENCE_ERROR, PmsmComparison
 from ematwin.models.servo import possible_coggings
+from ematwin.numerics.side_by_side import side_by_side
 from ematwin.numerics.signals import white_noise
 
 _SHARE = 0.3  # of the dry friction of the motor, that cogging begins with
@@ -57,8 +59,9 @@ def _bristles(actuator: Any) -> list[Values]:
 
 
 def _other_bristles(actuator: Any) -> list[Values]:
-    """One side otherwise."""
-    return [{place: each[place]} for place in _STIFFNESS for each in _stiffness(actuator)]
+    """Each side by its own: one after the other they may not lead to the best pair."""
+    each, (motor, output) = _stiffness(actuator), _STIFFNESS
+    return [{motor: one[motor], output: other[output]} for one in each for other in each]
 
 
 def _said_of_harmonics(actuator: Any) -> str:
@@ -120,33 +123,48 @@ class Response:
 
     def __init__(self, compared: PmsmComparison) -> None:
         self._compared = compared.with_missed({})
-        self._missed: dict[Any, dict[str, np.ndarray]] = {}
+        self._missed: dict[Any, np.ndarray] = {}
         self._channels = len(compared.measured())
         self.size = math.sqrt(self._compared.scale) if compared.before else 0.0
 
     def least(self, actuator: Any) -> float:
         """Share of the recording that noise and the error of the reference leave."""
-        rows = self._rows(actuator)
+        rows = self._rows([actuator])[0]
         noise = math.sqrt(sum(white_noise(row) ** 2 * row.size for row in rows))
         return math.hypot(noise / self.size, REFERENCE_ERROR)
 
     def left(self, actuator: Any, values: Values) -> np.ndarray:
         """Residual (K,), one part of the recording after the other."""
-        parts = np.array_split(self._rows(actuator), _PARTS, axis=1)
-        return np.concatenate([part.ravel() for part in parts])
+        return self.each([actuator])[0]
 
-    def _rows(self, actuator: Any) -> np.ndarray:
-        """Residual (C, S) of each channel; infinite where the twin diverged."""
+    def each(self, actuators: Sequence[Any]) -> list[np.ndarray]:
+        """The same of several actuators, side by side in the lanes of the twin."""
+        found = []
+        for rows in self._rows(actuators):
+            parts = np.array_split(rows, _PARTS, axis=1)
+            found.append(np.concatenate([part.ravel() for part in parts]))
+        return found
+
+    def _rows(self, actuators: Sequence[Any]) -> np.ndarray:
+        """Residual (B, C, S) of each channel; infinite where the twin diverged."""
+        answers = self._compared.answers_of(actuators)
+        first = {one.presliding: n for n, one in reversed(list(enumerate(actuators)))}
+        new = {key: n for key, n in first.items() if key not in self._missed}
+        exact = side_by_side(lambda n: self._exact(actuators[n]), new.values())
+        for (key, n), answer in zip(new.items(), exact, strict=True):
+            self._missed[key] = answer - answers[n]
+        answers += np.array([self._missed[one.presliding] for one in actuators])
+        found = self._compared.left_by(answers)
+        found = np.where(np.isfinite(found), found, np.inf)
+        return np.asarray(found.reshape(len(actuators), self._channels, -1))
+
+    def _exact(self, actuator: Any) -> np.ndarray:
+        """Answer of the reference, as `PmsmComparison.answers_of` gives that of the twin."""
         other = copy.copy(self._compared)
         other.actuator = actuator
-        key = actuator.presliding
-        if key not in self._missed:
-            missed = other.missed({})
-            assert missed is not None  # a recording that begins at rest
-            self._missed[key] = missed
-        found = other.with_missed(self._missed[key]).residuals({}, 1)[0]
-        found = np.where(np.isfinite(found), found, np.inf)
-        return np.asarray(found.reshape(self._channels, -1))
+        found = other.exact({})
+        assert found is not None  # a recording that begins at rest
+        return other.thinned(found)
 
 
 def equation(compared: PmsmComparison, sheet: Any, fitted: tuple[str, ...]) -> Equation:
@@ -154,5 +172,5 @@ def equation(compared: PmsmComparison, sheet: Any, fitted: tuple[str, ...]) -> E
     response = Response(compared)
     return Equation(
         "response", response.left, response.size, response.least, fitted, _forms(sheet),
-        alike=lambda actuator: REFERENCE_ERROR,
+        alike=lambda actuator: REFERENCE_ERROR, each=response.each,
     )  # fmt: skip

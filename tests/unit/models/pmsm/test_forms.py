@@ -1,9 +1,13 @@
 """Forms of a PMSM servo that its file has otherwise, found in healthy recordings."""
 
+import copy
+
+import numpy as np
 import pytest
 
 from ematwin import Noise, simulate
 from ematwin.estimation.forms import find_forms
+from ematwin.models.pmsm.forms import equation
 from ematwin.models.pmsm.model import MODEL
 from pmsm_inputs import ACTUATOR
 
@@ -46,6 +50,21 @@ def test_cogging_harmonics_and_friction_that_gives_are_found_with_their_values()
     # what has a tolerance stays at its centre, also beside a form in its section
     assert motor.resistance == ACTUATOR.motor.resistance
     assert motor.inertia == ACTUATOR.motor.inertia
+
+
+def test_drives_side_by_side_leave_what_each_leaves_alone():
+    recording = simulate("reference", "swing", actuator=BUILT, noise=Noise(white=0.01), seed=1)
+    drives = [ACTUATOR.changed(form) for form in ({}, COGGING, BRISTLES, COGGING | BRISTLES)]
+    compared = MODEL.compare(recording, ACTUATOR)
+    together = equation(compared, ACTUATOR, ()).each(drives)
+    alone = equation(compared, ACTUATOR, ())
+    for drive, left in zip(drives, together, strict=True):
+        np.testing.assert_allclose(left, alone.left(drive, {}), atol=1e-9)
+    # a correction is that of the first drive with such friction: of itself it is the reference
+    exact = copy.copy(compared.with_missed({}))
+    exact.actuator = drives[2]
+    size = np.linalg.norm(exact.exact_residuals({}))
+    assert np.linalg.norm(together[2]) == pytest.approx(size, rel=1e-3)
 
 
 def test_a_drive_that_is_as_its_file_says_has_no_other_form():

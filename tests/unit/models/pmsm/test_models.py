@@ -94,7 +94,7 @@ def naive(values, command, load, actuator=ACTUATOR):
     }  # fmt: skip
 
 
-def monitor(values, command, load, step=50e-6):
+def monitor(values, command, load, step=ACTUATOR.steps.monitor):
     """The same of the monitor model, without its filter."""
     substeps = round(TICK / step)
     one = {name: np.array([value]) for name, value in values.items()}
