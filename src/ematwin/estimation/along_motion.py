@@ -99,11 +99,13 @@ def informed(
         return None
     rests = {along.equation.rests for along in every}
     if first := [along for along in every if along.equation.name in rests]:
-        z = MotionFit(actuator, problem, first, z, remainders).descended(z, most)
+        begun, z = z, MotionFit(actuator, problem, first, remainders).descended(z, most)
         values = values_at(problem, z)
         every = [along.at(values[along.recording]) for along in every]
     every = [along for along in every if along.equation.size > 0.0]
-    fit = MotionFit(actuator, problem, every, z, remainders)
+    fit = MotionFit(actuator, problem, every, remainders)
+    if first and not np.isfinite(fit.residuals(z)).all():  # a loop would be unstable there
+        z = begun
     z = fit.descended(z, most)
     if like is None and fit.finds_first_samples(z):
         z = fit.descended(z, most)

@@ -76,19 +76,12 @@ class MotionFit:
         actuator: ParameterSet,
         problem: Problem,
         every: Sequence[Along],
-        z: np.ndarray,
         known: Mapping[tuple[int, str], Remainder],
     ) -> None:
         self._actuator, self._problem, self._every = actuator, problem, every
         self.first_samples = [one.recording.first_sample for one in problem.comparisons]
         self._matters = [_matters(one, actuator, problem) for one in every]
-        here = problem.chart.to_values(z)[0]
-
-        def left_by(n: int) -> np.ndarray:
-            values = {name: float(here[place]) for name, place in self._matters[n].items()}
-            return self._left(every[n], values)
-
-        left = side_by_side(left_by, range(len(every)))
+        left = side_by_side(lambda one: self._left(one, {}), every)
         self._counts = [each.size for each in left]
         ends = np.cumsum(self._counts).tolist()
         self._parts = [slice(a, b) for a, b in zip([0, *ends], ends, strict=False)]
@@ -202,10 +195,9 @@ class MotionFit:
         here, slopes = self._last
         basis, found = np.linalg.qr(slopes.T)[0], False
         for m, values in enumerate(values_at(self._problem, z)):
-            actuator = with_values(self._actuator, values)
             sampled = [
                 n for n, one in enumerate(self._every)
-                if one.recording == m and one.equation.first_samples(actuator)
+                if one.recording == m and one.equation.first_samples(self._actuator)
             ]  # fmt: skip
             if self.first_samples[m] or not sampled:
                 continue
@@ -220,7 +212,7 @@ class MotionFit:
                 along = left @ basis
                 return float(left @ left - along @ along)
 
-            instants = self._every[sampled[0]].equation.first_samples(actuator)
+            instants = self._every[sampled[0]].equation.first_samples(self._actuator)
             instant = found_first_sample(cost, instants)
             if cost(instant) < cost(0.0) - DECIDES:
                 self.first_samples[m], found = instant, True

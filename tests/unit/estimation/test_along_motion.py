@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from ematwin import Noise, identify, simulate
+from ematwin.errors import ParameterError
 from ematwin.estimation.along_motion import NO_SEARCH, informed, usual_search
 from ematwin.estimation.assess import unassessed
 from ematwin.estimation.baseline import Baseline, with_all_free
 from ematwin.estimation.findings import obstacles_to
+from ematwin.estimation.motion_fit import Along, MotionFit
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
 from ematwin.models.registry import load_actuator, model_of
@@ -81,6 +83,19 @@ def test_a_fit_does_not_end_where_a_whole_step_is_too_long():
     problem = everything_free(recording, twin)
     away, errors = away_from(faults, (problem, *informed(MODEL, twin, problem, problem.healthy)))
     assert (away < 4.0 * errors + 1e-3).all()
+
+
+def test_an_estimate_may_be_of_an_actuator_whose_loops_would_be_unstable(recording):
+    """No equation closes a loop: each knows some of the parameters alone."""
+    problem = everything_free(recording)
+    every = [Along(0, one) for one in MODEL.equations(recording, DRIVE, {}) if one.size > 0.0]
+    fit = MotionFit(DRIVE, problem, every, {})
+    point = problem.values(problem.chart.to_values(fit.descended(problem.chart.from_values(
+        problem.healthy[None])))[0])  # fmt: skip
+    point["motor.inertia"] *= 0.05
+    with pytest.raises(ParameterError, match="unstable"):
+        DRIVE.changed({name: x for name, x in point.items() if "." in name})
+    fit.finds_first_samples(problem.chart.from_values(np.array([list(point.values())])))
 
 
 def test_a_controller_tells_no_fault_of_a_winding(recording):
