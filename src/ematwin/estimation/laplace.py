@@ -159,7 +159,7 @@ def laplace(
 
 
 def followed(peak: Laplace, problem: Problem, z: np.ndarray, held: Collection[str]) -> Laplace:
-    """The peak of a problem that differs little from that of another peak, in one step.
+    """The peak of a problem that differs little from one whose peak is known, in one step.
 
     From coordinates (d,), by the other's slopes, noise and width; ``held`` as of `Descent`.
     """
