@@ -6,7 +6,6 @@ By Gauss-Newton steps within bounds, whose slopes follow the residuals between f
 
 import math
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -229,14 +228,12 @@ class MotionFit:
 
         def slope(one: tuple[int, int]) -> np.ndarray:
             n, row = one
-            part, step, beside = self._parts[n], self._steps[n], z.copy()
+            step, beside = self._steps[n], z.copy()
             for length in (step, -step) if z[0, free[row]] + step <= high[row] else (-step,):
                 beside[0, free[row]] = z[0, free[row]] + length
-                point = chart.to_values(beside)[0]
-                values = {name: float(point[place]) for name, place in self._matters[n].items()}
-                with suppress(EmatwinError):  # a loop that would be unstable
-                    left = self._scales[n] * self._left(self._every[n], values)
-                    return np.asarray((left - here[part]) / length)
+                left = self._scaled(n, chart.to_values(beside)[0])
+                if left is not None:
+                    return np.asarray((left - here[self._parts[n]]) / length)
             return np.zeros(self._counts[n])
 
         high, last = chart.upper[free], self._parts[-1].stop
@@ -280,28 +277,24 @@ class MotionFit:
 
     def _of_equations(self, points: np.ndarray) -> np.ndarray:
         """(B, K), at points (B, d); infinite where a loop is unstable."""
-        asked: dict[tuple[int, tuple[float, ...]], Values] = {}
-        rows = []
-        for point in points:  # most columns of a Jacobian leave most equations as they are
-            each = [
-                {name: float(point[place]) for name, place in places.items()}
-                for places in self._matters
-            ]
-            rows.append([(n, tuple(one.values())) for n, one in enumerate(each)])
-            asked |= dict(zip(rows[-1], each, strict=True))
+        asked = [(n, point) for point in points for n in range(len(self._every))]
+        found = side_by_side(lambda one: self._scaled(*one), asked)
+        parts = [
+            np.full(self._counts[n], np.inf) if left is None else left
+            for (n, _), left in zip(asked, found, strict=True)
+        ]
+        return np.concatenate(parts).reshape(len(points), -1)
 
-        def answered(key: tuple[int, tuple[float, ...]]) -> np.ndarray | None:
-            try:
-                return self._scales[key[0]] * self._left(self._every[key[0]], asked[key])
-            except EmatwinError:  # a loop that is unstable
-                return None
+    def _scaled(self, n: int, point: np.ndarray) -> np.ndarray | None:
+        """Residuals of the nth equation, in standard deviations, at a point (d,).
 
-        found = dict(zip(asked, side_by_side(answered, asked), strict=True))
-        known = {
-            key: np.full(self._counts[key[0]], np.inf) if left is None else left
-            for key, left in found.items()
-        }
-        return np.array([np.concatenate([known[key] for key in row]) for row in rows])
+        None where a loop is unstable.
+        """
+        values = {name: float(point[place]) for name, place in self._matters[n].items()}
+        try:
+            return self._scales[n] * self._left(self._every[n], values)
+        except EmatwinError:
+            return None
 
 
 def _matters(along: Along, actuator: ParameterSet, problem: Problem) -> dict[str, int]:

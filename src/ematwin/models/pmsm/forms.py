@@ -59,7 +59,7 @@ def _bristles(actuator: Any) -> list[Values]:
 
 
 def _other_bristles(actuator: Any) -> list[Values]:
-    """Each side by its own: one after the other they may not lead to the best pair."""
+    """All pairs: chosen one after the other, stiffnesses may miss the best pair."""
     each, (motor, output) = _stiffness(actuator), _STIFFNESS
     return [{motor: one[motor], output: other[output]} for one in each for other in each]
 
@@ -159,7 +159,7 @@ class Response:
         return np.asarray(found.reshape(len(actuators), self._channels, -1))
 
     def _exact(self, actuator: Any) -> np.ndarray:
-        """Answer of the reference, as `PmsmComparison.answers_of` gives that of the twin."""
+        """Answer (6, kept) of the reference, low-passed as `PmsmComparison.answers_of`."""
         other = copy.copy(self._compared)
         other.actuator = actuator
         found = other.exact({})
