@@ -49,6 +49,18 @@ def sincos(x):
 
 
 @step
+def fifth(square):
+    """sin 5x over sin x by sin^2 x; cos 5x over cos x by cos^2 x (Chebyshev polynomials)."""
+    return 5.0 - square * (20.0 - 16.0 * square)
+
+
+@step
+def seventh(square):
+    """sin 7x over sin x by sin^2 x; less cos 7x over cos x by cos^2 x."""
+    return 7.0 - square * (56.0 - square * (112.0 - 64.0 * square))
+
+
+@step
 def lag(x, towards, time, dt):
     """First-order lag with a time constant (s), by backward Euler; 0 follows at once."""
     return (time * x + dt * towards) / (time + dt)

@@ -32,6 +32,15 @@ def test_sine_and_cosine_are_right_at_and_beside_every_eighth_of_a_turn(eighths)
         assert scalar.sincos(x) == pytest.approx((math.sin(x), math.cos(x)), abs=1e-11)
 
 
+@given(st.floats(-10.0, 10.0))
+def test_fifth_and_seventh_multiples_of_an_angle_follow_from_its_sine_and_cosine(x):
+    s, c = math.sin(x), math.cos(x)
+    found = (s * scalar.fifth(s * s), c * scalar.fifth(c * c))
+    assert found == pytest.approx((math.sin(5.0 * x), math.cos(5.0 * x)), abs=1e-12)
+    found = (s * scalar.seventh(s * s), -c * scalar.seventh(c * c))
+    assert found == pytest.approx((math.sin(7.0 * x), math.cos(7.0 * x)), abs=1e-12)
+
+
 @given(st.floats(), st.floats(-1e3, 1e3), st.floats(0.0, 1e3))
 def test_clip_limits_and_lets_nan_through(x, low, width):
     clipped = scalar.clip(x, low, low + width)

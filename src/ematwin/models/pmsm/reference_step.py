@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from ematwin.models.pmsm.mechanics import Motion, advance_with_bristles
 from ematwin.numerics.compile import part, step
-from ematwin.numerics.scalar import ROOT_3, clip, lag, sincos
+from ematwin.numerics.scalar import ROOT_3, clip, fifth, lag, seventh, sincos
 
 
 class ReferenceState(NamedTuple):
@@ -53,12 +53,10 @@ def phase_emf(sine, wider, c):
     """EMF over speed of a phase, V s/rad.
 
     ``sine`` of the electrical angle from the phase; ``wider`` is how much more flux eccentricity
-    leads through it. sin 5x = s (5 - 20 s^2 + 16 s^4), sin 7x = s (7 - 56 s^2 + 112 s^4 - 64 s^6).
+    leads through it.
     """
     s_2 = sine * sine
-    fifth = 5.0 - s_2 * (20.0 - 16.0 * s_2)
-    seventh = 7.0 - s_2 * (56.0 - s_2 * (112.0 - 64.0 * s_2))
-    return -c.k_e * (1.0 + wider) * sine * (1.0 + c.h_5 * fifth + c.h_7 * seventh)
+    return -c.k_e * (1.0 + wider) * sine * (1.0 + c.h_5 * fifth(s_2) + c.h_7 * seventh(s_2))
 
 
 @step

@@ -21,7 +21,7 @@ import math
 
 from ematwin.models.bldc.motor import gap_factors, trapezoid
 from ematwin.numerics.compile import part
-from ematwin.numerics.scalar import sincos
+from ematwin.numerics.scalar import fifth, seventh, sincos
 
 _HALF_SQRT3 = 0.5 * math.sqrt(3.0)
 SINE = 2.0 * math.pi / (3.0 * math.sqrt(3.0))
@@ -36,10 +36,8 @@ def truer_shapes(theta_e, rounding, h_5, h_7):
     if rounding == 0.0 and h_5 == 0.0 and h_7 == 0.0:
         return trapezoid(theta_e), trapezoid(theta_e - _THIRD), trapezoid(theta_e - 2.0 * _THIRD)
     s, c = sincos(theta_e)
-    ss, cc = s * s, c * c  # multiples of an angle by Chebyshev polynomials
-    s_5, c_5 = s * (5.0 - ss * (20.0 - 16.0 * ss)), c * (5.0 - cc * (20.0 - 16.0 * cc))
-    s_7 = s * (7.0 - ss * (56.0 - ss * (112.0 - 64.0 * ss)))
-    c_7 = -c * (7.0 - cc * (56.0 - cc * (112.0 - 64.0 * cc)))
+    s_5, c_5 = s * fifth(s * s), c * fifth(c * c)
+    s_7, c_7 = s * seventh(s * s), -c * seventh(c * c)
     kept = 1.0 + KEPT_5 * h_5 + KEPT_7 * h_7
     flat = kept * (1.0 - rounding)
     # a fifth harmonic runs backwards: 5 (theta - 120 degrees) is 5 theta + 120 degrees
