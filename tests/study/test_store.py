@@ -1,11 +1,14 @@
 """The store of a study over both databases; damage; stores of earlier versions."""
 
+import ctypes
 import math
 import random
 import shutil
+import signal
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -191,6 +194,28 @@ def _execute(where: str | Path, statement: str) -> None:
 def content(path: Path) -> tuple[Any, ...]:
     with open_store(path, patience=0.0) as store:
         return store.settings(), store.statuses(), list(store.runs())
+
+
+def test_an_interrupted_transaction_locks_nobody_out(tmp_path: Path) -> None:
+    """Ctrl-C within a statement that returns rows: the next transaction need not wait."""
+    where = tmp_path / "some.db"
+    database = Database(where, patience=0.0)
+    database.write(lambda connection: connection.exec_driver_sql("CREATE TABLE t (x INTEGER)"))
+
+    def interrupted(connection: Any) -> None:
+        driver = connection.connection.driver_connection
+        # a signal that Python sees once the driver is back, as it is with the user's
+        strike = partial(ctypes.CDLL(None)["raise"], int(signal.SIGINT))
+        driver.create_function("interrupt", 0, strike)
+        connection.exec_driver_sql("INSERT INTO t VALUES (1) RETURNING interrupt()")
+
+    with pytest.raises(KeyboardInterrupt) as kept:  # and its frames with it
+        database.write(interrupted)
+    database.write(lambda connection: connection.exec_driver_sql("INSERT INTO t VALUES (2)"))
+    found = database.read(lambda connection: connection.exec_driver_sql("SELECT x FROM t").all())
+    assert [x for (x,) in found] == [2]
+    assert kept.tb is not None
+    database.close()
 
 
 def test_no_flipped_bit_goes_unseen(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import logging
 import os
 import sqlite3
 import time
+import traceback
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -127,6 +128,10 @@ class Database:
                     )
                 time.sleep(min(pause, left))
                 pause = min(2.0 * pause, 2.0)
+            except BaseException as error:
+                # an interrupted statement keeps its lock for as long as the frames that hold it
+                traceback.clear_frames(error.__traceback__)
+                raise
 
     def _damaged(self, how: object) -> FileError:
         said = ascii(" ".join(str(how).split()))[1:-1][:120]
