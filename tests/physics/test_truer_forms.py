@@ -309,7 +309,7 @@ def test_loops_that_sample_later_answer_as_those_of_a_simulator_of_other_make():
         another_actuator.parameters_of(drive), time, 0.02 * np.sin(10.0 * np.pi * time),
         np.zeros(time.size), {}, structure, noise=0.0, bits=None,
     )  # fmt: skip
-    start = np.zeros(4)
+    start = np.zeros(5)
     late, at_once = (
         reference_answer(one, drive, {}, start) for one in (other.with_first_sample(4.4e-5), other)
     )

@@ -123,6 +123,11 @@ class Direction(NamedTuple):
     held: bool
 
     @property
+    def others(self) -> set[int]:
+        """Places of the unknowns that change in place of the pivot."""
+        return set(np.flatnonzero(self.same).tolist())
+
+    @property
     def blind(self) -> np.ndarray:
         """(d,) the direction in which answers stay, its largest component one."""
         found = -self.same

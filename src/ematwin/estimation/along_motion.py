@@ -13,6 +13,7 @@ the equations show every fault it takes the place of the closed loop.
 
 import math
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -80,8 +81,8 @@ def informed(
     like : of the same recordings, with which this one is compared: its standard deviations count,
         and its first samples
 
-    None where only the fast model is needed, or where no recording has equations: positions are
-    lacking.
+    None where only the fast model is needed, where no recording has equations: positions are
+    lacking, or where loops would be unstable at the start.
 
     Raises
     ------
@@ -97,16 +98,18 @@ def informed(
     every = _along(model, actuator, problem, values)
     if not every:
         return None
-    rests = {along.equation.rests for along in every}
+    aliases = partial(model.aliases, actuator)
+    rests, begun = {along.equation.rests for along in every}, z
     if first := [along for along in every if along.equation.name in rests]:
-        begun, z = z, MotionFit(actuator, problem, first, remainders).descended(z, most)
+        z = MotionFit(actuator, problem, first, remainders, aliases).descended(z, most)
         values = values_at(problem, z)
         every = [along.at(values[along.recording]) for along in every]
     every = [along for along in every if along.equation.size > 0.0]
-    fit = MotionFit(actuator, problem, every, remainders)
-    if first and not np.isfinite(fit.residuals(z)).all():  # a loop would be unstable there
-        z = begun
-    z = fit.descended(z, most)
+    fit = MotionFit(actuator, problem, every, remainders, aliases)
+    stable = (one for one in (z, begun) if np.isfinite(fit.residuals(one)).all())
+    if (here := next(stable, None)) is None:
+        return None
+    z = fit.descended(here, most)
     if like is None and fit.finds_first_samples(z):
         z = fit.descended(z, most)
         problem = problem.sampled_first(fit.first_samples)

@@ -31,7 +31,6 @@ from ematwin.estimation.equation_fit import (
     stated_values,
     with_values,
 )
-from ematwin.estimation.healthy_fit import healthy_nuisances
 from ematwin.estimation.prior import Prior
 from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison
@@ -108,7 +107,7 @@ def find_forms(
                 by_name.setdefault(equation.name, {})[n] = equation
     result, fits, first_samples = FoundForms(template), list[EquationFit](), dict[int, float]()
     known: Prior | None = None
-    beside = healthy_nuisances(model, template, comparisons)
+    beside = [one for one in model.unknowns(template) if one.marginal]
     for n, some in enumerate(by_name.values()):
         equations = Equations(result.actuator, list(some.values()), known, beside)
         selection = _Selection(result, equations)

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ematwin.errors import EmatwinError
+from ematwin.estimation.aliases import Aliases, directions
 from ematwin.estimation.constants import DECIDES, WORSE
 from ematwin.estimation.descent import TooFarError
 from ematwin.estimation.equation_fit import with_secant, with_values
@@ -76,8 +77,10 @@ class MotionFit:
         problem: Problem,
         every: Sequence[Along],
         known: Mapping[tuple[int, str], Remainder],
+        aliases: Aliases,
     ) -> None:
         self._actuator, self._problem, self._every = actuator, problem, every
+        self._aliases = aliases
         self.first_samples = [one.recording.first_sample for one in problem.comparisons]
         self._matters = [_matters(one, actuator, problem) for one in every]
         left = side_by_side(lambda one: self._left(one, {}), every)
@@ -218,12 +221,21 @@ class MotionFit:
         return found
 
     def _slopes(self, z: np.ndarray, here: np.ndarray) -> np.ndarray:
-        """(f, K), of residuals (K,) at coordinates (1, d), by those that matter."""
+        """(f, K), of residuals (K,) at coordinates (1, d), by those that matter.
+
+        Known directions are not differenced: ripple would tell a fault from what it multiplies.
+        """
         chart, free = self._problem.chart, self._free
+        known = directions(self._problem, chart.to_values(z)[0], self._aliases)
+        same = [
+            {one.pivot: one for one in known if {one.pivot, *one.others} <= {*places.values()}}
+            for places in self._matters
+        ]
         asked = [
             (n, row)
             for n, places in enumerate(self._matters)
             for row in np.flatnonzero(np.isin(free, list(places.values()))).tolist()
+            if free[row] not in same[n]
         ]
 
         def slope(one: tuple[int, int]) -> np.ndarray:
@@ -240,6 +252,10 @@ class MotionFit:
         found = np.zeros((free.size, here.size))
         for (n, row), column in zip(asked, side_by_side(slope, asked), strict=True):
             found[row, self._parts[n]] = column
+        rows = {place: row for row, place in enumerate(free.tolist())}
+        for part, mine in zip(self._parts, same, strict=True):
+            for pivot, one in mine.items():
+                found[rows[pivot], part] = one.same[free] @ found[:, part]
         steps = np.where(z[0, free] + _STEP <= high, _STEP, -_STEP)
         beside = np.tile(z, (free.size, 1))
         beside[np.arange(free.size), free] += steps

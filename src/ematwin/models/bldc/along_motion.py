@@ -31,12 +31,12 @@ from ematwin.models.bldc.envelope import trapezoid_shape
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import balanced
 from ematwin.models.bldc.reference_step import ReferenceState, drive, more_after
-from ematwin.models.bldc.simulate import INPUT_INTERVAL, TimeGrid
+from ematwin.models.bldc.simulate import INPUT_INTERVAL, TimeGrid, phases_of
 from ematwin.models.bldc.state import fault_state
-from ematwin.models.bldc.truer.loops import resting
+from ematwin.models.bldc.truer.loops import started
 from ematwin.models.bldc.truer.motor import KEPT_5, KEPT_7, SINE
 from ematwin.models.bldc.truer.state import TruerState
-from ematwin.models.bldc.unknowns import UNKNOWNS
+from ematwin.models.bldc.unknowns import HELD, UNKNOWNS
 from ematwin.models.bldc.zeros import counted
 from ematwin.models.optional import FIRST_SAMPLE, Values
 from ematwin.numerics.compile import loop
@@ -55,7 +55,7 @@ _, read_more, _ = columns(TruerState)
 
 
 @loop
-def currents_along(k, command, motion, spacing, interval, c, dt, start, samples, truer, more):  # type: ignore[no-untyped-def]
+def currents_along(k, command, motion, spacing, interval, c, dt, start, samples, truer, i, more):  # type: ignore[no-untyped-def]
     """Mean phase currents (S, 3), A, of each interval from 0 s on.
 
     Parameters
@@ -69,10 +69,11 @@ def currents_along(k, command, motion, spacing, interval, c, dt, start, samples,
     dt : s
     start : s, of the first step, from ``-dt`` to 0
     samples : S
+    i : (3,) array, A, phase currents at first
     """
     fault = fault_state(k, c.half_gap)
     now_more = read_more(more.reshape(-1, 1), 0)
-    i_a, i_b, i_c, pair_sign = 0.0, 0.0, 0.0, 1.0
+    i_a, i_b, i_c, pair_sign = i[0], i[1], i[2], 1.0
     found = np.zeros((samples + 1, 3))
     last = command.size - 2
     n, sample = 0, 0
@@ -227,7 +228,8 @@ class Controller:
         self._states = np.array([
             motion.motor(grid.time), motion.motor(grid.time, 1), motion.output(grid.time),
         ])  # fmt: skip
-        self._signed = 0.5 * np.einsum("sk,sk->s", motion.currents, motion.trapezoids)[1:count]
+        signed = 0.5 * np.einsum("sk,sk->s", motion.currents, motion.trapezoids)[:count]
+        self._begins, self._signed = float(signed[0]), signed[1:]
         self._seen = self._equivalent(motion.currents[1:count])
         self.size = float(np.linalg.norm(self._seen))
 
@@ -253,8 +255,8 @@ class Controller:
         """
         given = values or {}
         first, skew = given.get(FIRST_SAMPLE, self._motion.first_sample), given.get("skew", 0.0)
-        faults = tuple(fault_vector(given).tolist())
-        current = self._answer(actuator, faults, skew, first, faster, counts)
+        faults, held = tuple(fault_vector(given).tolist()), given.get(HELD, 0.0)
+        current = self._answer(actuator, faults, skew, first, held, faster, counts)
         gain, offset = given.get("current_gain", 1.0), given.get("current_offset", 0.0)
         return gain * current + offset - self._seen
 
@@ -264,6 +266,7 @@ class Controller:
         faults: tuple[float, ...],
         skew: float,
         first: float,
+        held: float,
         faster: float,
         counts: bool,
     ) -> np.ndarray:
@@ -282,22 +285,25 @@ class Controller:
             # rad: counts of such an encoder do not show
             truer = truer._replace(motor_step=1e-9, output_step=0.0)
         angle, speed, _ = self._states[:, 0]
+        loops = started(truer, actuator.motor, self._begins, angle, speed, first - start, held)
         currents = currents_along(
             np.array(faults), command, self._states, grid.time[1], 1.0 / motion.rate,
             kernel_constants(actuator), dt, start, self._seen.size, truer,
-            np.array(resting(truer, angle, speed, first - start)),
+            np.array(phases_of(self._begins, actuator.motor.pole_pairs * angle)), np.array(loops),
         )  # fmt: skip
         return self._equivalent(currents)
 
     def changes(self, actuator: Any) -> dict[str, np.ndarray]:
-        """How the residual (S - 1,), A, changes with the skew (s), which may pass for a lag.
+        """How the residual (S - 1,), A, changes with what may pass for a form.
 
-        As if the current followed its demand: the ripple of a comparator drowns such a change.
+        The skew (s) may pass for a lag, and a current that an integral term held at first (A) hides
+        it. As if the current followed its demand: the ripple of a comparator drowns such a change.
         """
         motion, own, count = self._motion, actuator.controller, self._seen.size + 1
         demand = own.position_gain * own.speed_gain / (2.0 * actuator.motor.emf_constant)
         pace = np.gradient(motion.command[:count], motion.time[:count])[1:]
-        return {"skew": demand * self._low_pass.apply(pace, motion.rate)}
+        late = demand * self._low_pass.apply(pace, motion.rate)
+        return {"skew": late, HELD: np.ones(late.size)}
 
     def least(self, actuator: Any) -> float:
         """Share of the recorded current that noise and the error of the equation leave."""

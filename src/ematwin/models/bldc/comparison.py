@@ -28,7 +28,7 @@ from ematwin.models.bldc.stretches import (
     scores,
 )
 from ematwin.models.bldc.truer import REFERENCE_ALONE
-from ematwin.models.bldc.unknowns import MODEL_ERROR, POWER, SENSOR, UNKNOWNS
+from ematwin.models.bldc.unknowns import HELD, MODEL_ERROR, POWER, SENSOR, UNKNOWNS
 from ematwin.models.bldc.zeros import counted, turned
 from ematwin.models.comparison import Candidates, Comparison, Placed
 from ematwin.models.sizes import check_enough, check_moves
@@ -82,7 +82,6 @@ class BldcComparison(Comparison):
     _filtered_power: PowerStretches | None = None
     _missed: Mapping[str, np.ndarray] | None = None
     _passed: LowPass | None = None  # by what was missed
-    ignores = frozenset(POWER)
 
     def __init__(
         self,
@@ -110,6 +109,9 @@ class BldcComparison(Comparison):
         current = None if self.rectify else float(self.current[0])
         self.state = initial_state(recording, actuator, current)
         self.constants = kernel_constants(actuator)
+        loop = actuator.speed_loop
+        held = loop is not None and loop.integral_gain > 0.0
+        self.ignores = frozenset(POWER if held else (*POWER, HELD))
         self.unseen = frozenset(
             place for place, *_ in actuator.parameters() if place.startswith(REFERENCE_ALONE)
         )
@@ -143,7 +145,7 @@ class BldcComparison(Comparison):
         """Filtered current and, if it counts, power (1, S) of the reference, without sensors."""
         from ematwin.models.bldc.simulate import reference_answer
 
-        answer = reference_answer(self.recording, self.actuator, values, self.state[1:5])
+        answer = reference_answer(self.recording, self.actuator, values, self.state[:5])
         current, _ = equivalent_current(answer, self.actuator.motor.pole_pairs, self.rectify)
         current[0] = self.current[0]  # as the twin's: nothing has been simulated yet
         response, watts = filtered(self.taps, current)[0][None], None
@@ -171,7 +173,9 @@ class BldcComparison(Comparison):
             return self
         other = copy.copy(self)
         other.power = power
-        other.ignores = frozenset({"voltage_drop"} if power.by_phases else ())
+        other.ignores = self.ignores.difference(POWER).union(
+            {"voltage_drop"} if power.by_phases else ()
+        )
         other.tells = frozenset({"current_gain"} if power.by_phases else ())
         other._filter_power()
         return other

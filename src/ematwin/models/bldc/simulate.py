@@ -10,7 +10,7 @@ from ematwin.errors import InputError
 from ematwin.models.base import Progress
 from ematwin.models.bldc.channels import UNITS
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.unknowns import FAULTS, UNKNOWNS
+from ematwin.models.bldc.unknowns import FAULTS, HELD, UNKNOWNS
 from ematwin.models.scenario import Scenario
 from ematwin.recordings.recording import Recording
 
@@ -46,7 +46,7 @@ def simulate(
     command, load = scenario.histories(grid.time)
     k = np.array([values[name] for name in FAULTS])
     columns = simulated(
-        fidelity, k, command * ratio, load / ratio, (0.0, start * ratio, 0.0, start * ratio),
+        fidelity, k, command * ratio, load / ratio, (0.0, 0.0, start * ratio, 0.0, start * ratio),
         actuator, grid, progress,
     )  # fmt: skip
     kept = slice(None, None, grid.decimation)
@@ -65,39 +65,43 @@ def simulated(
     progress: Progress | None = None,
     count_offset: float = 0.5,
     first_sample: float = 0.0,
+    integral: float = 0.0,
 ) -> dict[str, np.ndarray]:
-    """Columns (S,) of a trace; the phases carry no current at first.
+    """Columns (S,) of a trace.
 
     Parameters
     ----------
     model : "reference" or "monitor"
     faults : (8,) array
     command, load : arrays on the points of the grid, rad and N m on the motor shaft
-    start : speed and angle of motor and output, on the motor shaft
+    start : current, A; speed and angle of motor and output, on the motor shaft
     actuator, grid
     progress : called with the share done
     count_offset : where within a step the counts of encoders begin
     first_sample : s, when sampled loops sample first
+    integral : A, what the integral term of the speed loop asks for at first
     """
     from ematwin.models.bldc import batch  # compiles, or loads what an earlier process compiled
     from ematwin.models.bldc.constants import kernel_constants, truer_constants
     from ematwin.models.bldc.monitor_step import MonitorState
     from ematwin.models.bldc.reference_step import ReferenceState
-    from ematwin.models.bldc.truer.loops import read_angle, resting
+    from ematwin.models.bldc.truer.loops import read_angle, started
 
     rest: ReferenceState | MonitorState
     names: tuple[str, ...]
     further: tuple[object, ...]
-    w_m, theta_m, w_o, theta_o = start
+    current, w_m, theta_m, w_o, theta_o = start
     if model == "reference":
         run, names = batch.reference_trace, batch.REFERENCE_COLUMNS
         truer = truer_constants(actuator, count_offset)
-        further = truer, np.array(resting(truer, theta_m, w_m, first_sample))
-        rest = ReferenceState(0.0, 0.0, 0.0, w_m, theta_m, w_o, theta_o, 1.0, 0.0, 0.0, 0.0)
+        loops = started(truer, actuator.motor, current, theta_m, w_m, first_sample, integral)
+        further = truer, np.array(loops)
+        phases = phases_of(current, actuator.motor.pole_pairs * theta_m)
+        rest = ReferenceState(*phases, w_m, theta_m, w_o, theta_o, 1.0, 0.0, 0.0, 0.0)
     else:
         run, names = batch.monitor_trace, batch.MONITOR_COLUMNS
         further = (None if actuator.shorted_turns is None else np.zeros(4),)
-        rest = MonitorState(0.0, w_m, theta_m, w_o, theta_o, 0.0, 0.0)
+        rest = MonitorState(current, w_m, theta_m, w_o, theta_o, 0.0, current)
     state = np.array(rest)
     constants = kernel_constants(actuator)
     at_rest = {"bus_voltage": actuator.drive.supply_voltage}
@@ -136,6 +140,16 @@ def simulated(
         for name, size in sizes.items():
             found[name] = read_angle(found[name], size, count_offset)
     return found
+
+
+def phases_of(current: float, theta_e: float) -> tuple[float, float, float]:
+    """Phase currents (A) of a current through the pair that conducts at an angle (rad)."""
+    from ematwin.models.bldc.inverter import gate_signals
+    from ematwin.models.bldc.motor import hall_sector
+    from ematwin.numerics.compile import plain
+
+    a, b, c = plain(gate_signals)(plain(hall_sector)(theta_e), current)
+    return float(a), float(b), float(c)
 
 
 def answer_step(actuator: BldcActuator, rate: float) -> float:
@@ -180,7 +194,7 @@ def reference_answer(
     actuator : its parameters where ``values`` name none by their place
     values : faults, corrections of the load, and parameters of one candidate; all others are
         healthy or nominal
-    start : (4,) array, speed and angle of motor and output, on the motor shaft
+    start : (5,) array, current, A; speed and angle of motor and output, on the motor shaft
 
     Where within a step the counts of encoders begin is unknown: each candidate has another place,
     and the differences count as scatter of the reference, in the error of the model and where a
@@ -202,6 +216,7 @@ def reference_answer(
     columns = simulated(
         "reference", faults, command * ratio, load / ratio, start, actuator, grid,
         count_offset=drawn, first_sample=recording.first_sample,
+        integral=values.get(HELD, 0.0),
     )  # fmt: skip
     return Recording(time, {"command": recording.command, **columns}, units=UNITS)
 

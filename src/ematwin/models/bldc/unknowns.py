@@ -44,6 +44,7 @@ UNKNOWNS = (
 
 FAULTS = tuple(one.name for one in UNKNOWNS)
 LOAD = ("load_gain", "load_offset")  # corrections of the recorded load
+HELD = "integral"  # A, of the speed loop's demand
 POWER = ("power_gain", "power_offset", "voltage_drop")  # of the recorded power
 SENSOR = ("skew", "current_gain", "current_offset", *POWER)  # what sensors make of the answer
 
@@ -60,15 +61,18 @@ def nuisances(actuator: Any) -> tuple[Unknown, ...]:
     Hall current sensors are usually stated to 1 % of their range and drift by as much with
     temperature. Loggers that do not share a clock are some samples apart. Voltages, by dividers,
     and a supply's current, by a shunt, are known to 1 % with 95 %. A drive takes some power for
-    itself, and its switches drop a volt or two.
+    itself, and its switches drop a volt or two. What an integral term asks for at first is
+    within the current limit.
     """
-    current = _CURRENT_OFFSET * actuator.drive.current_limit
-    power = _POWER_OFFSET * actuator.drive.current_limit * actuator.drive.supply_voltage
+    limit = actuator.drive.current_limit
+    current = _CURRENT_OFFSET * limit
+    power = _POWER_OFFSET * limit * actuator.drive.supply_voltage
     return (
         nuisance("skew", "s", "how late the command was recorded", 0.0, 1e-3, 2e-4),
         *load_nuisances(actuator, valleys=7),  # stiction holds elsewhere
         nuisance("current_gain", "", "gain of the current sensor", 1.0, 0.1, 0.01),
         nuisance("current_offset", "A", "offset of the current sensor", 0.0, 20 * current, current),
+        nuisance(HELD, "A", "of the speed loop's integral term at first", 0.0, limit, 0.5 * limit),
         nuisance("power_gain", "", "recorded over actual electrical power", 1.0, 0.2, 0.005),
         nuisance("power_offset", "W", "power beside that of the motor", 0.0, 20 * power, power),
         nuisance("voltage_drop", "V", "voltage lost in the drive", 0.0, 10.0, 1.0),

@@ -46,7 +46,7 @@ def test_currents_along_a_motion_are_those_of_the_naive_loop(actuator):
     fast = along_motion.currents_along(
         faults.vector, command, np.array([angle, speed, output]), dt, dt,
         kernel_constants(actuator), dt, 0.0, count, truer_constants(actuator),
-        np.array(TruerState()),
+        np.zeros(3), np.array(TruerState()),
     )  # fmt: skip
     motion = np.array([angle, speed, output])[:, :-1]
     slow = naive.currents(actuator, faults, command[:-1], motion, dt)

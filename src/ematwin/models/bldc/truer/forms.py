@@ -17,7 +17,7 @@ from typing import Any
 from ematwin.models.bldc.along_motion import LEAST, Controller, Motion, has_motion
 from ematwin.models.bldc.balance import Contact, Crossing, TorqueBalance
 from ematwin.models.bldc.counts import comparable_cutoff
-from ematwin.models.bldc.unknowns import LOAD
+from ematwin.models.bldc.unknowns import HELD, LOAD
 from ematwin.models.optional import FIRST_SAMPLE, Equation, Form, Values
 from ematwin.models.servo import possible_coggings
 from ematwin.numerics.signals import LowPass
@@ -326,7 +326,7 @@ def _controller(
         ("controller.position_gain", "controller.speed_gain", "motor.emf_constant",
          "motor.resistance"),
         forms,
-        ("gain", "skew", *_SENSOR),
+        ("gain", "skew", HELD, *_SENSOR),
         at=partial(_controller, controller, forms, actuator),
         together=tuple(
             (_current_times(times), _current_delays, _speed_times) for times in (_USUAL, _ANY)

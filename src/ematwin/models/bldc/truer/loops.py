@@ -38,6 +38,8 @@ here). A comparator, which sees the shared leg, does not let it fall.
 Dead time and switches take a voltage that has the sign of the current (`left_of_voltage`).
 """
 
+from typing import Any
+
 import numpy as np
 
 from ematwin.models.bldc.truer.state import Truer, TruerState
@@ -62,12 +64,28 @@ def last_reading(truer, theta_m, w_m):
     return read_angle(theta_m - truer.sample_time * w_m, truer.motor_step, truer.count_offset)
 
 
-def resting(truer: Truer, theta_m: float, w_m: float, first_sample: float) -> TruerState:
-    """State of loops that have asked for nothing yet, of a motor (rad) that turns at ``w_m``.
+def started(
+    truer: Truer,
+    motor: Any,
+    current: float,
+    theta_m: float,
+    w_m: float,
+    first_sample: float = 0.0,
+    integral: float = 0.0,
+) -> TruerState:
+    """State of loops that have held a current (A) in a motor (rad) that turns at ``w_m``.
 
-    Both loops sample ``first_sample`` seconds from now, and at their intervals before and after.
+    The integral term of the speed loop has asked for ``integral`` (A) of it. Both loops sample
+    ``first_sample`` seconds from now, and at their intervals before and after.
     """
+    voltage = motor.resistance * current + 2.0 * motor.emf_constant * w_m
     return TruerState(
+        asked=current,
+        pending=current,
+        integral=2.0 * motor.emf_constant * integral,
+        voltage=voltage,
+        voltage_pending=voltage,
+        voltage_integral=voltage,
         read=plain(last_reading)(truer, theta_m, w_m),
         speed_seen=w_m,
         wait=first_sample % truer.sample_time if truer.sample_time > 0.0 else 0.0,
