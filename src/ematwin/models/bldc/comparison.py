@@ -109,9 +109,7 @@ class BldcComparison(Comparison):
         current = None if self.rectify else float(self.current[0])
         self.state = initial_state(recording, actuator, current)
         self.constants = kernel_constants(actuator)
-        loop = actuator.speed_loop
-        held = loop is not None and loop.integral_gain > 0.0
-        self.ignores = frozenset(POWER if held else (*POWER, HELD))
+        self.ignores = frozenset(POWER if actuator.integrates else (*POWER, HELD))
         self.unseen = frozenset(
             place for place, *_ in actuator.parameters() if place.startswith(REFERENCE_ALONE)
         )
@@ -173,9 +171,7 @@ class BldcComparison(Comparison):
             return self
         other = copy.copy(self)
         other.power = power
-        other.ignores = self.ignores.difference(POWER).union(
-            {"voltage_drop"} if power.by_phases else ()
-        )
+        other.ignores = self.ignores.difference(POWER[:2] if power.by_phases else POWER)
         other.tells = frozenset({"current_gain"} if power.by_phases else ())
         other._filter_power()
         return other

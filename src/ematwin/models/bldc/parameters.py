@@ -207,6 +207,11 @@ class BldcActuator(ServoParameters):
             )
         return self
 
+    @property
+    def integrates(self) -> bool:
+        """Whether its speed loop has an integral term."""
+        return self.speed_loop is not None and self.speed_loop.integral_gain > 0.0
+
     def largest_stable_step(self, model: str) -> float:
         """Longest step of a model for which its fastest mode neither grows nor rings, s."""
         j_m, j_o = self.motor.inertia, self.transmission.output_inertia

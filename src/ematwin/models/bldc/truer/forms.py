@@ -162,7 +162,7 @@ def _fadings(actuator: Any) -> list[Values]:
 
 INTEGRAL = Form(
     "integral term in the speed loop",
-    lambda a: a.speed_loop is not None and a.speed_loop.integral_gain > 0.0,
+    lambda a: a.integrates,
     ("speed_loop.integral_gain",),
     _integrals,
     _said_of_integral,
