@@ -223,7 +223,8 @@ class MotionFit:
     def _slopes(self, z: np.ndarray, here: np.ndarray) -> np.ndarray:
         """(f, K), of residuals (K,) at coordinates (1, d), by those that matter.
 
-        Known directions are not differenced: ripple would tell a fault from a parameter that it multiplies.
+        Known directions are not differenced: ripple would tell a fault from the parameter that it
+        multiplies.
         """
         chart, free = self._problem.chart, self._free
         known = directions(self._problem, chart.to_values(z)[0], self._aliases)
