@@ -103,8 +103,23 @@ def test_each_fourth_sample_will_do():
     assert found.values["short_a"] == pytest.approx(0.0, abs=0.02)
 
 
+def test_a_drive_that_crept_before_the_recording_rests_where_it_did():
+    """A current offset pushes the motor through the gap, against bristles that give."""
+    built = ACTUATOR.changed({
+        "presliding.motor_stiffness": 50.0, "presliding.output_stiffness": 30.0,
+        "presliding.damping": 0.01,
+    })  # fmt: skip
+    faults = {"sensor_offset_b": 0.8}
+    recording = ematwin.simulate(None, None, faults, built)
+    assert abs(recording.channels["motor_position"][0]) > 0.01
+    comparison = PmsmComparison(recording, built)
+    answer = comparison.exact(MODEL.values_of(built, faults))
+    for name, trace in comparison.measured().items():
+        np.testing.assert_allclose(answer[name], trace, atol=1e-9)
+
+
 def test_a_start_that_turns_with_the_resolver_is_held(healthy):
-    """The motor begins where it was read, whatever the resolver's slip: no jump of the twin."""
+    """The motor stands still, whatever the resolver's slip: no jump of the twin."""
     comparison = PmsmComparison(healthy, ACTUATOR)
     slips = np.array([0.5, 0.3, 0.9])
     answer = comparison.responses({"resolver_offset": slips}, 3)
