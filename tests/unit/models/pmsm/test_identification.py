@@ -165,6 +165,22 @@ def test_a_short_is_told_with_the_contact_that_it_holds_for():
     assert not any("short_resistance" in one for one in healthy.warnings)
 
 
+def test_a_short_and_its_contact_are_one_number():
+    """The contact stays where it is known to be, and widens the interval of the share."""
+    values = {"short_a": 0.5, "short_resistance": 0.5}
+    (alias,) = [one for one in MODEL.aliases(ACTUATOR, values) if one.pivot == "short_resistance"]
+    assert alias.held
+    step = 1e-4
+    beside = {"short_a": 0.5 - step * alias.same["short_a"], "short_resistance": 0.5 + step}
+    place = Constants._fields.index("loop_a")
+    drawn = [
+        constants_of(ACTUATOR, {n: np.array([x]) for n, x in one.items()}, 1, 1e-4)[0, place]
+        for one in (values, beside, values | {"short_resistance": 0.5 + step})
+    ]
+    assert drawn[1] == pytest.approx(drawn[0], rel=1e-7)
+    assert drawn[2] < drawn[0] * (1.0 - 1e-5)
+
+
 def test_voltages_may_be_measured_from_line_to_line_or_against_any_point():
     recording = without(ematwin.simulate(None, None, MIXTURE, ACTUATOR, also=TERMINALS), "voltage")
     phases = {name: recording.channels[name] for name in TERMINALS}
