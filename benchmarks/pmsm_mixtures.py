@@ -9,7 +9,8 @@ RMS and converters of 12 bits on phase currents and voltages, those that the dri
 With ``--sheet`` each actuator is off its data sheet, within its tolerances, and the twin is told
 the sheet. With ``--calibrated`` so many actuators are off their sheet, and have cogging, harmonics
 of the EMF and presliding friction that it does not state; each is calibrated on two healthy
-recordings, and judged on ``--count`` mixtures.
+recordings, and judged on ``--count`` mixtures. Of a calibration: errors of the parameters over
+their stated deviations, each for itself and jointly, root mean square; 1 is right.
 
 Of each: Err% (the norm of the differences of the normalised magnitudes, in per cent; a direction
 counts by its magnitude), the grade of the verdict, how many of the 95 % intervals hold what was
@@ -28,6 +29,7 @@ from pathlib import Path
 import numpy as np
 
 from ematwin import Noise, calibrate, identify, simulate
+from ematwin.estimation.prior import coordinate
 from ematwin.models.pmsm.channels import TERMINALS
 from ematwin.models.registry import load_actuator, model_of
 
@@ -137,8 +139,25 @@ def calibrated(actuator, seed):
     start = time.process_time()
     report = calibrate(healthy, actuator)
     seconds = time.process_time() - start
-    print(f"drive {seed}, {seconds:.0f} CPU s: {report.baseline.forms}", flush=True)
+    each, jointly = errors_over_deviations(true, report.calibration)
+    print(
+        f"drive {seed}, {seconds:.0f} CPU s, errors {each:.2f} and jointly {jointly:.2f} standard "
+        f"deviations: {report.baseline.forms}",
+        flush=True,
+    )
     return true, report.calibration
+
+
+def errors_over_deviations(true, calibration):
+    """Errors of calibrated parameters in stated standard deviations, and jointly, RMS."""
+    prior, model = calibration.baseline.prior, calibration.model
+    unknowns = [model.unknown(calibration.actuator, name) for name in prior.names]
+    z = np.array([coordinate(one, true.value(one.name)) for one in unknowns])
+    for n, name in enumerate(prior.names):
+        if name.endswith("phase"):  # an angle
+            z[n] += 2.0 * np.pi * np.round((prior.mean[n] - z[n]) / (2.0 * np.pi))
+    each = (z - prior.mean) / np.sqrt(np.diag(prior.covariance))
+    return tuple(float(np.sqrt(np.mean(e**2))) for e in (each, prior.distances(z[None])[0]))
 
 
 def judged(actuator, seed, *, voltages=COMMANDED, sheet=False, drive=None):

@@ -205,25 +205,25 @@ def uncertain(model: Model, actuator: ParameterSet) -> list[Unknown]:
     """Parameters that may be off, as unknowns with the spread of their tolerances.
 
     A kind that states no tolerance of a parameter may say how far a template may be off
-    (`Model.nominal`).
+    (`Model.nominal`, `Model.signed`).
     """
     found = []
     for place, value, *_ in actuator.parameters():
         tolerance = actuator.tolerance(place)
-        if tolerance is not None:
-            spread = math.log1p(tolerance) / TWO_SIGMA
-        elif place in model.nominal:
-            spread = math.log(model.nominal[place])
-        else:
-            continue
-        if place not in model.fixed and value > 0.0:
-            found.append(replace(model.unknown(actuator, place), spread=spread))
+        if place in model.signed:
+            found.append(model.unknown(actuator, place))
+        elif (tolerance or place in model.nominal) and place not in model.fixed and value > 0.0:
+            one = model.unknown(actuator, place)
+            spread = one.spread if tolerance is None else math.log1p(tolerance) / TWO_SIGMA
+            found.append(replace(one, spread=spread))
     return found
 
 
 def searched_range(one: Unknown) -> Unknown:
     """The unknown with bounds that its prior makes likely."""
     assert one.spread is not None
+    if not one.logarithmic:
+        return one
     reach = math.exp(SEARCHED * one.spread)
     return replace(
         one, lower=max(one.lower, one.healthy / reach), upper=min(one.upper, one.healthy * reach)

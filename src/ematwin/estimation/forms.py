@@ -22,9 +22,9 @@ import numpy as np
 
 from ematwin.errors import EmatwinError
 from ematwin.estimation.constants import DECIDES
-from ematwin.estimation.equation_fit import (
+from ematwin.estimation.equation_fit import EquationFit
+from ematwin.estimation.equations import (
     WIDE,
-    EquationFit,
     Equations,
     coordinate,
     has_sign,
@@ -110,12 +110,11 @@ def find_forms(
     beside = [one for one in model.unknowns(template) if one.marginal]
     for n, some in enumerate(by_name.values()):
         equations = Equations(result.actuator, list(some.values()), known, beside)
-        selection = _Selection(result, equations)
-        result, fit = selection.run()
+        result, fit = _Selection(result, equations).run()
         fits.append(fit)
         known = _together(template, fits)
-        if any(selection.equations.first_samples):
-            first_samples |= zip(some, selection.equations.first_samples, strict=True)
+        if any(fit.equations.first_samples):
+            first_samples |= zip(some, fit.equations.first_samples, strict=True)
         progress((n + 1) / len(by_name))
     if known is None:
         return result
@@ -152,30 +151,31 @@ class _Selection:
     """Forward selection of the forms of one equation, given for each recording."""
 
     def __init__(self, known: FoundForms, equations: Equations) -> None:
-        self._known, self.equations = known, equations
+        self._known, self._equations = known, equations
 
     def run(self) -> tuple[FoundForms, EquationFit]:
         """Add the forms of this equation; return the forms so far and its fit."""
-        known, first = self._known, self.equations.each[0]
+        known, first = self._known, self._equations.each[0]
         stated = [form for form in first.forms if form.is_stated(known.actuator)]
-        wanted = (*first.fitted, *(place for form in stated for place in form.fitted))
+        wanted = dict.fromkeys((*first.fitted, *(p for form in stated for p in form.fitted)))
         places = [
             one
             for one in wanted
             if known.actuator.value(one) > 0.0 or not has_sign(known.actuator, one)
         ]
-        fit = plain = self.equations.fitted(known.actuator, places)
+        fit = plain = self._equations.fitted(known.actuator, places)
         rest = [form for form in first.forms if form not in stated]
         found: list[Form] = []
         gains: list[Explained] = []
         absent: list[Form] = []
-        while rest and fit.cost > self.equations.least(fit.actuator):
+        while rest and fit.cost > _least(fit):
             more, new = self._with_more(fit, found, rest, len(rest))
             if len(new) > 1:  # each has to explain something, and not another's part
                 alone, one = self._with_more(fit, found, rest, 1)
                 if one and not self._matters(more, alone):
                     more, new = alone, one
             if not new:
+                absent += rest
                 break
             if found and self._matters(more, fit):  # or is it other choices of those found before?
                 fit = self._chosen(fit, found)
@@ -189,26 +189,26 @@ class _Selection:
                 absent += new
             rest = [form for form in rest if form not in new]
         for choices in first.together if found else ():
-            if fit.cost <= self.equations.least(fit.actuator):
+            if fit.cost <= _least(fit):
                 break
-            equations, together = self._together(fit, choices)
+            together = self._together(fit, choices)
             if together.cost < fit.cost - DECIDES * fit.weight:
                 new = [form for form in absent if form.is_stated(together.actuator)]
                 share = (fit.cost - together.cost) / plain.cost
                 gains += [Explained(first.name, len(new), share)] if new else []
                 absent = [form for form in absent if form not in new]
-                found, self.equations, fit = [*found, *new], equations, together
-        if first.first_samples(fit.actuator) and not any(self.equations.first_samples):
-            equations, other = self.equations.with_first_samples(fit, fit.actuator)
+                found, fit = [*found, *new], together
+        if first.first_samples(fit.actuator) and not any(fit.equations.first_samples):
+            other = fit.equations.with_first_samples(fit, fit.actuator)
             if other.cost < fit.cost - DECIDES * fit.weight:
-                fit, self.equations = other, equations
-        if any(self.equations.first_samples):  # which other choices suit, now that these are known
+                fit = other
+        if any(fit.equations.first_samples):  # which other choices suit, now that these are known
             fit = self._chosen(fit, found)
         told = self._told(plain, fit, found, absent)
         told = replace(told, explained=(*self._known.explained, *gains))
         # what noise does not explain is a discrepancy, alike throughout
-        beyond = max(0.0, fit.cost - self.equations.least(fit.actuator))
-        return told, replace(fit, alike=self.equations.alike(fit.actuator) + beyond)
+        beyond = max(0.0, fit.cost - _least(fit))
+        return told, replace(fit, alike=fit.equations.alike(fit.actuator) + beyond)
 
     def _with_more(
         self, fit: EquationFit, found: Sequence[Form], rest: Sequence[Form], most: int
@@ -220,49 +220,49 @@ class _Selection:
             for one in form.starts(fit.actuator)
             if _count(rest, one) <= most
         ]
-        ranked = self.equations.ranked(fit, starts)
+        ranked = fit.equations.ranked(fit, starts)
         if not ranked:
             return fit, []
         best = with_values(fit.actuator, ranked[0])
         new = [form for form in rest if form.is_stated(best)]
-        places = (*fit.places, *(place for form in new for place in form.fitted))
-        return self._chosen(self.equations.fitted(best, places, fit), [*found, *new]), new
+        places = dict.fromkeys((*fit.places, *(place for form in new for place in form.fitted)))
+        return self._chosen(fit.equations.fitted(best, [*places], fit), [*found, *new]), new
 
     def _matters(self, more: EquationFit, fit: EquationFit) -> bool:
         """Whether forms explain a share of the residual beyond noise, and held-back data better.
 
         And more than the equation's own error, which may resemble a form.
         """
-        noise = min(self.equations.least(more.actuator), more.cost)
+        noise = min(_least(more), more.cost)
         if more.cost - noise >= (1.0 - _MATTERS) * (fit.cost - noise) or not more.beats(fit):
             return False
-        own = self.equations.alike(more.actuator)
+        own = more.equations.alike(more.actuator)
         return fit.cost - more.cost > DECIDES * (more.weight + own)
 
     def _chosen(self, fit: EquationFit, forms: Sequence[Form]) -> EquationFit:
         """The fit with the alternatives chosen from lists, form by form."""
         for form in forms:
             starts = [(one, False) for one in form.alternatives(fit.actuator)]
-            for values in self.equations.ranked(fit, starts)[:1]:
-                other = self.equations.fitted(with_values(fit.actuator, values), fit.places, fit)
+            for values in fit.equations.ranked(fit, starts)[:1]:
+                other = fit.equations.fitted(with_values(fit.actuator, values), fit.places, fit)
                 fit = min(fit, other, key=lambda one: one.cost)
         return fit
 
-    def _together(self, fit: EquationFit, choices: Choices) -> tuple[Equations, EquationFit]:
+    def _together(self, fit: EquationFit, choices: Choices) -> EquationFit:
         """What several forms hold, chosen together by beam search, with the first samples.
 
         The recording with the largest trace chooses.
         """
-        main = int(np.argmax([one.size for one in self.equations.each]))
+        main = int(np.argmax([one.size for one in fit.equations.each]))
         kept: list[Values] = [{}]
         for some in choices:
             beside = [(one, with_values(fit.actuator, one)) for one in kept]
             starts = [{**one, **more} for one, actuator in beside for more in some(actuator)]
             each = {tuple(sorted(one.items())): (one, False) for one in starts}
-            kept = self.equations.ranked(fit, list(each.values()), main)[:_BEAM] or kept
+            kept = fit.equations.ranked(fit, list(each.values()), main)[:_BEAM] or kept
         actuators = [with_values(fit.actuator, one) for one in kept]
-        ends = [self.equations.with_first_samples(fit, one) for one in actuators]
-        return min(ends, key=lambda end: end[1].cost)
+        ends = [fit.equations.with_first_samples(fit, one) for one in actuators]
+        return min(ends, key=lambda end: end.cost)
 
     def _told(
         self, plain: EquationFit, fit: EquationFit, found: Sequence[Form], absent: Sequence[Form]
@@ -294,6 +294,11 @@ class _Selection:
             before=known.before + plain.cost,
             after=known.after + fit.cost,
         )
+
+
+def _least(fit: EquationFit) -> float:
+    """Energy that noise and the errors of its equations leave."""
+    return fit.equations.least(fit.actuator)
 
 
 def _count(forms: Sequence[Form], values: Values) -> int:

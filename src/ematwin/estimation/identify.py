@@ -24,9 +24,11 @@ from ematwin.estimation.findings import (
 from ematwin.estimation.identification import Identification
 from ematwin.estimation.initial_angle import estimate_initial_angle
 from ematwin.estimation.intervals import Interval
+from ematwin.estimation.local import LocalDescent
+from ematwin.estimation.multistart import Multistart, good_fit
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.rivals import Rival, hints, objections, qualified, rivals_of
-from ematwin.estimation.search import Progress, Search, find, named
+from ematwin.estimation.search import Found, Progress, Search, find, named
 from ematwin.estimation.verdict import Verdict
 from ematwin.models.base import Model
 from ematwin.models.channels_agree import checked
@@ -106,6 +108,8 @@ def identified(
             if usual:
                 search = usual_search(model, actuator, problem)
             found = find(problem, search, budget=budget, seed=seed, progress=tell)
+        if usual and baseline.calibrated and not ready.barred:
+            found = searched_further(problem, found, seed, tell)
         try:
             if found.stopped == "interrupted":
                 raise KeyboardInterrupt
@@ -192,6 +196,20 @@ def identified(
         reference_runs=assessed.reference_runs,
         probabilities={} if assessed.sets is None else assessed.sets.probabilities,
     )
+
+
+def searched_further(problem: Problem, near: Found, seed: int, tell: Progress | None) -> Found:
+    """The result of a search from samples all over, where a descent ended in a local minimum.
+
+    A reference corrects what the twin of a calibrated actuator misses, so that a poor fit is one.
+    """
+    descended = near.method == LocalDescent().name and near.stopped == "converged"
+    poor = problem.relative_misfit(near.cost) > good_fit(problem)
+    if not (descended and poor and problem.comparisons[0].has_reference):
+        return near
+    far = find(problem, Multistart(), seed=seed, progress=tell)
+    best = min(near, far, key=lambda one: one.cost)
+    return replace(best, evaluations=near.evaluations + far.evaluations)
 
 
 def compares_sets(model: Model, *asked: Any) -> bool:

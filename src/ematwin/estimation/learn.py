@@ -37,7 +37,7 @@ from ematwin.estimation.forms import SURE, FoundForms, find_forms
 from ematwin.estimation.healthy_bias import healthy_bias
 from ematwin.estimation.healthy_fit import HealthyFit, Progress, expected_misfit, refuse_odd
 from ematwin.estimation.held_healthy import profiled
-from ematwin.estimation.prior import Prior
+from ematwin.estimation.prior import Prior, coordinate
 from ematwin.estimation.random_effects import learn_effects
 from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison
@@ -198,7 +198,7 @@ def _is_of(n: int, name: str, places: Sequence[str]) -> bool:
 
 
 def _prior(end: Corrected, places: Sequence[str]) -> Prior:
-    """The distribution of the parameters afterwards, by logarithms.
+    """The distribution of the parameters afterwards, as `Prior` counts them.
 
     The curvature takes the residual for noise. The error of the twin biases all samples alike,
     so the data of a twin without a reference count less (`Problem.model_error`).
@@ -209,7 +209,8 @@ def _prior(end: Corrected, places: Sequence[str]) -> Prior:
     covariance = profiled(peak, end.covariance, chosen, factor, _REACHES)[np.ix_(chosen, chosen)]
     if problem.is_informed:
         covariance = covariance + np.diag(np.full(len(chosen), SURE) / widths) ** 2
-    return Prior(tuple(places), np.log(peak.point[chosen]), covariance * np.outer(widths, widths))
+    found = [coordinate(problem.unknowns[n], peak.point[n]) for n in chosen]
+    return Prior(tuple(places), np.array(found), covariance * np.outer(widths, widths))
 
 
 def _beyond_tolerance(
@@ -221,7 +222,8 @@ def _beyond_tolerance(
     """Sentences by place on parameters further than ``sigmas`` off, the furthest first."""
     told = []
     for one in nominals:
-        if template.parameter(one.name) is None:  # of a form that was found
+        # of a form that was found, or without a tolerance
+        if template.parameter(one.name) is None or not one.logarithmic:
             continue
         assert one.spread is not None
         value = values[one.name]
@@ -250,11 +252,12 @@ def _parameters(
     errors = np.sqrt(np.diag(prior.covariance))
     found = []
     for one, mean, error in zip(nominals, prior.mean, errors, strict=True):
-        value = float(np.exp(mean))
+        value = math.exp(mean) if one.logarithmic else float(mean)
+        scale = value if one.logarithmic else 1.0
         assert one.spread is not None
         found.append(
             NominalParameter(
-                one.name, value, template.value(one.name), float(error * value),
+                one.name, value, template.value(one.name), float(error * scale),
                 bool(error < DETERMINED * one.spread),
             )
         )  # fmt: skip

@@ -14,7 +14,8 @@ from ematwin.errors import EmatwinError
 from ematwin.estimation.aliases import Aliases, directions
 from ematwin.estimation.constants import DECIDES, WORSE
 from ematwin.estimation.descent import TooFarError
-from ematwin.estimation.equation_fit import with_secant, with_values
+from ematwin.estimation.equation_fit import with_secant
+from ematwin.estimation.equations import with_values
 from ematwin.estimation.first_sample import found_first_sample
 from ematwin.estimation.levenberg_marquardt import NOTHING
 from ematwin.estimation.prior import Information, Remainder

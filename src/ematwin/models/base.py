@@ -76,6 +76,7 @@ class Model(ABC):
     on_request : channels that `simulate` gives only where they are asked for (``also``)
     nominal : places of the parameters that healthy recordings may determine, each with how far
         (as a factor, one standard deviation) a template may be off
+    signed : the same of parameters of either sign, with standard deviations in their units
     fixed : places of parameters that cannot be searched, because a batch shares them: the step
     monitoring : how a healthy population judges recordings; None of kinds that are judged by the
         values of their faults, with all parameters free within their tolerances
@@ -100,6 +101,7 @@ class Model(ABC):
     compared_rate: ClassVar[float | None] = None
     on_request: ClassVar[tuple[str, ...]] = ()
     nominal: ClassVar[Mapping[str, float]] = {}
+    signed: ClassVar[Mapping[str, float]] = {}
     fixed: ClassVar[tuple[str, ...]] = ()
     monitoring: ClassVar[Monitoring | None] = None
     study: ClassVar[Study] = Study()
@@ -186,7 +188,7 @@ class Model(ABC):
         if name in self.fixed:
             raise not_searchable(name)
         if actuator.parameter(name) is not None:
-            return of_parameter(actuator, name, self.nominal.get(name))
+            return of_parameter(actuator, name, self.nominal.get(name), self.signed.get(name))
         for one in self.unknowns(actuator):
             if one.name == name:
                 return one

@@ -177,6 +177,8 @@ class Equation(NamedTuple):
         form, by name
     each : gives what each of several actuators leaves, by a kind that answers for many at once, in
         the time of one; None where ``left`` serves
+    near : gives the same equation corrected by the reference model at an actuator; None where no
+        reference corrects it
     """
 
     name: str
@@ -193,3 +195,4 @@ class Equation(NamedTuple):
     alike: Callable[[ParameterSet], float] = lambda actuator: 0.0
     changes: Callable[[ParameterSet], Mapping[str, np.ndarray]] = lambda actuator: {}
     each: Callable[[Sequence[ParameterSet]], Sequence[np.ndarray]] | None = None
+    near: "Callable[[ParameterSet], Equation] | None" = None

@@ -246,14 +246,17 @@ def multiple(
     )  # fmt: skip
 
 
-def of_parameter(actuator: Any, place: str, factor: float | None) -> Unknown:
+def of_parameter(
+    actuator: Any, place: str, factor: float | None, deviation: float | None = None
+) -> Unknown:
     """A parameter of an actuator as an unknown.
 
-    ``factor`` is that by which a data sheet may be off, one standard deviation; None if not known.
+    ``factor`` is that by which a data sheet may be off, one standard deviation; ``deviation`` the
+    same in the unit of a parameter of either sign. None if not known.
     """
     _, value, unit, meaning, _ = actuator.parameter(place)
     low, high = actuator.limits(place)
-    if value > 0.0:
+    if value > 0.0 and deviation is None:
         tolerance = actuator.tolerance(place)
         usual = factor or 1.0 if tolerance is None else math.sqrt(1.0 + tolerance)
         reach = max(_FACTOR, usual**_REACH)
@@ -265,10 +268,10 @@ def of_parameter(actuator: Any, place: str, factor: float | None) -> Unknown:
             place, unit, meaning, value, lower, upper, "nominal",
             spread=None if factor is None else math.log(factor), logarithmic=True,
         )  # fmt: skip
-    reach = abs(value) or 1.0
+    reach = _FACTOR * (abs(value) or 1.0) if deviation is None else _REACH * deviation
     return Unknown(
-        place, unit, meaning, value, max(value - _FACTOR * reach, low),
-        min(value + _FACTOR * reach, high), "nominal",
+        place, unit, meaning, value, max(value - reach, low), min(value + reach, high), "nominal",
+        spread=deviation,
     )  # fmt: skip
 
 

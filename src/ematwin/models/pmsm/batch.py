@@ -179,7 +179,7 @@ def monitor_scores(
         motor shaft; the load runs in straight lines between
     before : int, P, ticks that settle the start and are not compared; whole samples of all loops
     start : (6,) array, angle of the motor as read (rad), its speed (rad/s), angle and speed of the
-        output, i_d and i_q (A)
+        output, i_d and i_q (A); with a ``before`` the motor stands where the output does
     dt, substeps : step (s), and how many make a tick
     ticks : (2,) integer array, ticks of the speed and the position loop
     taps : (5,) array, low-pass ``b0 b1 b2 a1 a2``
@@ -212,7 +212,8 @@ def monitor_scores(
             c = lane(own, n)
             plant[:, n] = 0.0
             loops[:, n] = 0.0
-            plant[6, n] = start[0] - c.resolver / c.pole_pairs
+            slip = c.resolver / c.pole_pairs
+            plant[6, n] = start[2] if before > 0 else start[0] - slip
             plant[5, n] = start[1]
             plant[8, n] = start[2]
             plant[7, n] = start[3]
@@ -220,7 +221,7 @@ def monitor_scores(
             plant[1, n] = start[5]
             loops[1, n] = start[5]
             loops[2, n] = start[5] * c.set_torque
-            loops[3, n] = start[0]
+            loops[3, n] = plant[6, n] + slip
             loops[4, n] = start[1]
             loops[5, n] = c.resistance * start[4]
             loops[6, n] = c.resistance * start[5]

@@ -24,7 +24,7 @@ from ematwin.models.pmsm.channels import (
 )
 from ematwin.models.pmsm.constants import constants_of
 from ematwin.models.pmsm.parameters import PmsmActuator
-from ematwin.models.pmsm.state import Constants
+from ematwin.models.pmsm.state import backlash_factor
 from ematwin.models.sizes import check_enough, check_moves
 from ematwin.numerics.side_by_side import cores, side_by_side
 from ematwin.numerics.signals import LowPass, white_noise
@@ -37,7 +37,7 @@ _KEPT = 3.0  # times the cutoff: rate of the samples that are compared
 _TWIN_ERROR = 0.003  # of the RMS of a channel
 REFERENCE_ERROR = 0.001  # the same of what corrects the twin
 _AT_REST = 0.005  # s at the start whose means are the first state
-_SETTLED = 0.1  # s that a candidate holds its first position before the recording begins
+SETTLED = 0.2  # s that a drive holds its first position before a simulation or recording begins
 MOVING = 0.05  # of the speed limit: what begins faster does not begin at rest
 COMPARED = ("current_q", "current_d", "voltage_q", "voltage_d", "motor_speed", "following_error")
 _CAPTIONS = {
@@ -106,13 +106,17 @@ class PmsmComparison(Comparison):
     def _hold(self) -> None:
         """Let a candidate hold the first position before a recording that begins at rest.
 
-        The integrals of the loops at that time depend on the faults.
+        That is its first command, as in a simulation, unless the command begins with a step. Where
+        motor and output stand then, and the integrals of the loops, depend on the faults.
         """
         self.before = 0
         if abs(self.start[1]) > MOVING * self.actuator.controller.speed_limit:
             return
-        self.before = whole_ticks(self.actuator, _SETTLED)
-        self.start[[1, 3]] = 0.0
+        self.before = whole_ticks(self.actuator, SETTLED)
+        self.start[[1, 3, 4, 5]] = 0.0
+        widest = backlash_factor(1.0) * self.actuator.transmission.backlash
+        if abs(self.command[0] - self.start[2]) <= widest:
+            self.start[2] = self.command[0]
         self.command = np.concatenate([np.full(self.before, self.start[2]), self.command])
         self.load = np.concatenate([np.full(self.before, self.load[0]), self.load])
 
@@ -200,13 +204,10 @@ class PmsmComparison(Comparison):
 
         actuator = self.actuator.with_arrays({n: x for n, x in values.items() if "." in n})
         ratio, tick = actuator.transmission.ratio, actuator.controller.current_time
-        resolver = constants_of(actuator, {n: np.array([x]) for n, x in values.items()}, 1, tick)
-        offset = resolver[0, Constants._fields.index("resolver")] / actuator.motor.pole_pairs
         substeps = max(1, math.ceil(tick / actuator.steps.reference - 1e-9))
         columns = reference_columns(
-            actuator, values, self.command / ratio, self.load * ratio,
-            float(self.start[0] - offset) / ratio, tick / substeps, substeps, 1,
-            output=float(self.start[2]) / ratio,
+            actuator, values, self.command / ratio, self.load * ratio, float(self.start[2]) / ratio,
+            tick / substeps, substeps, 1,
         )  # fmt: skip
         found = channels_of({n: column[self.before :] for n, column in columns.items()}, actuator)
         recorded, time = self.recording, self.recording.time - self.recording.time[0]

@@ -1,12 +1,13 @@
 """Forms that healthy recordings of a PMSM servo may show though its file has them otherwise.
 
-The controller of such a servo is sampled and known. Cogging, harmonics of the EMF and friction that
-gives before it slides are looked for in the response of the closed loops, which is smooth.
+The controller of such a servo is sampled and known. Cogging and friction that gives before it
+slides are looked for in the response of the closed loops, which is smooth.
 """
 
 import copy
 import math
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,17 +15,15 @@ import numpy as np
 from ematwin.models.optional import Equation, Form, Values
 from ematwin.models.pmsm.comparison import REFERENCE_ERROR, PmsmComparison
 from ematwin.models.servo import possible_coggings
-from ematwin.numerics.side_by_side import side_by_side
 from ematwin.numerics.signals import white_noise
 
 _SHARE = 0.3  # of the dry friction of the motor, that cogging begins with
-_HARMONIC = 0.02
 _BENT = (3e-4, 6e-4, 1e-3, 2e-3, 4e-3, 8e-3)  # rad on the motor shaft, before friction slides
-_PARTS = 60  # of a recording; within a part channels follow each other
 _DAMPING = 0.01  # N m s/rad
+_PARTS = 60  # of a recording; within a part channels follow each other
 _COGGING = ("motor.cogging_torque", "motor.cogging_periods", "motor.cogging_phase")
-_HARMONICS = ("motor.harmonic_5", "motor.harmonic_7")
 _STIFFNESS = ("presliding.motor_stiffness", "presliding.output_stiffness")
+_BRISTLES = (*_STIFFNESS, "presliding.damping")
 
 
 def _values(actuator: Any, places: tuple[str, ...]) -> dict[str, float]:
@@ -39,34 +38,17 @@ def _coggings(actuator: Any) -> list[Values]:
     ]
 
 
-def _harmonics(actuator: Any) -> list[Values]:
-    now = _values(actuator, _HARMONICS)
-    return [{**now, place: now[place] + x} for place in _HARMONICS for x in (-_HARMONIC, _HARMONIC)]
-
-
-def _stiffness(actuator: Any) -> list[dict[str, float]]:
-    """Of both sides, for each way that they give."""
-    gear = actuator.transmission
-    frictions = (actuator.motor.friction_torque, gear.friction_torque)
-    return [
-        {p: gear.static_ratio * x / bent for p, x in zip(_STIFFNESS, frictions, strict=True)}
-        for bent in _BENT
-    ]
-
-
 def _bristles(actuator: Any) -> list[Values]:
-    return [{**each, "presliding.damping": _DAMPING} for each in _stiffness(actuator)]
-
-
-def _other_bristles(actuator: Any) -> list[Values]:
-    """All pairs: chosen one after the other, stiffnesses may miss the best pair."""
-    each, (motor, output) = _stiffness(actuator), _STIFFNESS
-    return [{motor: one[motor], output: other[output]} for one in each for other in each]
-
-
-def _said_of_harmonics(actuator: Any) -> str:
-    fifth, seventh = (100.0 * actuator.value(place) for place in _HARMONICS)
-    return f"harmonics of the back-EMF of {fifth:.2g} % (5th) and {seventh:.2g} % (7th)"
+    """All pairs of both sides: begun alike, stiffnesses may miss the best pair."""
+    gear = actuator.transmission
+    motor, output = (
+        gear.static_ratio * x for x in (actuator.motor.friction_torque, gear.friction_torque)
+    )
+    return [
+        dict(zip(_BRISTLES, (motor / one, output / other, _DAMPING), strict=True))
+        for one in _BENT
+        for other in _BENT
+    ]
 
 
 def _said_of_bristles(actuator: Any) -> str:
@@ -76,7 +58,7 @@ def _said_of_bristles(actuator: Any) -> str:
 
 def _forms(sheet: Any) -> tuple[Form, ...]:
     """Forms that are otherwise than in the sheet."""
-    cogging, harmonics = (_values(sheet, places) for places in (_COGGING, _HARMONICS))
+    cogging = _values(sheet, _COGGING)
     return (
         Form(
             "cogging",
@@ -90,20 +72,13 @@ def _forms(sheet: Any) -> tuple[Form, ...]:
             ("motor.cogging_torque", "motor.cogging_phase"),
         ),
         Form(
-            "harmonics of the back-EMF",
-            lambda a: _values(a, _HARMONICS) != harmonics,
-            _HARMONICS,
-            _harmonics,
-            _said_of_harmonics,
-            _HARMONICS,
-        ),
-        Form(
             "presliding friction",
             lambda a: a.presliding is not None,
-            _STIFFNESS,
+            _BRISTLES,
             _bristles,
             _said_of_bristles,
-            alternatives=_other_bristles,
+            _BRISTLES,
+            _bristles,
         ),
     )
 
@@ -112,8 +87,7 @@ class Response:
     """The twin's response less the recording, in standard deviations of noise.
 
     The reference model reads angles and currents in steps, so that its differences are rough. The
-    monitor model answers, corrected by its difference from the reference for the first actuator
-    with such friction: only the reference has bristles, whose stiffness is chosen from a list.
+    monitor model answers, corrected by its difference from the reference at one actuator.
 
     Attributes
     ----------
@@ -121,11 +95,17 @@ class Response:
         integrals of the loops are not known
     """
 
-    def __init__(self, compared: PmsmComparison) -> None:
+    def __init__(self, compared: PmsmComparison, actuator: Any) -> None:
         self._compared = compared.with_missed({})
-        self._missed: dict[Any, np.ndarray] = {}
         self._channels = len(compared.measured())
         self.size = math.sqrt(self._compared.scale) if compared.before else 0.0
+        self._missed: np.ndarray | float = 0.0
+        if self.size:
+            exact = copy.copy(compared)
+            exact.actuator = actuator
+            found = exact.exact({})
+            assert found is not None  # a recording that begins at rest
+            self._missed = exact.thinned(found) - exact.answers_of([actuator])[0]
 
     def least(self, actuator: Any) -> float:
         """Share of the recording that noise and the error of the reference leave."""
@@ -147,30 +127,21 @@ class Response:
 
     def _rows(self, actuators: Sequence[Any]) -> np.ndarray:
         """Residual (B, C, S) of each channel; infinite where the twin diverged."""
-        answers = self._compared.answers_of(actuators)
-        first = {one.presliding: n for n, one in reversed(list(enumerate(actuators)))}
-        new = {key: n for key, n in first.items() if key not in self._missed}
-        exact = side_by_side(lambda n: self._exact(actuators[n]), new.values())
-        for (key, n), answer in zip(new.items(), exact, strict=True):
-            self._missed[key] = answer - answers[n]
-        answers += np.array([self._missed[one.presliding] for one in actuators])
-        found = self._compared.left_by(answers)
+        found = self._compared.left_by(self._compared.answers_of(actuators) + self._missed)
         found = np.where(np.isfinite(found), found, np.inf)
         return np.asarray(found.reshape(len(actuators), self._channels, -1))
 
-    def _exact(self, actuator: Any) -> np.ndarray:
-        """Answer (6, kept) of the reference, low-passed as `PmsmComparison.answers_of`."""
-        other = copy.copy(self._compared)
-        other.actuator = actuator
-        found = other.exact({})
-        assert found is not None  # a recording that begins at rest
-        return other.thinned(found)
 
+def equation(
+    compared: PmsmComparison, sheet: Any, fitted: tuple[str, ...], actuator: Any = None
+) -> Equation:
+    """The response to a healthy recording, with the forms that may be otherwise than in a sheet.
 
-def equation(compared: PmsmComparison, sheet: Any, fitted: tuple[str, ...]) -> Equation:
-    """The response to a healthy recording, with the forms that may be otherwise than in a sheet."""
-    response = Response(compared)
+    The reference corrects it at an actuator, or else at that of the sheet.
+    """
+    response = Response(compared, actuator or sheet)
+    smooth = tuple(place for place in fitted if place != _COGGING[2])  # half a turn off it is stuck
     return Equation(
-        "response", response.left, response.size, response.least, fitted, _forms(sheet),
-        alike=lambda actuator: REFERENCE_ERROR, each=response.each,
+        "response", response.left, response.size, response.least, smooth, _forms(sheet),
+        each=response.each, near=partial(equation, compared, sheet, fitted),
     )  # fmt: skip

@@ -53,6 +53,12 @@ class PmsmModel(ServoModel):
         "transmission.friction_torque": 1.5,
         "transmission.backlash": 1.5,
         "transmission.stiffness": 1.5,
+        "presliding.damping": 2.0,
+    }
+    signed: ClassVar[dict[str, float]] = {
+        "motor.harmonic_5": 0.05,
+        "motor.harmonic_7": 0.05,
+        "motor.cogging_phase": 1.0,
     }
     study = Study(severity=(0.1, 0.8))
 
@@ -89,9 +95,10 @@ class PmsmModel(ServoModel):
             return ()
         from ematwin.models.pmsm.forms import equation
 
-        free = {place for place, *_ in actuator.parameters() if actuator.tolerance(place)}
-        fitted = tuple(sorted(free | self.nominal.keys()))
-        return (equation(self.compare(recording, actuator), actuator, fitted),)
+        known = {place for place, *_ in actuator.parameters()}
+        free = {place for place in known if actuator.tolerance(place)}
+        free |= known & (self.nominal.keys() | self.signed.keys())
+        return (equation(self.compare(recording, actuator), actuator, tuple(sorted(free))),)
 
     def excitation(self, recording: Recording, actuator: Any) -> list[str]:
         """Whether the motor turns, and the gap is crossed."""

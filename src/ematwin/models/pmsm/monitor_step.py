@@ -10,7 +10,7 @@ A step happens in its middle (trapezoidal rule); the voltage stands still in the
 
 from typing import NamedTuple
 
-from ematwin.models.pmsm.mechanics import Motion, advance_motion
+from ematwin.models.pmsm.mechanics import Motion, advance_with_bristles
 from ematwin.numerics.compile import part, step
 from ematwin.numerics.scalar import ROOT_3, clip, sincos
 
@@ -28,6 +28,8 @@ class MonitorState(NamedTuple):
     w_o: float
     theta_o: float
     dw_m: float  # rad/s, change of w_m in the last step
+    bent_m: float  # rad, of the bristles between motor and housing
+    bent_o: float
 
 
 @step
@@ -112,7 +114,7 @@ def monitor_step(now, v_alpha, v_beta, load, c, dt):
         now.j_a + 0.5 * (1.0 - c.decay_a) * (c.loop_a * (u_a + zero) - now.j_a),
         now.j_b + 0.5 * (1.0 - c.decay_b) * (c.loop_b * (u_b + zero) - now.j_b),
         now.j_c + 0.5 * (1.0 - c.decay_c) * (c.loop_c * (u_c + zero) - now.j_c),
-        now.w_m, now.theta_m, now.w_o, now.theta_o, now.dw_m,
+        now.w_m, now.theta_m, now.w_o, now.theta_o, now.dw_m, now.bent_m, now.bent_o,
     )  # fmt: skip
     u_a, u_b, u_c = winding_voltages(s, co, middle, v_alpha, v_beta, c)
     u_d, u_q = in_rotor_frame(s, co, u_a, u_b, u_c)
@@ -139,8 +141,11 @@ def monitor_step(now, v_alpha, v_beta, load, c, dt):
     torque = (
         1.5 * (k_d * m_d + k_q * m_q + c.pole_pairs * (c.l_d - c.l_q) * m_d * m_q) - k_0 * drawn
     )
-    motion = advance_motion(Motion(now.w_m, now.theta_m, now.w_o, now.theta_o), torque, load, c, dt)
+    motion, bent_m, bent_o = advance_with_bristles(
+        Motion(now.w_m, now.theta_m, now.w_o, now.theta_o), now.bent_m, now.bent_o, torque, load,
+        c, dt,
+    )  # fmt: skip
     return MonitorState(
         i_d, i_q, j_a, j_b, j_c, motion.w_m, motion.theta_m, motion.w_o, motion.theta_o,
-        motion.w_m - now.w_m,
+        motion.w_m - now.w_m, bent_m, bent_o,
     )  # fmt: skip

@@ -9,12 +9,11 @@ import numpy as np
 from ematwin.errors import InputError
 from ematwin.models.base import Progress
 from ematwin.models.pmsm.channels import ON_REQUEST, TERMINALS, to_phases
-from ematwin.models.pmsm.comparison import ticks_of, whole_ticks
+from ematwin.models.pmsm.comparison import SETTLED, ticks_of, whole_ticks
 from ematwin.models.pmsm.parameters import PmsmActuator
 from ematwin.models.scenario import Scenario
 
 _MOST_TICKS = 20_000_000
-SETTLED = 0.2  # s that the first position is held before the scenario begins
 
 
 def simulate(
@@ -115,7 +114,6 @@ def reference_columns(
     substeps: int,
     every: int,
     progress: Progress | None = None,
-    output: float | None = None,
 ) -> dict[str, np.ndarray]:
     """Columns of the reference model, as its drive reads and commands them.
 
@@ -123,11 +121,10 @@ def reference_columns(
     ----------
     actuator, values : parameters and faults
     command, load : (K,) arrays at the ticks of the current loops, rad and N m on the output
-    start : angle of the motor at rest, rad on the output
+    start : angle at rest, rad on the output
     step, substeps : s, and how many make a tick
     every : ticks from one sample to the next
     progress : called with the share done
-    output : angle of the output, where it differs from the motor's
 
     Returns
     -------
@@ -137,7 +134,6 @@ def reference_columns(
 
     ratio, ticks = actuator.transmission.ratio, ticks_of(actuator)
     c, state, control = reference_states(actuator, values, start * ratio, step)
-    state[8] = ratio * (start if output is None else output)
     # whole samples of all loops, so that a slice begins as the simulation does
     # some 20,000 ticks between two reports of progress
     stride = math.lcm(*(int(n) for n in ticks), every) * max(1, 20_000 // math.lcm(*ticks, every))

@@ -18,7 +18,7 @@ from ematwin.models.pmsm.batch import (
     write_reference,
 )
 from ematwin.models.pmsm.channels import phase_values
-from ematwin.models.pmsm.comparison import ticks_of, whole_ticks
+from ematwin.models.pmsm.comparison import SETTLED, ticks_of, whole_ticks
 from ematwin.models.pmsm.constants import fields_of
 from ematwin.models.pmsm.controller import ControlState, control_step
 from ematwin.models.pmsm.monitor_step import MonitorState, monitor_step, terminal_currents
@@ -28,7 +28,7 @@ from ematwin.models.pmsm.reference_step import (
     leg_voltages,
     reference_step,
 )
-from ematwin.models.pmsm.simulate import SETTLED, quanta_of, substeps_of
+from ematwin.models.pmsm.simulate import quanta_of, substeps_of
 from ematwin.models.pmsm.state import Constants
 from ematwin.models.stepped import Stepped, initial_position
 from ematwin.numerics.compile import part

@@ -104,7 +104,7 @@ def aliases(actuator: Any, values: Mapping[str, float]) -> list[Alias]:
     """Directions in which the response does not change: each fault against its parameter.
 
     Parameters stay free: a fault cannot take their place on both sides, as turns are not added and
-    gaps do not close. Priors decide along these directions.
+    gaps do not close. Priors decide along these directions. The contact of a short stays.
     """
     k = {one.name: values.get(one.name, one.healthy) for one in UNKNOWNS}
     left = state.flux_left(k["demagnetisation"])
@@ -117,7 +117,24 @@ def aliases(actuator: Any, values: Mapping[str, float]) -> list[Alias]:
         "transmission.backlash": {"backlash": wider},
         "controller.position_gain": {"gain": state.gain_factor(k["gain"])},
     }
-    return [Alias(pivot, changes, held=False) for pivot, changes in same.items()]
+    found = [Alias(pivot, changes, held=False) for pivot, changes in same.items()]
+    # the time constant of a shorted loop, which tells its contact from its share, is as short as a
+    # step of the monitor model: slopes of that say nothing of it
+    contact = values.get("short_resistance", float(actuator.motor.short_resistance))
+    resistance = values.get("motor.resistance", actuator.motor.resistance)
+    shares = {name: -_per_contact(k[name], contact, resistance) for name in SHORTS}
+    return [*found, Alias("short_resistance", shares)]
+
+
+def _per_contact(k: float, contact: float, resistance: float) -> float:
+    """Change of a short with its contact, 1/ohm, where its conductance at the terminals stays.
+
+    That is mu^2/(R_f + mu (1 - 2 mu/3) R).
+    """
+    mu = state.shorted_share(max(k, 1e-6))
+    total = contact + mu * (1.0 - 2.0 * mu / 3.0) * resistance
+    growing = total - 0.5 * mu * (1.0 - 4.0 * mu / 3.0) * resistance
+    return float(max(k, 0.0) / growing)
 
 
 CONTRASTS = (

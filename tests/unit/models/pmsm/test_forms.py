@@ -41,12 +41,12 @@ def test_cogging_harmonics_and_friction_that_gives_are_found_with_their_values()
     print(forms.said)
     motor, bristles = forms.actuator.motor, forms.actuator.presliding
     assert motor.cogging_periods == 12
-    assert motor.cogging_torque == pytest.approx(0.02, rel=0.1)
-    assert motor.cogging_phase == pytest.approx(1.0, abs=0.1)
-    assert motor.harmonic_5 == pytest.approx(-0.04, abs=0.004)
-    assert motor.harmonic_7 == pytest.approx(0.02, abs=0.004)
-    assert 10.0 < bristles.motor_stiffness < 40.0
-    assert 10.0 < bristles.output_stiffness < 40.0
+    assert motor.cogging_torque == pytest.approx(0.02, rel=0.02)
+    assert motor.cogging_phase == pytest.approx(1.0, abs=0.02)
+    assert forms.values["motor.harmonic_5"] == pytest.approx(-0.04, abs=0.001)
+    assert forms.values["motor.harmonic_7"] == pytest.approx(0.02, abs=0.001)
+    assert bristles.motor_stiffness == pytest.approx(20.0, rel=0.15)
+    assert bristles.output_stiffness == pytest.approx(20.0, rel=0.15)
     # what has a tolerance stays at its centre, also beside a form in its section
     assert motor.resistance == ACTUATOR.motor.resistance
     assert motor.inertia == ACTUATOR.motor.inertia
@@ -56,18 +56,22 @@ def test_drives_side_by_side_leave_what_each_leaves_alone():
     recording = simulate("reference", "swing", actuator=BUILT, noise=Noise(white=0.01), seed=1)
     drives = [ACTUATOR.changed(form) for form in ({}, COGGING, BRISTLES, COGGING | BRISTLES)]
     compared = MODEL.compare(recording, ACTUATOR)
-    together = equation(compared, ACTUATOR, ()).each(drives)
-    alone = equation(compared, ACTUATOR, ())
-    for drive, left in zip(drives, together, strict=True):
-        np.testing.assert_allclose(left, alone.left(drive, {}), atol=1e-9)
-    # a correction is that of the first drive with such friction: of itself it is the reference
+    response = equation(compared, ACTUATOR, ())
+    for drive, left in zip(drives, response.each(drives), strict=True):
+        np.testing.assert_allclose(left, response.left(drive, {}), atol=1e-9)
+    # corrected at a drive, it is the reference for that one
     exact = copy.copy(compared.with_missed({}))
     exact.actuator = drives[2]
     size = np.linalg.norm(exact.exact_residuals({}))
-    assert np.linalg.norm(together[2]) == pytest.approx(size, rel=1e-3)
+    left = response.near(drives[2]).left(drives[2], {})
+    assert np.linalg.norm(left) == pytest.approx(size, rel=1e-3)
 
 
-def test_a_drive_that_is_as_its_file_says_has_no_other_form():
-    forms = found()
+def test_a_small_harmonic_is_found_where_there_is_no_other_form():
+    """It leaves 0.3 % of the response, and taken for none it pulls inductances by 5 %."""
+    forms = found(**{"motor.harmonic_7": 0.017})
     assert not forms.found
-    assert forms.absent == ("cogging", "harmonics of the back-EMF", "presliding friction")
+    assert forms.absent == ("cogging", "presliding friction")
+    assert forms.values["motor.harmonic_7"] == pytest.approx(0.017, abs=0.001)
+    for place in ("motor.inductance_d", "transmission.friction_torque"):
+        assert forms.values[place] == pytest.approx(BUILT.value(place), rel=0.02)

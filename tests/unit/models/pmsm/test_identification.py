@@ -6,6 +6,10 @@ import numpy as np
 import pytest
 
 import ematwin
+from ematwin.estimation.identify import searched_further
+from ematwin.estimation.local import LocalDescent
+from ematwin.estimation.problem import Problem
+from ematwin.estimation.search import find
 from ematwin.models.pmsm.channels import TERMINALS, to_phases, to_rotor
 from ematwin.models.pmsm.comparison import PmsmComparison
 from ematwin.models.pmsm.constants import constants_of
@@ -65,6 +69,19 @@ def test_another_is_found_by_the_voltages_that_are_measured():
     assert low <= value <= high
 
 
+def test_a_descent_that_ends_beside_the_recording_is_followed_by_a_search():
+    faults = {
+        "connector_b": 0.18, "sensor_gain_a": 0.43, "short_a": 0.64, "gain": 0.44,
+        "dynamic_eccentricity": 0.79, "dynamic_direction": 0.15,
+    }  # fmt: skip
+    problem = Problem.of(ematwin.simulate(None, None, faults, ACTUATOR), ACTUATOR)
+    near = find(problem, LocalDescent())
+    assert problem.relative_misfit(near.cost) > 0.1
+    found = searched_further(problem, near, 1, None)
+    for name, value in faults.items():
+        assert found.point[problem.names.index(name)] == pytest.approx(value, abs=0.03)
+
+
 def test_voltages_tell_a_short_from_lost_flux(healthy):
     """With them each is sharp; without them the least bounds on either are several times wider."""
     step = 0.01
@@ -103,8 +120,23 @@ def test_each_fourth_sample_will_do():
     assert found.values["short_a"] == pytest.approx(0.0, abs=0.02)
 
 
+def test_a_drive_that_crept_before_the_recording_rests_where_it_did():
+    """A current offset pushes the motor through the gap, against bristles that give."""
+    built = ACTUATOR.changed({
+        "presliding.motor_stiffness": 50.0, "presliding.output_stiffness": 30.0,
+        "presliding.damping": 0.01,
+    })  # fmt: skip
+    faults = {"sensor_offset_b": 0.8}
+    recording = ematwin.simulate(None, None, faults, built)
+    assert abs(recording.channels["motor_position"][0]) > 0.01
+    comparison = PmsmComparison(recording, built)
+    answer = comparison.exact(MODEL.values_of(built, faults))
+    for name, trace in comparison.measured().items():
+        np.testing.assert_allclose(answer[name], trace, atol=1e-9)
+
+
 def test_a_start_that_turns_with_the_resolver_is_held(healthy):
-    """The motor begins where it was read, whatever the resolver's slip: no jump of the twin."""
+    """The motor stands still, whatever the resolver's slip: no jump of the twin."""
     comparison = PmsmComparison(healthy, ACTUATOR)
     slips = np.array([0.5, 0.3, 0.9])
     answer = comparison.responses({"resolver_offset": slips}, 3)
@@ -131,6 +163,22 @@ def test_a_short_is_told_with_the_contact_that_it_holds_for():
     place = Constants._fields.index("loop_a")
     assert drawn[1][place] == pytest.approx(drawn[0][place], rel=0.1)  # two digits are said
     assert not any("short_resistance" in one for one in healthy.warnings)
+
+
+def test_a_short_and_its_contact_are_one_number():
+    """The contact stays where it is known to be, and widens the interval of the share."""
+    values = {"short_a": 0.5, "short_resistance": 0.5}
+    (alias,) = [one for one in MODEL.aliases(ACTUATOR, values) if one.pivot == "short_resistance"]
+    assert alias.held
+    step = 1e-4
+    beside = {"short_a": 0.5 - step * alias.same["short_a"], "short_resistance": 0.5 + step}
+    place = Constants._fields.index("loop_a")
+    drawn = [
+        constants_of(ACTUATOR, {n: np.array([x]) for n, x in one.items()}, 1, 1e-4)[0, place]
+        for one in (values, beside, values | {"short_resistance": 0.5 + step})
+    ]
+    assert drawn[1] == pytest.approx(drawn[0], rel=1e-7)
+    assert drawn[2] < drawn[0] * (1.0 - 1e-5)
 
 
 def test_voltages_may_be_measured_from_line_to_line_or_against_any_point():

@@ -94,11 +94,11 @@ def naive(values, command, load, actuator=ACTUATOR):
     }  # fmt: skip
 
 
-def monitor(values, command, load, step=ACTUATOR.steps.monitor):
+def monitor(values, command, load, step=ACTUATOR.steps.monitor, actuator=ACTUATOR):
     """The same of the monitor model, without its filter."""
     substeps = round(TICK / step)
     one = {name: np.array([value]) for name, value in values.items()}
-    constants = np.repeat(constants_of(ACTUATOR, one, 1, step), LANES, axis=0)
+    constants = np.repeat(constants_of(actuator, one, 1, step), LANES, axis=0)
     c = Constants(*constants[0])
 
     def answers(measured):
@@ -124,6 +124,13 @@ def electrical(columns):
     return ACTUATOR.motor.pole_pairs * columns["motor_position"]
 
 
+def with_terminals(columns):
+    """The columns with the voltages at the terminals in the drive's frame."""
+    phases = [columns[f"terminal_voltage_{x}"] for x in "abc"]
+    both = to_rotor(*phases, electrical(columns))
+    return columns | dict(zip(("terminal_d", "terminal_q"), both, strict=True))
+
+
 def gaps(one, other):
     """RMS of the differences over that of the quantity, in per cent, by name."""
     size = {name: np.sqrt(np.mean(other[name] ** 2)) for name in other}
@@ -139,11 +146,7 @@ def gaps(one, other):
 def test_both_models_are_the_naive_servo(faults):
     values, (command, load) = healthy(**faults), motion()
     slow = naive(values, command, load)
-    fine = reference(ACTUATOR, values, command, load)
-    phases = [fine[f"terminal_voltage_{x}"] for x in "abc"]
-    fine |= dict(
-        zip(("terminal_d", "terminal_q"), to_rotor(*phases, electrical(fine)), strict=True)
-    )
+    fine = with_terminals(reference(ACTUATOR, values, command, load))
     for name, gap in gaps(fine, slow).items():
         assert gap < 1.0, f"reference: {name} differs by {gap:.2f} %"
     for name, gap in gaps(monitor(values, command, load), fine).items():
@@ -171,6 +174,20 @@ def test_reference_with_bristles_in_a_warming_winding_is_the_naive_servo():
         print(f"{name}: {gap:.2f} %, without the forms {without[name]:.2f} %")
         assert gap < 1.0, f"{name} differs by {gap:.2f} %"
         assert without[name] > 2.0 * gap
+
+
+def test_monitor_with_bristles_is_the_reference_with_them():
+    actuator = ACTUATOR.changed({
+        "presliding.motor_stiffness": 20.0, "presliding.output_stiffness": 40.0,
+        "presliding.damping": 0.01,
+    })  # fmt: skip
+    values, (command, load) = healthy(friction=0.3), motion()
+    fine = with_terminals(reference(actuator, values, command, load))
+    without = gaps(monitor(values, command, load), fine)
+    for name, gap in gaps(monitor(values, command, load, actuator=actuator), fine).items():
+        print(f"{name}: {gap:.2f} %, without bristles {without[name]:.2f} %")
+        assert gap < 1.0, f"{name} differs by {gap:.2f} %"
+        assert without[name] > 1.5 * gap
 
 
 def test_the_case_with_a_short_draws_a_current_worth_the_name():
