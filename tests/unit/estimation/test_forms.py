@@ -122,7 +122,7 @@ def test_equations_together_say_where_the_parameters_are_and_how_surely(of_drive
     assert errors["transmission.backlash"] < 0.02  # and 26 %
     # together both sides hold but sums; each shows alone while the output crosses the gap
     for place in ("motor.friction_torque", "transmission.friction_torque", "motor.inertia"):
-        assert errors[place] < 0.025
+        assert errors[place] < 0.0205  # what the integral term held at first is unknown
     assert fit.misfit < 0.02  # the closed loop, which is only checked, agrees
 
 

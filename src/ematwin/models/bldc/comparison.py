@@ -171,7 +171,8 @@ class BldcComparison(Comparison):
             return self
         other = copy.copy(self)
         other.power = power
-        other.ignores = self.ignores.difference(POWER[:2] if power.by_phases else POWER)
+        unseen = {"voltage_drop"} if power.by_phases else set()
+        other.ignores = self.ignores - set(POWER) | unseen
         other.tells = frozenset({"current_gain"} if power.by_phases else ())
         other._filter_power()
         return other
