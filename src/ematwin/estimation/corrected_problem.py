@@ -107,16 +107,18 @@ def reference_scatter(problem: Problem, point: np.ndarray) -> float:
     """The relative misfit by which the reference differs from one candidate to the next.
 
     Behind sampled loops they do: a small change moves samples, and these the impacts in a gap.
-    A recording is one such answer. The candidates are a point (d,) and one beside it, within a
-    tenth of a standard deviation of its prior; 0 where the kind has no reference.
+    A recording is one such answer. The candidates are a point (d,) and one with parameters beside
+    it, within a tenth of a standard deviation of their prior: of what differs from recording to
+    recording priors are wide. 0 where the kind has no reference.
     """
     here = corrected_at(problem, point)
     if here is None:
         return 0.0
-    places = [problem.names.index(name) for name in problem.prior.names]
+    prior = problem.prior.of(one.name for one in problem.unknowns if one.role == "nominal")
+    places = [problem.names.index(name) for name in prior.names]
     logarithmic = np.array([problem.unknowns[n].logarithmic for n in places], bool)
     sides = np.random.default_rng(0).choice([-1.0, 1.0], len(places))
-    moves = _BESIDE * sides * np.sqrt(np.diag(problem.prior.covariance))
+    moves = _BESIDE * sides * np.sqrt(np.diag(prior.covariance))
     near = point.copy()
     near[places] = np.where(logarithmic, point[places] * np.exp(moves), point[places] + moves)
     beside = corrected_at(problem, np.clip(near, problem.lower, problem.upper), here)

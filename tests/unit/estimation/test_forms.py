@@ -110,6 +110,7 @@ def test_equations_together_say_where_the_parameters_are_and_how_surely(of_drive
     nominals = uncertain(MODEL, drive.actuator)
     beside = [MODEL.compare(one.recording, drive.actuator) for one in of_drive]
     fit = HealthyFit(MODEL, drive.actuator, nominals, 0.0, drive.values).run(beside)
+    assert fit.scatter < 0.03
     problem = fit.end.peak.problem
     found = {name: math.log(fit.values[name] / value) for name, value in true.items()}
     own = [problem.names.index(name) for name in true]
