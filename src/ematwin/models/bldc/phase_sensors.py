@@ -2,15 +2,16 @@
 
 Hall sensors are stated to 1 % of their range each, which can be a fifth of the current of a light
 motion; and the envelope of three phases takes an offset of one of them for a torque that comes and
-goes with the electrical angle. Two laws tell offsets and gains apart from anything that the motor
-does (derived here):
+goes with the electrical angle. Under six-step commutation one phase of a star winding is open and
+the other two carry one current i, to and fro, whatever the faults of the actuator:
 
-- under six-step commutation one phase is open and carries nothing, so that its sensor shows its
-  offset;
-- the currents of a star winding add up to zero. Between the two conducting phases the sum
-  shows the difference of their gains. Neither law shows the gain that all share.
+    shown = o + g d_k i + noise,    d_k = (0, 1, -1), (-1, 0, 1) or (1, -1, 0)
 
-Both hold with any fault of the actuator.
+with offsets o and gains g of the sensors. They follow by maximum likelihood with all i unknown: the
+squares that count are orthogonal to g d_k, in units of the noise of each sensor (total least
+squares: Golub and Van Loan 1980, SIAM J. Numer. Anal. 17, 883-893), so that noise does not look
+like a gain. The gain that all share is not shown. Of two sensors, with the third current made of
+theirs, only these two are in the equation.
 """
 
 from dataclasses import dataclass
@@ -26,7 +27,6 @@ from ematwin.recordings.recording import Recording
 
 _LOOKED_AT = 5_000  # samples
 _PASSES = 12
-_LOUD = 0.15  # of the RMS: more noise looks like a gain
 _OPEN = 0.25  # of the largest of the three currents: more is a commutation
 _CONDUCTING = 0.2  # of their RMS: less tells nothing
 _FEWEST = 30  # samples in which a phase must have been open
@@ -34,11 +34,12 @@ _AS_LIKELY = 2.0  # times what the best solution leaves: so does another
 _LARGE = 0.2  # of the RMS: an offset that a held current may be mistaken for
 _EVENLY = 0.1  # of all open samples: each phase in a motion through whole turns
 _OUTLYING = 3.0  # standard deviations
-_CERTAIN = 5.0  # standard errors
-_OFFSET = 0.005  # of the RMS: what is less does not matter
-_GAIN = 0.003
+_OFFSET = 0.005  # of the RMS: a smaller median is no offset to start from
+_STATED_GAIN = 0.01  # standard deviation of gains that are off, of data sheets
+_CERTAIN = 0.95  # probability that sensors are off, before anything is corrected
 _LARGEST_GAIN = 0.1  # more is another scale, or a channel that is something else
 _ADDS_UP = 1e-6  # of the RMS: the third current was made of the others
+_CARRIED = np.array([[0.0, 1.0, -1.0], [-1.0, 0.0, 1.0], [1.0, -1.0, 0.0]])  # by the open phase
 
 
 @dataclass(frozen=True)
@@ -48,18 +49,24 @@ class PhaseSensors:
     Attributes
     ----------
     offsets : (3,) array, A
-    gains : (3,) array, 1 in the mean
+    gains : (3,) array, 1 in the mean of the sensors that are there
+    made : index of the phase without a sensor, whose current was made of the other two; or None
     """
 
     offsets: np.ndarray
     gains: np.ndarray
+    made: int | None = None
 
     def corrected(self, recording: Recording) -> Recording:
         """The recording as sensors alike would show it."""
-        return recording.changed(**{
+        currents = {
             name: (recording.channels[name] - offset) / gain
             for name, offset, gain in zip(PHASES, self.offsets, self.gains, strict=True)
-        })  # fmt: skip
+        }
+        if self.made is not None:  # it shows the gain of the one while the other is open
+            one, other = (currents[name] for n, name in enumerate(PHASES) if n != self.made)
+            currents[PHASES[self.made]] = -(one + other)
+        return recording.changed(**currents)
 
     def __str__(self) -> str:
         said = []
@@ -77,32 +84,11 @@ _FOUND = Remembered[PhaseSensors | None]()
 
 
 def phase_sensors(recording: Recording) -> PhaseSensors | None:
-    """How far the sensors of three phases are off; None where it is nothing, or cannot be told."""
+    """How far the sensors of three phases are off; None where they are not, or none can tell."""
     currents = phase_currents(recording)
     if currents is None:
         return None
     return _FOUND.of([currents], partial(_looked_for, currents))
-
-
-def _looked_for(currents: np.ndarray) -> PhaseSensors | None:
-    shown = currents[:: -(-len(currents) // _LOOKED_AT)]
-    rms = float(np.sqrt(np.mean(shown**2)))
-    if rms == 0.0 or max(map(white_noise, currents.T)) > _LOUD * rms:
-        return None
-    solved = _solved(shown, rms)
-    if solved is None:
-        return None
-    offsets, errors = solved
-    if not (np.abs(offsets) > np.maximum(_CERTAIN * errors, _OFFSET * rms)).any():
-        offsets = np.zeros(3)
-    gains, errors = _gains(shown - offsets, rms)
-    if np.abs(gains).max() > _LARGEST_GAIN:
-        return None
-    if not (np.abs(gains) > np.maximum(_CERTAIN * errors, _GAIN)).any():
-        gains = np.zeros(3)
-    if not (offsets.any() or gains.any()):
-        return None
-    return PhaseSensors(offsets, 1.0 + gains)
 
 
 def balanced(recording: Recording) -> Recording:
@@ -111,114 +97,172 @@ def balanced(recording: Recording) -> Recording:
     return recording if sensors is None else sensors.corrected(recording)
 
 
-def _solved(shown: np.ndarray, rms: float) -> tuple[np.ndarray, np.ndarray] | None:
-    """Offsets (3,) and their standard errors, from currents (S, 3) as shown.
+@dataclass(frozen=True)
+class _Fit:
+    """Offsets (3,), A, and gains (3,), if all are off.
 
-    A phase that holds a current may pass for an open one. Of solutions that leave as little the one
-    nearest to zero counts, and a large offset only where each phase was open for a good while and
-    the currents as shown leave far more.
+    Attributes
+    ----------
+    free : (3 + f,) array, offsets and free gains less one
+    covariance, prior : (3 + f, 3 + f) arrays, of these, afterwards and beforehand
+    left : A, what the fit leaves
+    made : as of `PhaseSensors`
     """
-    middle = map(np.median, shown.T)
-    starts = product(*((0.0, x) if abs(x) > _OFFSET * rms else (0.0,) for x in middle))
-    apart = np.diff(np.sort(shown, axis=0), axis=0)
-    steps = np.where(apart > 0.0, apart, np.inf).min(axis=0, initial=np.inf)
-    ends = [end for end in (_offsets(shown, np.array(start), steps) for start in starts) if end]
-    if not ends:
-        return None
-    left = np.array([_left(shown - offsets) for offsets, _ in ends])
-    near = [ends[n] for n in np.flatnonzero(left <= _AS_LIKELY * left.min())]
-    offsets, errors = min(near, key=lambda end: float(np.abs(end[0]).max()))
-    if np.abs(offsets).max() > _LARGE * rms:
-        counts = _open(shown - offsets).sum(axis=0)
-        unevenly = counts.min() < _EVENLY * counts.sum()
-        if unevenly or _left(shown) <= _AS_LIKELY * _left(shown - offsets):
+
+    offsets: np.ndarray
+    gains: np.ndarray
+    free: np.ndarray
+    covariance: np.ndarray
+    prior: np.ndarray
+    left: float
+    made: int | None
+
+    @property
+    def sensors(self) -> PhaseSensors | None:
+        """Sensors whose offsets, and whose gains, are off where that is certain."""
+        offsets = self.offsets if self._are_off(slice(3)) else np.zeros(3)
+        gains = self.gains if self._are_off(slice(3, None)) else np.ones(3)
+        if not offsets.any() and (gains == 1.0).all():
             return None
-    return offsets, errors
+        return PhaseSensors(offsets, gains, self.made)
+
+    def _are_off(self, part: slice) -> bool:
+        """By the densities of zero before and after (Dickey 1971, Ann. Math. Stat. 42, 204-223)."""
+        free, after = self.free[part], self.covariance[part, part]
+        distance = float(free @ np.linalg.solve(after, free))
+        shrunk = np.linalg.slogdet(self.prior[part, part])[1] - np.linalg.slogdet(after)[1]
+        return bool(distance > shrunk + 2.0 * np.log(_CERTAIN / (1.0 - _CERTAIN)))
 
 
-def _left(currents: np.ndarray) -> float:
-    """How much current, A, is left of (S, 3) where one phase should be open and the sum vanish."""
-    smallest = np.abs(currents).min(axis=1).mean()
-    return float(smallest + np.abs(currents.sum(axis=1).mean()))
+def _looked_for(currents: np.ndarray) -> PhaseSensors | None:
+    shown = currents[:: -(-len(currents) // _LOOKED_AT)]
+    rms = float(np.sqrt(np.mean(shown**2)))
+    if rms == 0.0:
+        return None
+    noise = np.maximum([white_noise(x) for x in currents.T], _ADDS_UP * rms)
+    total = shown.sum(axis=1)
+    adds_up = np.abs(total - total.mean()).max() <= _ADDS_UP * rms
+    fits = (
+        _Sensors(shown, noise, rms, made).fitted() for made in ((0, 1, 2) if adds_up else (None,))
+    )
+    best = min((one for one in fits if one is not None), key=lambda one: one.left, default=None)
+    if best is None or np.abs(best.gains - 1.0).max() > _LARGEST_GAIN:
+        return None
+    return best.sensors
 
 
-def _offsets(
-    shown: np.ndarray, start: np.ndarray, steps: np.ndarray
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """A solution near a start (3,), by converters with ``steps`` (3,), A.
+class _Sensors:
+    """Currents (S, 3) as shown, the noise (3,) and RMS of them, A, and the phase without a sensor.
 
-    None where a phase was hardly ever open.
+    A sensor that is not there has no offset, and a gain of one.
     """
-    offsets, errors = start, np.empty(3)
-    for _ in range(_PASSES):
-        before, offsets = offsets, offsets.copy()
-        is_open = _open(shown - before)
-        for n in range(3):
-            seen = shown[is_open[:, n], n]
-            if seen.size < _FEWEST:
+
+    def __init__(self, shown: np.ndarray, noise: np.ndarray, rms: float, made: int | None) -> None:
+        self._shown, self._noise, self._rms, self._made = shown, noise, rms, made
+        self._floor = max(_CONDUCTING * rms, float(noise.max()) * _OUTLYING / _OPEN)
+        self._there = [n for n in range(3) if n != made]
+        first, *others = self._there
+        self._to_gains = np.zeros((3, len(others)))
+        apart = np.diff(np.sort(shown, axis=0), axis=0)
+        steps = np.where(apart > 0.0, apart, np.inf).min(axis=0, initial=rms)
+        self._step_errors = steps**2 / 12.0  # of an offset, which no mean makes smaller
+        self._to_gains[others], self._to_gains[first] = np.eye(len(others)), -1.0
+        self._precision = np.diag(np.full(3 + len(others), rms**-2))
+        self._precision[3:, 3:] = self._to_gains.T @ self._to_gains / _STATED_GAIN**2
+
+    def fitted(self) -> _Fit | None:
+        """The fit with the smallest offsets, of those that leave as little.
+
+        A phase that holds a current may pass for an open one: a large offset counts only where
+        each phase was open for a good while and the currents as shown leave far more.
+        """
+        middle = np.median(self._shown, axis=0)
+        large = [n for n in self._there if abs(middle[n]) > _OFFSET * self._rms]
+        found = []
+        for chosen in product((0.0, 1.0), repeat=len(large)):
+            start = np.zeros(3)
+            start[large] = middle[large] * chosen
+            found.append(self._near(start))
+        fits = [one for one in found if one is not None]
+        if not fits:
+            return None
+        least = min(one.left for one in fits)
+        near = (one for one in fits if one.left <= _AS_LIKELY * least)
+        best = min(near, key=lambda one: float(np.abs(one.offsets).max()))
+        if np.abs(best.offsets).max() > _LARGE * self._rms:
+            counts = self._open(best.offsets, best.gains).sum(axis=0)
+            as_shown = self._left(np.zeros(3), np.ones(3))
+            if counts.min() < _EVENLY * counts.sum() or as_shown <= _AS_LIKELY * best.left:
                 return None
-            middle = float(np.median(seen))
-            spread = max(float(spread_of(np.abs(seen - middle))), steps[n])
-            inside = seen[np.abs(seen - middle) <= _OUTLYING * spread]
-            offsets[n], errors[n] = inside.mean(), spread / np.sqrt(inside.size)
-        if np.abs(offsets - before).max() <= 0.1 * errors.max():
-            return offsets, errors
-    return None
+        return best
 
+    def _near(self, offsets: np.ndarray) -> _Fit | None:
+        """The fit near offsets (3,); None where a phase was hardly ever open."""
+        free = np.concatenate([offsets, np.zeros(self._to_gains.shape[1])])
+        for _ in range(_PASSES):
+            offsets, gains = free[:3], 1.0 + self._to_gains @ free[3:]
+            is_open = self._open(offsets, gains)
+            if is_open.sum(axis=0).min() < _FEWEST:
+                return None
+            before = free
+            free, covariance = self._step(is_open, free)
+            if (np.abs(free - before) <= 0.1 * np.sqrt(np.diag(covariance))).all():
+                break
+        offsets, gains = free[:3], 1.0 + self._to_gains @ free[3:]
+        left = self._left(offsets, gains)
+        covariance[range(3), range(3)] += self._step_errors
+        prior = np.linalg.inv(self._precision)
+        return _Fit(offsets, gains, free, covariance, prior, left, self._made)
 
-def _open(currents: np.ndarray) -> np.ndarray:
-    """Where each phase is open, (S, 3), while the other two conduct."""
-    sizes = np.abs(currents)
-    largest = sizes.max(axis=1, keepdims=True)
-    smallest = sizes.argmin(axis=1)[:, None] == np.arange(3)
-    conducts = largest > _CONDUCTING * np.sqrt(np.mean(currents**2))
-    return np.asarray(smallest & conducts & (sizes < _OPEN * largest))
+    def _step(self, is_open: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Offsets and free gains after a step of Gauss and Newton, and their covariance.
 
+        Residuals are what is orthogonal to the direction in which the current appears, in units of
+        the noise.
+        """
+        noise, there = self._noise[self._there], self._there
+        gains = 1.0 + self._to_gains @ free[3:]
+        residuals, slopes = [], []
+        for n, carried in enumerate(_CARRIED):
+            away = (self._shown[is_open[:, n]] - free[:3])[:, there] / noise
+            along = (gains * carried)[there] / noise
+            square = float(along @ along)
+            across = np.eye(len(there)) - np.outer(along, along) / square
+            found = np.zeros((len(away), len(there), len(free)))
+            found[:, :, there] = across / noise
+            turned = across @ (carried[:, None] * self._to_gains)[there] / noise[:, None]
+            found[:, :, 3:] = (away @ along / square)[:, None, None] * turned
+            residuals.append(away @ across)
+            slopes.append(found)
+        left, by = np.concatenate(residuals), np.concatenate(slopes)
+        sizes = np.sqrt(np.sum(left**2, axis=1))
+        inside = sizes <= _OUTLYING * max(float(spread_of(sizes)), 1.0)
+        left, by = left[inside], by[inside].reshape(-1, len(free))
+        variance = max(1.0, float(np.sum(left**2)) / ((len(there) - 1) * len(left)))
+        covariance = np.linalg.inv(by.T @ by / variance + self._precision)
+        return free + covariance @ (
+            by.T @ left.ravel() / variance - self._precision @ free
+        ), covariance
 
-def _gains(currents: np.ndarray, rms: float) -> tuple[np.ndarray, np.ndarray]:
-    """What gains (3,) are above their mean, and their standard errors; of currents (S, 3)."""
-    total = currents.sum(axis=1)
-    if np.abs(total - total.mean()).max() <= _ADDS_UP * rms:
-        return _gains_of_two(currents)
-    # sum_k (1 - g_k) i_k = 0 with g_c = -g_a - g_b, beside what is left of the offsets
-    slopes = np.column_stack([
-        currents[:, 0] - currents[:, 2], currents[:, 1] - currents[:, 2], np.ones(len(total)),
-    ])  # fmt: skip
-    return _fitted(slopes, total, np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, -1.0, 0.0]]))
+    def _true(self, offsets: np.ndarray, gains: np.ndarray) -> np.ndarray:
+        """The currents (S, 3) themselves."""
+        currents = (self._shown - offsets) / gains
+        if self._made is not None:
+            currents[:, self._made] = -currents[:, self._there].sum(axis=1)
+        return currents
 
+    def _open(self, offsets: np.ndarray, gains: np.ndarray) -> np.ndarray:
+        """Where each phase is open, (S, 3), while the other two conduct."""
+        sizes = np.abs(self._true(offsets, gains))
+        largest = sizes.max(axis=1, keepdims=True)
+        smallest = sizes.argmin(axis=1)[:, None] == np.arange(3)
+        return np.asarray(smallest & (largest > self._floor) & (sizes < _OPEN * largest))
 
-def _gains_of_two(currents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The same where one current was made of the other two.
-
-    It shows the difference of their gains while its phase is open, when both of their sensors see
-    one current: i_n = (g_2 - g_1) i for the current i from the one to the other.
-    """
-    is_open, found = _open(currents), []
-    for n in range(3):
-        here = currents[is_open[:, n]]
-        one, other = (n + 1) % 3, (n + 2) % 3
-        through = (here[:, one] - here[:, other]) / 2.0
-        to_gains = np.zeros((3, 2))
-        to_gains[one, 0], to_gains[other, 0] = -0.5, 0.5
-        slopes = np.column_stack([through, np.ones(len(here))])
-        found.append(_fitted(slopes, here[:, n], to_gains))
-    return max(found, key=lambda one: np.abs(one[0]).max() / max(one[1].max(), _GAIN / _CERTAIN))
-
-
-def _fitted(
-    slopes: np.ndarray, seen: np.ndarray, to_gains: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Gains and their standard errors, by least squares without outliers."""
-    inside = np.ones(len(seen), dtype=bool)
-    for _ in range(_PASSES):
-        squares = np.linalg.pinv(slopes[inside].T @ slopes[inside])
-        best = squares @ (slopes[inside].T @ seen[inside])
-        left = np.abs(seen - slopes @ best)
-        before, spread = inside, float(spread_of(left))
-        inside = left <= _OUTLYING * spread
-        if (inside == before).all():
-            break
-    return to_gains @ best, spread * np.sqrt(np.diag(to_gains @ squares @ to_gains.T))
+    def _left(self, offsets: np.ndarray, gains: np.ndarray) -> float:
+        """How much current, A, is left where one phase should be open and the sum vanish."""
+        currents = self._true(offsets, gains)
+        smallest = np.abs(currents).min(axis=1).mean()
+        return float(smallest + np.abs(currents.sum(axis=1).mean()))
 
 
 def _by_phase(values: np.ndarray, how: str) -> str:
