@@ -152,7 +152,8 @@ def assess(
     best = answers[likely[0]]
     peak = best.peak
     sharp = sharp_errors(peak, own, peak.problem.model_error)
-    values, intervals, covariance = _values(full, sets, peak, own)
+    point = _point(sets, peak, likely[0])
+    values, intervals, covariance = _values(full, sets, point, own)
     faults = [one for one in problem.unknowns if one.role == "fault"]
     return Assessment(
         values=values,
@@ -161,7 +162,7 @@ def assess(
         intervals=intervals,
         physical=in_physical_units(faults, actuator, values, sets, intervals),
         contrasts=contrasts_of(model, actuator, values, sets.drawn),
-        nuisances=_evident(full, peak, intervals, own),
+        nuisances=_evident(full, point, intervals, own),
         strained=strained(peak),
         cost=cost,
         others=tuple(
@@ -254,8 +255,20 @@ def _improbable(sets: FaultSets, peak: Laplace) -> list[str]:
     ]
 
 
+def _point(sets: FaultSets, peak: Laplace, minimum: int) -> np.ndarray:
+    """The point (d,) of the answer: a peak, all else moved where improbable faults are not there.
+
+    What they explained at the peak, a drift or other faults explain then.
+    """
+    for one, value in zip(peak.problem.unknowns, peak.point.tolist(), strict=True):
+        absent = one in sets.faults and sets.is_improbable(one.name)
+        if absent and value != one.healthy:
+            return sets.best(minimum)
+    return peak.point
+
+
 def _values(
-    full: Problem, sets: FaultSets, peak: Laplace, own: int
+    full: Problem, sets: FaultSets, point: np.ndarray, own: int
 ) -> tuple[dict[str, float], dict[str, Interval], np.ndarray]:
     """Values and intervals by name, and the covariance (own, own) of the unknowns of the search.
 
@@ -264,7 +277,7 @@ def _values(
     errors from healthy as its logarithm is: halved and doubled are equally far. The covariance is
     infinite for a direction that has no meaning, and for a value that may be anything.
     """
-    values, intervals, errors = full.values(peak.point), {}, []
+    values, intervals, errors = full.values(point), {}, []
     for one in full.unknowns:
         given = sets.given(one.direction_of or one.name)
         is_fault = one.role == "fault" and one.direction_of is None
@@ -299,10 +312,9 @@ def _error(one: Unknown, drawn: np.ndarray, value: float) -> float:
 
 
 def _evident(
-    full: Problem, peak: Laplace, intervals: Mapping[str, Interval], own: int
+    full: Problem, point: np.ndarray, intervals: Mapping[str, Interval], own: int
 ) -> dict[str, tuple[float, Interval]]:
     """Load and sensors that are clearly not as recorded."""
-    point = peak.point
     found = {}
     for n, one in enumerate(full.unknowns):
         if n < own or one.role != "nuisance":

@@ -24,16 +24,15 @@ from functools import cached_property
 
 import numpy as np
 
-from ematwin.estimation.constants import ANYTHING, BEFOREHAND, CERTAIN, SMALLEST
-from ematwin.estimation.intervals import Draws, conditional
+from ematwin.estimation.constants import BEFOREHAND, CERTAIN, SMALLEST
+from ematwin.estimation.intervals import Draws
+from ematwin.estimation.restricted_normal import RestrictedNormal
 from ematwin.models.chart import Chart
 from ematwin.models.unknown import Unknown
-from ematwin.numerics.linear_algebra import bounded_squares, eigen
 
 WINDOW = 7.0  # logarithm of the ratio of probabilities: sets below 0.1 % of the best are left out
 _MOST = 300  # sets
-_JITTER = 1e-9  # of variances, so that what goes together to the last digit can be factorised
-_TRIED, _DRAWS = 4000, 8000
+_DRAWS = 8000
 SEED = 20_201  # of draws
 _FEWEST = 20.0  # draws that all together must be worth
 
@@ -67,6 +66,7 @@ class FaultSets:
     distances : by fault, standard errors from healthy with all faults free
     log_evidence : logarithm of the integral over all sets, in units of the density at a point
     minima : probability of each minimum
+    around : the normal distribution at each minimum; none where draws were given
     """
 
     unknowns: tuple[Unknown, ...]
@@ -74,6 +74,7 @@ class FaultSets:
     distances: dict[str, float] = field(default_factory=dict)
     log_evidence: float = 0.0
     minima: tuple[float, ...] = (1.0,)
+    around: tuple[RestrictedNormal, ...] = ()
 
     @classmethod
     def over(cls, minima: Sequence["FaultSets"], rises: Sequence[float]) -> "FaultSets":
@@ -93,7 +94,8 @@ class FaultSets:
             for one in found.sets
         ]
         sets.sort(key=lambda one: -one.probability)
-        return replace(minima[0], sets=tuple(sets), minima=tuple(shares.tolist()))
+        around = tuple(one for found in minima for one in found.around)
+        return replace(minima[0], sets=tuple(sets), minima=tuple(shares.tolist()), around=around)
 
     @classmethod
     def of_draws(cls, unknowns: Sequence[Unknown], values: np.ndarray) -> "FaultSets | None":
@@ -170,6 +172,11 @@ class FaultSets:
         """Whether a fault is not there, with a probability of `CERTAIN`."""
         return self.presence(name) < 1.0 - CERTAIN
 
+    def best(self, minimum: int) -> np.ndarray:
+        """Values (d,) of the densest point of a minimum in which improbable faults are healthy."""
+        around = self.around[minimum]
+        return around.best(frozenset(one for one in around.faults if not self.is_improbable(one)))
+
     @cached_property
     def drawn(self) -> Draws:
         """Draws over all sets."""
@@ -238,163 +245,36 @@ def fault_sets(
     ----------
     chart : of d unknowns
     mean, covariance : (d,) and (d, d) arrays, in its coordinates, as if all faults were there and
-        had no bounds. A fault whose standard error there is more than `ANYTHING` may be anything
+        had no bounds. A fault whose standard error there is more than a quarter may be anything
     at : (d,) array, the point whose density is the unit of the evidence; the mean if not given
     """
-    space = _Space(chart, mean, covariance)
-    logs = {names: space.evidence(names) for names in (frozenset[str](), frozenset(space.faults))}
+    normal = RestrictedNormal(chart, mean, covariance, mean if at is None else at)
+    logs = {names: normal.evidence(names) for names in (frozenset[str](), frozenset(normal.faults))}
     waiting, best = list(logs), max(logs, key=lambda names: logs[names])
     while waiting and len(logs) < 100 * _MOST:
         names = waiting.pop()
-        for other in (names ^ {name} for name in space.faults):
+        for other in (names ^ {name} for name in normal.faults):
             if other in logs:
                 continue
-            logs[other] = space.evidence(other, logs[best] - WINDOW)
+            logs[other] = normal.evidence(other, logs[best] - WINDOW)
             best = max(best, other, key=lambda names: logs[names])
             if logs[other] > logs[best] - WINDOW:
                 waiting.append(other)
     near = [names for names in logs if logs[names] > logs[best] - WINDOW]
     # those with a fault more or less tell how large each fault is, if it is there
     kept = sorted(near, key=lambda names: -logs[names])[:_MOST]
-    kept += [best ^ {name} for name in space.faults if best ^ {name} not in kept]
+    kept += [best ^ {name} for name in normal.faults if best ^ {name} not in kept]
     rng = np.random.default_rng(SEED)
-    found = [(*space.drawn(names, rng), names) for names in kept]
+    found = [(*normal.drawn(names, rng), names) for names in kept]
     most = max(log for log, *_ in found)
     weights = np.exp([log - most for log, *_ in found])
     total = most + math.log(weights.sum())
     weights /= weights.sum()
-    anything = frozenset(space.undetermined)
+    anything = frozenset(normal.undetermined)
     sets = [
         FaultSet(names, float(weight), chart.to_values(z), anything)
         for weight, (_, z, names) in zip(weights, found, strict=True)
     ]
     sets.sort(key=lambda one: -one.probability)
-    evidence = total + space.log_volume(mean if at is None else at)
-    return FaultSets(chart.unknowns, tuple(sets), space.distances, evidence)
-
-
-class _Space:
-    """A normal distribution of all unknowns, and its restriction where faults are absent."""
-
-    def __init__(self, chart: Chart, mean: np.ndarray, covariance: np.ndarray) -> None:
-        self._chart, self._mean = chart, mean
-        self._covariance = covariance + np.diag(_JITTER * np.diag(covariance))
-        self._healthy = chart.from_values(np.array([[one.healthy for one in chart.unknowns]]))[0]
-        paired = dict(chart.pairs)
-        for pair in chart.pairs:
-            self._healthy[list(pair)] = 0.0
-        faults = {
-            one.name: [n, paired[n]] if n in paired else [n]
-            for n, one in enumerate(chart.unknowns)
-            if one.role == "fault" and one.direction_of is None
-        }
-        errors = np.sqrt(np.diag(covariance))
-        self.faults = {name: own for name, own in faults.items() if errors[own].max() <= ANYTHING}
-        self.undetermined = {name: own for name, own in faults.items() if name not in self.faults}
-        self._own = np.zeros(len(mean), dtype=bool)  # what may be absent; all else follows
-        self._own[[n for places in self.faults.values() for n in places]] = True
-        _, self._follows, self._rest = conditional(self._covariance, self._own)
-
-    @property
-    def distances(self) -> dict[str, float]:
-        """By fault, standard errors from healthy with all faults free."""
-        found = {}
-        for name, places in self.faults.items():
-            away = self._mean[places] - self._healthy[places]
-            square = away @ np.linalg.solve(self._covariance[np.ix_(places, places)], away)
-            found[name] = math.sqrt(float(square))
-        return found
-
-    def log_volume(self, at: np.ndarray) -> float:
-        """Logarithm of the integral of the density that is one at a point (d,), without bounds.
-
-        Faults that may be anything are uniform over their range, whose width is one.
-        """
-        kept = np.ones(len(self._mean), dtype=bool)
-        kept[[n for places in self.undetermined.values() for n in places]] = False
-        size = np.sqrt(np.diag(self._covariance))[kept]
-        values, vectors = eigen(self._covariance[np.ix_(kept, kept)] / np.outer(size, size))
-        values = np.maximum(values, _JITTER)
-        away = vectors.T @ ((at - self._mean)[kept] / size)
-        volume = float(np.log(size).sum() + 0.5 * np.log(2.0 * np.pi * values).sum())
-        return volume + 0.5 * float(away @ (away / values))
-
-    def evidence(self, names: frozenset[str], least: float = -math.inf) -> float:
-        """Logarithm of the probability of a set, but for a constant, or somewhat more.
-
-        Of what lies within its bounds the best point counts, and not its share. No bounds count
-        where it is less than ``least`` without them.
-        """
-        places, mean, left, log = self._given(names)
-        if log < least:
-            return log
-        _, pull = self._within_bounds(places, mean, left)
-        return log - 0.5 * float(pull @ pull)
-
-    def drawn(self, names: frozenset[str], rng: np.random.Generator) -> tuple[float, np.ndarray]:
-        """Logarithm of the probability of a set, but for a constant, and draws z (N, d) of it.
-
-        Draws are around the best point within the bounds, and count by how probable they are. A
-        magnitude with a direction is uniform in its range, so that the density of its components
-        is divided by the length of the circle.
-        """
-        chart = self._chart
-        places, mean, left, log = self._given(names)
-        root, pull = self._within_bounds(places, mean, left)
-        normal = rng.standard_normal((_TRIED if places else 1, len(places)))
-        at = mean + (normal + pull) @ root.T
-        logs = -normal @ pull
-        inside = ((at >= chart.lower[places]) & (at <= chart.upper[places])).all(axis=1)
-        for pair in chart.pairs:
-            if pair[0] in places:
-                size = np.hypot(*(at[:, places.index(n)] for n in pair))
-                inside &= size <= 1.0
-                logs -= np.log(np.maximum(2.0 * np.pi * size, 1e-9))
-        inside[np.argmax(logs)] |= not inside.any()  # a corner that no draw hits
-        logs[~inside] = -np.inf
-        most = float(logs.max())
-        shares = np.exp(logs - most)
-        picked = rng.choice(len(at), _TRIED // 2, p=shares / shares.sum())
-        z = np.tile(self._healthy, (len(picked), 1))
-        z[:, places] = at[picked]
-        z[:, self._own] = chart.project(z)[:, self._own]
-        away = z[:, self._own] - self._mean[self._own]
-        others = rng.standard_normal((len(z), len(self._rest))) @ self._rest.T
-        z[:, ~self._own] = self._mean[~self._own] + away @ self._follows.T + others
-        for n in (n for own in self.undetermined.values() for n in own):
-            z[:, n] = rng.uniform(chart.lower[n], chart.upper[n], len(z))
-        log -= 0.5 * float(pull @ pull)
-        return log + most + math.log(float(shares.mean())), chart.project(z)
-
-    def _given(self, names: frozenset[str]) -> tuple[list[int], np.ndarray, np.ndarray, float]:
-        """Places, mean and covariance of a set where the others are healthy.
-
-        And the logarithm of their density there, times the prior of the set.
-        """
-        covariance, log = self._covariance, len(names) * math.log(BEFOREHAND / (1.0 - BEFOREHAND))
-        places = [n for name, own in self.faults.items() if name in names for n in own]
-        absent = [n for name, own in self.faults.items() if name not in names for n in own]
-        mean, left = self._mean[places], covariance[np.ix_(places, places)]
-        if absent:
-            other = np.linalg.cholesky(covariance[np.ix_(absent, absent)])
-            gap = self._healthy[absent] - self._mean[absent]
-            both = np.linalg.solve(other, np.c_[gap, covariance[np.ix_(absent, places)]])
-            away, across = both[:, 0], both[:, 1:]
-            mean, left = mean + across.T @ away, left - across.T @ across
-            log -= 0.5 * float(away @ away) + float(np.log(np.diag(other)).sum())
-            log -= 0.5 * len(absent) * math.log(2.0 * math.pi)
-        return places, mean, left, log
-
-    def _within_bounds(
-        self, places: list[int], mean: np.ndarray, covariance: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Root of a covariance; from the mean to the best point within bounds, in its columns."""
-        values, vectors = eigen(covariance)
-        sizes, pull = np.sqrt(np.maximum(values, 1e-18)), np.zeros(len(places))
-        lower, upper = self._chart.lower[places], self._chart.upper[places]
-        inside = np.clip(mean, lower, upper)
-        if not np.array_equal(inside, mean):
-            scale = (vectors / sizes).T
-            target = scale @ (mean - inside)
-            pull = scale @ bounded_squares(scale, target, lower - inside, upper - inside) - target
-        return vectors * sizes, pull
+    evidence = total + normal.log_volume()
+    return FaultSets(chart.unknowns, tuple(sets), normal.distances, evidence, around=(normal,))
