@@ -422,7 +422,7 @@ def test_faults_behind_a_current_loop_are_named():
 def test_the_monitor_corrected_by_the_reference_finds_faults_beside_a_form_that_it_lacks(
     actuator, faults
 ):
-    record = simulate("reference", HALF, faults=faults, actuator=actuator, noise=NOISE)
+    record = simulate("reference", faults=faults, actuator=actuator, noise=NOISE)
     found = ematwin.identify(record, actuator=actuator, exact=True)
     values = Faults(**{name: found.estimate[name] for name in FAULTS})
     error = error_percent(values.vector, Faults(**faults).vector)
