@@ -25,7 +25,6 @@ OTHERS = {
     "dynamic_eccentricity": 0.3, "dynamic_direction": 0.4, "connector_c": 0.4,
     "sensor_gain_a": 0.7, "resolver_offset": 0.7,
 }  # fmt: skip
-MOVES = MODEL.load_scenario(None).lasting(0.8)  # tells as much in two thirds of the time
 ALSO = ("current_d", "current_q", "voltage_d", "voltage_q", "motor_speed")
 
 
@@ -57,12 +56,12 @@ def identified(recording, faults):
 
 
 def test_a_mixture_is_found_by_the_voltages_that_are_commanded():
-    recording = ematwin.simulate(None, MOVES, OTHERS, ACTUATOR, also=ALSO)
+    recording = ematwin.simulate(None, None, OTHERS, ACTUATOR, also=ALSO)
     identified(without(recording, "current_d", "current_q"), OTHERS)
 
 
 def test_another_is_found_by_the_voltages_that_are_measured():
-    recording = ematwin.simulate(None, MOVES, MIXTURE, ACTUATOR, also=TERMINALS)
+    recording = ematwin.simulate(None, None, MIXTURE, ACTUATOR, also=TERMINALS)
     measured = without(recording, "voltage")
     assert MODEL.check(measured, ACTUATOR) == []
     found = identified(measured, MIXTURE)
@@ -115,7 +114,7 @@ def test_park_transformation_goes_there_and_back():
 
 
 def test_each_fourth_sample_will_do():
-    slow = ematwin.simulate(None, MOVES, {"friction": 0.5}, ACTUATOR, sample_rate=2500.0)
+    slow = ematwin.simulate(None, None, {"friction": 0.5}, ACTUATOR, sample_rate=2500.0)
     found = ematwin.identify(slow, ACTUATOR, exact=True, only=["friction", "gain", "short_a"])
     assert found.values["friction"] == pytest.approx(0.5, abs=0.02)
     assert found.values["short_a"] == pytest.approx(0.0, abs=0.02)
@@ -148,7 +147,7 @@ def test_a_start_that_turns_with_the_resolver_is_held(healthy):
 def test_a_short_is_told_with_the_contact_that_it_holds_for():
     found, healthy = (
         ematwin.identify(
-            ematwin.simulate(None, MOVES, faults, ACTUATOR), ACTUATOR, exact=True,
+            ematwin.simulate(None, None, faults, ACTUATOR), ACTUATOR, exact=True,
             only=["short_a", "friction"],
         )
         for faults in ({"short_a": 0.3}, None)
