@@ -4,6 +4,9 @@ import math
 
 import numpy as np
 
+from ematwin.models.bldc.model import MODEL
+
+HALF = MODEL.load_scenario(None).lasting(0.25)  # tells of each fault, in half the time
 SEVERE = {
     "friction": 0.6, "backlash": 0.3, "short_a": 0.4, "short_b": 0.1, "short_c": 0.7,
     "eccentricity": 0.6, "eccentricity_phase": 0.8, "gain": 0.9,

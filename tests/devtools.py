@@ -173,21 +173,14 @@ def browser(folder: Path) -> Iterator[Tab]:
             process.wait()
 
 
-def browse(page: Path, folder: Path) -> tuple[str, list[str]]:
-    """The document of a page as the browser holds it, and what the browser said."""
-    with browser(folder) as tab:
-        tab.show(page)
-        return str(tab.value("document.documentElement.outerHTML")), tab.said
-
-
 def seen_at(pages: Sequence[Path], folder: Path) -> list[dict[int, dict[str, Any]]]:
     """What each page looks like in a window that grows; the browser has nothing to complain of."""
     seen: list[dict[int, dict[str, Any]]] = []
     with browser(folder) as tab:
         for page in pages:
-            seen.append({})
             tab.show(page, WIDTHS[0])
-            for width in WIDTHS:
+            seen.append({WIDTHS[0]: tab.value(_MEASURED)})
+            for width in WIDTHS[1:]:
                 tab.resize(width)
                 tab.value(_SETTLED)
                 seen[-1][width] = tab.value(_MEASURED)

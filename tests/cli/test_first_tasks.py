@@ -15,6 +15,7 @@ import pytest
 from asammdf import MDF, Signal
 
 import ematwin
+from bldc_inputs import HALF
 from commands import inside
 from ematwin.cli import main
 
@@ -48,9 +49,9 @@ def recorded(
     faults: dict[str, float] | None = None,
     rate: float = 20_000.0,
 ) -> ematwin.Recording:
-    """What the sensors of an actuator give on the default command."""
+    """What the sensors of an actuator give on half of the default command."""
     return ematwin.simulate(
-        "reference", faults=faults, actuator=actuator, noise=NOISE, seed=seed, sample_rate=rate
+        "reference", HALF, faults, actuator, noise=NOISE, seed=seed, sample_rate=rate
     )
 
 

@@ -8,6 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import ematwin
+from bldc_inputs import HALF
 from ematwin.errors import ParameterError
 from ematwin.models.bldc import batch
 from ematwin.models.bldc.channels import phase_currents
@@ -366,7 +367,7 @@ NOISE = Noise(white=0.02, bits=12)
 
 
 def test_a_short_of_fifteen_per_cent_with_a_loop_is_identified():
-    record = simulate("reference", faults=SHORT, actuator=LOOP, noise=NOISE)
+    record = simulate("reference", HALF, faults=SHORT, actuator=LOOP, noise=NOISE)
     found = ematwin.identify(record, actuator=LOOP)
     low, high = found.intervals["short_a"]
     assert found.estimate["short_a"] == pytest.approx(0.15, abs=0.02)
@@ -375,7 +376,7 @@ def test_a_short_of_fifteen_per_cent_with_a_loop_is_identified():
 
 
 def test_a_fixed_offset_of_a_fifth_is_identified():
-    record = simulate("reference", faults=OFFSET, actuator=FIXED, noise=NOISE)
+    record = simulate("reference", HALF, faults=OFFSET, actuator=FIXED, noise=NOISE)
     found = ematwin.identify(record, actuator=FIXED)
     low, high = found.intervals["eccentricity"]
     assert found.estimate["eccentricity"] == pytest.approx(0.2, abs=0.02)
@@ -401,7 +402,7 @@ def test_commutation_under_a_current_loop_takes_half_of_the_current():
 
 def test_faults_behind_a_current_loop_are_named():
     faults = {"friction": 0.3, "short_b": 0.2}
-    record = simulate("reference", faults=faults, actuator=REGULATED, noise=NOISE)
+    record = simulate("reference", HALF, faults=faults, actuator=REGULATED, noise=NOISE)
     found = ematwin.identify(record, actuator=REGULATED)
     print(found.verdict, found.intervals)
     assert set(found.verdict.faults) <= set(faults)
@@ -433,7 +434,7 @@ def test_the_monitor_corrected_by_the_reference_finds_faults_beside_a_form_that_
 
 def test_faults_beside_every_form_are_identified():
     faults = {"short_b": 0.15, "friction": 0.3, "backlash": 0.1, "gain": 0.6}
-    record = simulate("reference", faults=faults, actuator=EVERYTHING, noise=NOISE)
+    record = simulate("reference", HALF, faults=faults, actuator=EVERYTHING, noise=NOISE)
     found = ematwin.identify(record, actuator=EVERYTHING, exact=True)
     for name, value in faults.items():
         assert found.estimate[name] == pytest.approx(value, abs=0.02)
@@ -450,7 +451,7 @@ def test_an_offset_fixed_in_space_is_not_called_a_short_where_the_file_has_no_se
 
 def test_a_loop_of_shorted_turns_is_told_where_the_file_has_no_section_for_it():
     loop = PLAIN.changed({"shorted_turns.resistance": 0.1})
-    record = simulate("reference", faults=SHORT, actuator=loop, noise=NOISE)
+    record = simulate("reference", HALF, faults=SHORT, actuator=loop, noise=NOISE)
     found = ematwin.identify(record, actuator=PLAIN)
     said = " ".join(found.warnings)
     print(found.verdict, said)
@@ -460,5 +461,5 @@ def test_a_loop_of_shorted_turns_is_told_where_the_file_has_no_section_for_it():
 
 
 def test_missing_turns_are_named_although_there_are_other_forms():
-    record = simulate("reference", faults=SHORT, actuator=PLAIN, noise=NOISE)
+    record = simulate("reference", HALF, faults=SHORT, actuator=PLAIN, noise=NOISE)
     assert ematwin.identify(record, actuator=PLAIN).verdict.faults == ("short_a",)

@@ -14,7 +14,7 @@ from ematwin.benchmarking.store import open_store
 
 SMALL = (
     "--cases", "paper", "--algorithms", "ga,pso", "--runs", "2", "--population", "8",
-    "--iterations", "4", "--seed", "7",
+    "--iterations", "4", "--seed", "7", "--scenario", str(Path(__file__).with_name("half.toml")),
 )  # fmt: skip
 RUNS = 40  # of the study above
 

@@ -75,17 +75,6 @@ def test_killed_workers_and_a_file_locked_for_ten_seconds(
     assert numbers(where) == undisturbed
 
 
-def test_two_commands_share_a_store(tmp_path: Path, undisturbed: Numbers) -> None:
-    where = tmp_path / "study.db"
-    both = [start("--store", where, "--workers", 1) for _ in range(2)]
-    answers = [finish(one) for one in both]
-    assert sum(answer["finished"] for answer in answers) == RUNS
-    for answer in answers:
-        assert answer["counts"] == {"done": RUNS}
-        assert answer["finished"] > 0
-    assert numbers(where) == undisturbed
-
-
 def test_two_commands_share_postgres_one_is_killed_and_the_server_is_gone_for_ten_seconds(
     postgres: Any, postgres_url: str, undisturbed: Numbers, short_leases: dict[str, str]
 ) -> None:

@@ -11,7 +11,6 @@ import pandas as pd
 import pytest
 from synthetic import done, failed, settings_of, spec, study, vector
 
-from devtools import browse
 from ematwin.benchmarking import page
 from ematwin.benchmarking.analysis import StudyAnalysis, analyse
 from ematwin.benchmarking.page import number, write_report
@@ -38,12 +37,7 @@ def report(small: StudyAnalysis, tmp_path_factory: pytest.TempPathFactory) -> Pa
     return folder
 
 
-def test_the_page_draws_every_figure_in_a_browser_without_errors_or_network(
-    report: Path, small: StudyAnalysis, tmp_path: Path
-) -> None:
-    document, said = browse(report / "index.html", tmp_path)
-    assert said == []
-    assert document.count('class="main-svg"') >= len(small.plot()) == 6
+def test_the_page_loads_nothing_and_what_an_algorithm_says_is_no_markup(report: Path) -> None:
     body = re.sub(r"<script.*?</script>", "", (report / "index.html").read_text(), flags=re.S)
     assert re.findall(r'(?:src|href)="(?!#)[^"]*"', body) == []
     assert "&lt;b&gt;" in body

@@ -71,7 +71,8 @@ def test_the_recording_decides_which_actuator_is_meant(tmp_path: Path) -> None:
 
 
 def test_recordings_of_an_iterator_are_all_judged(record: ematwin.Recording) -> None:
-    assert len(ematwin.identify((one for one in (record, record)), only="friction").motions) == 2
+    found = ematwin.identify((one for one in (record, record)), only="friction", exact=True)
+    assert len(found.motions) == 2
 
 
 def test_a_recording_that_two_kinds_may_have_made_is_asked_about() -> None:

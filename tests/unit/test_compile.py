@@ -229,12 +229,28 @@ print(theirs.loops.distance(c, (10, 0.5)) + 0.0)
 """
 
 
+def meeting(code: str, word: str, count: int) -> str:
+    """The code, which then waits until so many processes have come as far; gives how many have."""
+    return f"""
+import glob, os, time
+{code}
+open(f"{word}{{os.getpid()}}", "w").close()
+ends = time.monotonic() + 40.0
+while len(glob.glob("{word}*")) < {count} and time.monotonic() < ends:
+    time.sleep(0.05)
+print(len(glob.glob("{word}*")))
+"""
+
+
 def test_processes_that_start_at_once_compile_each_loop_once_and_do_not_mix_it_up(package):
+    """None waits for the end of another that has its machine code."""
     single, double = TYPES.format("np.float32"), TYPES.format("np.float64")
-    answers, done = zip(*package.start(single, double, single, double), strict=True)
-    assert set(answers) == {"65.0"}
-    for both in (done[::2], done[1::2]):
-        assert sorted(both) == [["loaded"], ["saved"]]
+    checked = (code.replace("print", "assert 65.0 ==") for code in (single, double))
+    codes = [meeting(code, "done", 6) for code in checked]
+    answers, done = zip(*package.start(*3 * codes), strict=True)
+    assert set(answers) == {"6"}
+    for same in (done[::2], done[1::2]):
+        assert sorted(same) == [["loaded"], ["loaded"], ["saved"]]
     # as many as there are types of arguments, each in a folder where there is nothing else
     assert [len(list(path.parent.iterdir())) for path in kept(package)] == [2, 2]
     for code in (single, double):
@@ -244,17 +260,13 @@ def test_processes_that_start_at_once_compile_each_loop_once_and_do_not_mix_it_u
 def test_a_process_that_fails_to_compile_does_not_keep_others_waiting(package):
     """Both are alive until both have failed."""
     code = """
-import glob, time, theirs.loops
+import theirs.loops
 try:
     theirs.loops.distance("no constants", (10, 0.5))
 except Exception:
-    open(f"failed{os.getpid()}", "w").close()
-ends = time.monotonic() + 40.0
-while len(glob.glob("failed*")) < 2 and time.monotonic() < ends:
-    time.sleep(0.05)
-print(len(glob.glob("failed*")))
+    pass
 """
-    assert package.start("import os" + code, "import os" + code) == [("2", [])] * 2
+    assert package.start(*2 * [meeting(code, "failed", 2)]) == [("2", [])] * 2
 
 
 def test_a_process_that_was_killed_while_it_saved_leaves_nothing_that_is_loaded(package):

@@ -109,6 +109,8 @@ class Kept:
             with suppress(OSError, _NoFolderError):
                 self._wait_for_others(signature)
                 found = self._found(signature, context)
+            if found is not None:  # the next in turn finds it as well
+                self.end_turn()
         return found
 
     def save_overload(self, signature: Any, compiled: Any) -> None:

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from bldc_inputs import HALF
 from ematwin import Noise, identify, simulate
 from ematwin.errors import ParameterError
 from ematwin.estimation.along_motion import NO_SEARCH, informed, usual_search
@@ -46,7 +47,7 @@ def everything_free(recording, actuator=DRIVE):
 
 @pytest.fixture(scope="module")
 def recording():
-    return simulate("reference", actuator=DRIVE, faults=FAULTS, noise=Noise(white=0.02), seed=3)
+    return simulate("reference", HALF, FAULTS, DRIVE, noise=Noise(white=0.02), seed=3)
 
 
 @pytest.fixture(scope="module")
@@ -108,7 +109,7 @@ def test_a_fit_does_not_end_where_a_whole_step_is_too_long():
         "drive.supply_voltage": 49.1,
     })  # fmt: skip
     noise = Noise(white=0.02)
-    recording = simulate("reference", actuator=truth, faults=faults, noise=noise, seed=7)
+    recording = simulate("reference", HALF, faults, truth, noise=noise, seed=7)
     problem = everything_free(recording, twin)
     away, errors = away_from(faults, (problem, *informed(MODEL, twin, problem, problem.healthy)))
     assert (away < 4.0 * errors + 1e-3).all()
@@ -185,7 +186,7 @@ def test_without_positions_or_forms_there_is_nothing_to_know(recording):
 def test_ripple_of_a_comparator_is_no_evidence_of_shorts():
     """All shorts alike and a weaker torque constant make the same torque."""
     actuator = load_actuator("servo48").changed(COGGING)
-    recording = simulate("reference", actuator=actuator, noise=Noise(white=0.02), seed=4)
+    recording = simulate("reference", HALF, actuator=actuator, noise=Noise(white=0.02), seed=4)
     problem = everything_free(recording, actuator)
     known, point = informed(MODEL, actuator, problem, problem.healthy)
     alike = np.array([one.name.startswith("short") for one in problem.unknowns]) / 3.0
@@ -242,7 +243,7 @@ def test_a_form_that_explains_what_equations_leave_is_told(turning):
     faults = {"friction": 0.2, "backlash": 0.1, "short_a": 0.2, "eccentricity": 0.1}
     values = {**faults, "eccentricity_phase": 0.8}  # no shorts alone are such an offset
     noise = Noise(white=0.02)
-    recording = simulate("reference", actuator=truth, faults=values, noise=noise, seed=3)
+    recording = simulate("reference", HALF, values, truth, noise=noise, seed=3)
     found = identify(recording, DRIVE, exact=True)
     if turning:
         assert set(found.verdict.faults) == faults.keys()

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from bldc_inputs import HALF
 from ematwin import BldcActuator, Noise, Recording, identify, simulate
 from ematwin.errors import ParameterError, RecordError
 from ematwin.estimation import learn as learning
@@ -12,7 +13,6 @@ from ematwin.estimation.forms import FoundForms
 from ematwin.estimation.healthy_fit import expected_misfit, same_command
 from ematwin.estimation.learn import learn
 from ematwin.models.registry import model_of
-from ematwin.models.scenario import Scenario
 
 TEMPLATE = BldcActuator.load()
 MODEL = model_of(TEMPLATE)
@@ -24,17 +24,11 @@ OFF = {
     "controller.position_gain": 0.95,
 }
 ACTUATOR = TEMPLATE.changed({place: TEMPLATE.value(place) * x for place, x in OFF.items()})
-# half of the default one: enough for what is proved here, and half the time
-SCENARIO = Scenario(
-    duration=0.25,
-    command=[{"type": "chirp", "amplitude": 0.005, "f_start": 5.0, "f_end": 25.0}],
-    load=[{"type": "step", "value": 10.0, "time": 0.125}],
-)
 
 
 def recorded(seed: int, faults=None, actuator: BldcActuator = ACTUATOR) -> Recording:
     found = simulate(
-        "reference", SCENARIO, faults, actuator, noise=Noise(white=0.02, bits=12), seed=seed
+        "reference", HALF, faults, actuator, noise=Noise(white=0.02, bits=12), seed=seed
     )
     return found.changed(source=f"run{seed}.csv")
 

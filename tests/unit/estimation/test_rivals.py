@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import ematwin
+from bldc_inputs import HALF
 from ematwin.estimation.rivals import Rival, hints, objections, qualified
 from ematwin.estimation.verdict import Verdict
 from ematwin.models.base import OtherForm
@@ -109,7 +110,7 @@ def test_without_a_verdict_only_a_far_better_form_is_told():
 
 def test_a_form_that_explains_a_wrong_load_hardly_better_is_not_told():
     faults = {"friction": 0.6, "backlash": 0.3}
-    record = ematwin.simulate("reference", faults=faults, noise=ematwin.Noise(white=0.02, bits=12))
+    record = ematwin.simulate("reference", HALF, faults, noise=ematwin.Noise(white=0.02, bits=12))
     found = ematwin.identify(record.changed(load=0.5 * record.load), exact=True)
     assert found.verdict.grade == "none"
     assert found.relative_misfit > 0.05
@@ -118,7 +119,7 @@ def test_a_form_that_explains_a_wrong_load_hardly_better_is_not_told():
 
 
 def test_forms_that_share_the_cores_say_what_one_after_another_says():
-    record = ematwin.simulate("reference", faults={"short_b": 0.2, "friction": 0.1}, seed=3)
+    record = ematwin.simulate("reference", HALF, {"short_b": 0.2, "friction": 0.1}, seed=3)
     alone, shared = (ematwin.identify(record, threads=count) for count in (1, 2))
     assert alone.present == ("short_b",)  # a loop of turns may pass for it, and is asked for
     assert shared.verdict == alone.verdict

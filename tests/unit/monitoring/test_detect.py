@@ -172,6 +172,8 @@ def test_a_name_that_the_magnitude_contradicts_says_why(calibration):
 def test_what_lies_far_outside_of_what_was_learnt_has_no_verdict(calibration):
     inside, outside = detect([motion(load=200.0), motion(load=900.0)], calibration).motions
     assert (inside.grade, outside.grade) == ("healthy", "none")
+    assert inside.notes == ()
+    assert any("extrapolated" in note for note in outside.notes)
     assert not outside.alarm
     assert outside.faults == ()
     assert "load (about" in outside.reason
@@ -210,15 +212,6 @@ def _flat(table) -> list[float]:
     if isinstance(table, list | tuple):
         return [x for entry in table for x in _flat(entry)]
     return [float(table)] if isinstance(table, int | float) else []
-
-
-def test_a_saved_calibration_judges_alike(calibration, report, tmp_path):
-    report.save(tmp_path / "rig.toml")
-    motions = [*run(60, friction=1.3), *healthy_runs(1, first=101)]
-    first, second = detect(motions, calibration), detect(motions, tmp_path / "rig.toml")
-    for one, other in zip(first.runs, second.runs, strict=True):
-        assert (one.name, one.fault) == (other.name, other.fault)
-        assert _flat(other.as_dict()) == pytest.approx(_flat(one.as_dict()), rel=1e-4, abs=1e-4)
 
 
 def test_motions_of_one_run_are_judged_together_by_label(calibration):
@@ -269,12 +262,6 @@ def test_rewired_sensors_are_noted_and_no_verdict_rests_on_them(calibration):
     assert plain[0].notes == ()
 
 
-def test_a_load_that_no_healthy_motion_had_is_noted(calibration):
-    inside, outside = detect([motion(load=200.0), motion(load=900.0)], calibration).motions
-    assert inside.notes == ()
-    assert any("extrapolated" in note for note in outside.notes)
-
-
 def test_alike_notes_are_said_once(calibration):
     found = detect([motion(n, load=900.0) for n in range(3)], calibration)
     (note,) = gathered_notes(found.motions)
@@ -284,20 +271,10 @@ def test_alike_notes_are_said_once(calibration):
 # What cannot be judged
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        (lambda m: m.changed(time=2.0 * m.time), "is sampled every 0.08 s where 0.04 s"),
-        (lambda m: m.changed(set_point=0.5 * m.set_point), "follows another command"),
-        (lambda m: m.changed(position_error=-m.position_error), "has the wrong sign"),
-        (lambda m: m.changed(position_error=1e3 * m.position_error), "unit is probably wrong"),
-        (lambda m: m.changed(current=-m.current), "change its sign"),
-    ],
-)
-def test_one_motion_that_does_not_fit_is_refused_by_its_name(calibration, change, said):
+def test_one_motion_that_does_not_fit_is_refused_by_its_name(calibration):
     motions = run(60)
-    motions[2] = change(motions[2])
-    with pytest.raises(RecordError, match=said) as caught:
+    motions[2] = motions[2].changed(set_point=0.5 * motions[2].set_point)
+    with pytest.raises(RecordError, match="follows another command") as caught:
         detect(motions, calibration)
     assert "weight heavy, run 60, motion 1" in str(caught.value)
     assert "\n" not in str(caught.value)

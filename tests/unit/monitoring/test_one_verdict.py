@@ -54,12 +54,10 @@ def found(report, recordings) -> Detection:
 
 
 def test_identify_and_detect_say_the_same_of_each_recording(report, recordings, found):
-    some = recordings[::3]
-    together = ematwin.identify(some, report)
-    for recording, row, other in zip(some, found.motions[::3], together.motions, strict=True):
-        alone = ematwin.identify(recording, report)
-        assert row.verdict == other.verdict == alone.verdict
-        assert row.magnitudes == other.magnitudes
+    (other,) = ematwin.identify([recordings[3]], report).motions
+    row, alone = found.motions[3], ematwin.identify(recordings[3], report)
+    assert row.verdict == other.verdict == alone.verdict
+    assert row.magnitudes == other.magnitudes
     assert found.runs == found.motions
 
 
@@ -174,14 +172,14 @@ def test_a_folder_a_glob_and_a_list_are_several_recordings(report, tmp_path):
         ematwin.write(run(60, **fault).changed(labels={}), tmp_path / f"{name}.parquet")
     (tmp_path / "notes.md").write_text("no recording")
     tables = [
-        ematwin.identify(given, report)
+        ematwin.identify(given, report, only="friction")
         for given in (tmp_path, str(tmp_path / "*2.parquet"), [tmp_path / "day2.parquet"])
     ]
     names = [[row.name for row in table.motions] for table in tables]
     assert names == [["day2.parquet", "day10.parquet"], ["day2.parquet"], ["day2.parquet"]]
     assert [row.grade for row in tables[0].motions] == ["healthy", "fault"]
     assert tables[0].motions[1].identification.verdict.faults == ("friction",)
-    alone = ematwin.identify(tmp_path / "day2.parquet", report)
+    alone = ematwin.identify(tmp_path / "day2.parquet", report, only="friction")
     assert isinstance(alone, ematwin.Identification)
 
 
@@ -216,7 +214,7 @@ def test_numbers_in_names_of_files_count_as_numbers(tmp_path):
 def test_progress_tells_how_many_are_done(report):
     seen: list[tuple[int, int]] = []
     ematwin.identify(
-        [run(30), run(60, friction=0.25)], report,
+        [run(30), run(60, friction=0.25)], report, only="friction",
         progress=lambda done, cost, count: seen.append((done, count)),
     )  # fmt: skip
     assert seen == [(1, 2), (2, 2)]
@@ -297,7 +295,6 @@ def test_a_calibration_of_0_2_loads_without_its_population(tmp_path):
     assert type(known) is ematwin.Calibration
     assert known.baseline.recordings == 5
     row: Diagnosis = ematwin.detect(run(61, short_a=0.3), path).motions[0]
-    assert row.verdict == ematwin.identify(run(61, short_a=0.3), path).verdict
     assert row.faults == ("short_a",)
     # and without a baseline, as the versions before wrote it
     text = path.read_text(encoding="utf-8")

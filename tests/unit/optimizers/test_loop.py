@@ -37,21 +37,6 @@ def same(one, two):
     )
 
 
-@pytest.mark.parametrize("name", ["gwo", "scipy-de", "pygmo-pso"])
-@pytest.mark.parametrize("budget", [1, 50, 333])
-def test_the_budget_is_spent_exactly(name, budget):
-    asked = []
-
-    def objective(points):
-        asked.append(len(points))
-        return sphere(points)
-
-    result = minimize(objective, LOWER, UPPER, name, budget=budget)
-    assert sum(asked) == result.evaluations == budget
-    assert result.stopped == "budget"
-    assert result.history.evaluations[-1] == budget
-
-
 class Stopping:
     """An objective that gives no cost above its limit, and counts how often it did not."""
 
@@ -66,23 +51,6 @@ class Stopping:
         over = costs > limits
         self.stopped += over.sum()
         return np.where(over, np.inf, costs)
-
-
-def rugged(points):
-    """With ties, and without a number in a corner."""
-    costs = np.round(sphere(points) + 0.1 * np.cos(30.0 * points).sum(axis=1), 2)
-    return np.where(points[:, 0] > 0.9, np.nan, costs)
-
-
-@pytest.mark.parametrize("name", [*SIX, "pymoo-de"])
-def test_limits_change_nothing_of_a_result(name):
-    stopping = Stopping(rugged)
-    settings = {"population": 20, "budget": 1_007, "stagnation": 400, "seed": 4}
-    plain = minimize(rugged, LOWER, UPPER, name, **settings)
-    limited = minimize(stopping, LOWER, UPPER, name, **settings)
-    assert same(plain, limited)
-    assert plain.stopped == limited.stopped
-    assert (stopping.stopped > 0) == (name not in ("ga", "da", "pymoo-de"))
 
 
 def test_limits_are_given_again_after_a_checkpoint(tmp_path):
@@ -153,18 +121,6 @@ def test_algorithms_are_names_classes_partials_or_objects():
     assert by_object.seed == 3
     other = minimize(sphere, LOWER, UPPER, partial(DifferentialEvolution, F=0.9), **settings)
     assert not same(by_name, other)
-
-
-def half_bad(value):
-    # The optimum is in the sound half; there is none in the other.
-    return lambda points: np.where(points[:, 0] < 0.5, sphere(points), value)
-
-
-@pytest.mark.parametrize("name", [*SIX, "ga-binary"])
-def test_an_optimum_in_the_sound_half_is_found(name):
-    result = minimize(half_bad(np.nan), LOWER, UPPER, name)
-    assert result.cost < 0.01
-    assert result.x[0] < 0.5
 
 
 def test_the_objective_may_write_into_its_points():

@@ -97,14 +97,6 @@ def test_a_recording_that_is_sampled_slowly_stays_as_it_is(twin_record: Recordin
     assert len(wide.coarse().recording) == len(twin_record)
 
 
-@pytest.mark.parametrize("threads", [1, 2, 3])
-def test_costs_do_not_depend_on_threads_or_batch(twin_record: Recording, threads: int) -> None:
-    k = np.random.default_rng(6).random((70, 8))
-    whole = Misfit(twin_record, ACTUATOR, threads=threads)(k)
-    alone = np.concatenate([Misfit(twin_record, ACTUATOR, threads=1)(row[None]) for row in k[:9]])
-    assert (whole[:9] == alone).all()
-
-
 def test_magnitudes_are_compared_where_the_rotor_angle_is_not_known() -> None:
     record = simulate("reference", faults=FAULTY)
     assert not Misfit(record, ACTUATOR).rectify

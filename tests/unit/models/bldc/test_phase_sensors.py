@@ -121,7 +121,7 @@ def test_without_three_currents_or_without_current_there_is_nothing_to_tell():
 
 def test_the_answer_is_that_of_good_sensors_and_says_what_was_corrected():
     faults = {"friction": 0.25, "short_b": 0.15}
-    record = recorded("default", faults)
+    record = recorded("default", faults).between(0.0, 0.3)
     good = ematwin.identify(record, threads=1)
     seen = ematwin.identify(shown(record, GAINS / GAINS.mean(), OFFSETS), threads=1)
     assert seen.verdict.grade == good.verdict.grade == "fault"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import ematwin
-from bldc_inputs import SEVERE, history
+from bldc_inputs import HALF, SEVERE, history
 from ematwin.errors import ParameterError
 from ematwin.models.bldc import batch
 from ematwin.models.bldc.bridge import advance_shorted_bridge
@@ -304,7 +304,7 @@ def test_impossible_values_are_refused(form, said):
 def test_a_contact_of_another_resistance_looks_like_other_turns(resistance):
     """Of a loop, currents show mu^2/(R_f + mu R) and no more; intervals know that."""
     true, guessed = (PLAIN.changed({"shorted_turns.resistance": r}) for r in (resistance, 0.1))
-    record = simulate("reference", faults={"short_a": 0.15}, actuator=true)
+    record = simulate("reference", HALF, {"short_a": 0.15}, true)
     r = PLAIN.motor.resistance / 2.0
     seen = 0.15**2 / (resistance + 0.15 * r)
     alike = 0.5 * seen * r + np.sqrt((0.5 * seen * r) ** 2 + 0.1 * seen)
