@@ -435,7 +435,7 @@ def special_recordings(true: BldcActuator) -> dict[str, Recording]:
     in_degrees = usual.changed(command=np.degrees(usual.channels["command"]))
     clipped = usual.changed(
         **{
-            k: np.clip(usual.channels[k], -2.0, 2.0)
+            k: np.clip(usual.channels[k], -1.5, 1.5)
             for k in ("current_a", "current_b", "current_c")
         }
     )

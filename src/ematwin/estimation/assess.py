@@ -152,7 +152,7 @@ def assess(
     best = answers[likely[0]]
     peak = best.peak
     sharp = sharp_errors(peak, own, peak.problem.model_error)
-    point = _point(sets, peak, likely[0])
+    point = sets.points[likely[0]]
     values, intervals, covariance = _values(full, sets, point, own)
     faults = [one for one in problem.unknowns if one.role == "fault"]
     return Assessment(
@@ -255,24 +255,12 @@ def _improbable(sets: FaultSets, peak: Laplace) -> list[str]:
     ]
 
 
-def _point(sets: FaultSets, peak: Laplace, minimum: int) -> np.ndarray:
-    """The point (d,) of the answer: a peak, all else moved where improbable faults are not there.
-
-    What they explained at the peak, a drift or other faults explain then.
-    """
-    for one, value in zip(peak.problem.unknowns, peak.point.tolist(), strict=True):
-        absent = one in sets.faults and sets.is_improbable(one.name)
-        if absent and value != one.healthy:
-            return sets.best(minimum)
-    return peak.point
-
-
 def _values(
     full: Problem, sets: FaultSets, point: np.ndarray, own: int
 ) -> tuple[dict[str, float], dict[str, Interval], np.ndarray]:
     """Values and intervals by name, and the covariance (own, own) of the unknowns of the search.
 
-    Improbable faults are healthy; intervals of faults are conditional on their presence. Deviations
+    Intervals of faults are conditional on their presence. Deviations
     of a logarithmic unknown are of the logarithm, scaled such that a value is as many standard
     errors from healthy as its logarithm is: halved and doubled are equally far. The covariance is
     infinite for a direction that has no meaning, and for a value that may be anything.
@@ -281,8 +269,6 @@ def _values(
     for one in full.unknowns:
         given = sets.given(one.direction_of or one.name)
         is_fault = one.role == "fault" and one.direction_of is None
-        if is_fault and sets.is_improbable(one.name):
-            values[one.name] = one.healthy
         intervals[one.name] = Interval(
             *sets.interval(one, values[one.name])
             if is_fault

@@ -151,8 +151,6 @@ def in_physical_units(
             if _depends_on_parameters(one, varied):
                 spread = np.asarray(one.physical(varied, drawn.of(one.name)), dtype=float)
                 least, most = float(spread.min()), float(spread.max())
-                if sets.is_improbable(one.name):
-                    value = float(spread.mean())
                 low, high = Draws((one.name,), spread[:, None], {}).interval(one.name, least, most)
                 low, high = min(low, value), max(high, value)
         found[one.name] = (value, Interval(low, high))

@@ -91,15 +91,21 @@ class RestrictedNormal:
         return log - 0.5 * float(pull @ pull)
 
     def best(self, names: frozenset[str]) -> np.ndarray:
-        """Values (d,) of the densest point of a set; of faults that may be anything, as given."""
+        """Values (d,) of the densest point of a set.
+
+        That is ``at`` where the others are healthy there; what may be anything is as there.
+        """
+        z = self._at.copy()
+        absent = [n for name, own in self.faults.items() if name not in names for n in own]
+        if np.array_equal(z[absent], self._healthy[absent]):
+            return np.asarray(self._chart.to_values(z[None])[0])
         places, mean, left, _ = self._given(names)
         root, pull = self._within_bounds(places, mean, left)
-        z = self._healthy.copy()
-        z[places] = mean + root @ pull
-        away = z[self._own] - self._mean[self._own]
-        z[~self._own] = self._mean[~self._own] + self._follows @ away
-        anything = [n for own in self.undetermined.values() for n in own]
-        z[anything] = self._at[anything]
+        z[absent], z[places] = self._healthy[absent], mean + root @ pull
+        follow = self._mean[~self._own] + self._follows @ (z - self._mean)[self._own]
+        others = ~self._own
+        others[[n for own in self.undetermined.values() for n in own]] = False
+        z[others] = follow[others[~self._own]]
         return np.asarray(self._chart.to_values(self._chart.project(z[None]))[0])
 
     def drawn(self, names: frozenset[str], rng: np.random.Generator) -> tuple[float, np.ndarray]:

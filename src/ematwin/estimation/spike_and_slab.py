@@ -66,7 +66,9 @@ class FaultSets:
     distances : by fault, standard errors from healthy with all faults free
     log_evidence : logarithm of the integral over all sets, in units of the density at a point
     minima : probability of each minimum
-    around : the normal distribution at each minimum; none where draws were given
+    points : values (d,) of the answer at each minimum, in which faults are healthy that are rather
+        absent there than present (the median probability model: Barbieri and Berger 2004, Ann.
+        Stat. 32, 870-897), and all else explains what they did; none where draws were given
     """
 
     unknowns: tuple[Unknown, ...]
@@ -74,7 +76,7 @@ class FaultSets:
     distances: dict[str, float] = field(default_factory=dict)
     log_evidence: float = 0.0
     minima: tuple[float, ...] = (1.0,)
-    around: tuple[RestrictedNormal, ...] = ()
+    points: tuple[np.ndarray, ...] = ()
 
     @classmethod
     def over(cls, minima: Sequence["FaultSets"], rises: Sequence[float]) -> "FaultSets":
@@ -94,8 +96,8 @@ class FaultSets:
             for one in found.sets
         ]
         sets.sort(key=lambda one: -one.probability)
-        around = tuple(one for found in minima for one in found.around)
-        return replace(minima[0], sets=tuple(sets), minima=tuple(shares.tolist()), around=around)
+        points = tuple(one for found in minima for one in found.points)
+        return replace(minima[0], sets=tuple(sets), minima=tuple(shares.tolist()), points=points)
 
     @classmethod
     def of_draws(cls, unknowns: Sequence[Unknown], values: np.ndarray) -> "FaultSets | None":
@@ -171,11 +173,6 @@ class FaultSets:
     def is_improbable(self, name: str) -> bool:
         """Whether a fault is not there, with a probability of `CERTAIN`."""
         return self.presence(name) < 1.0 - CERTAIN
-
-    def best(self, minimum: int) -> np.ndarray:
-        """Values (d,) of the densest point of a minimum in which improbable faults are healthy."""
-        around = self.around[minimum]
-        return around.best(frozenset(one for one in around.faults if not self.is_improbable(one)))
 
     @cached_property
     def drawn(self) -> Draws:
@@ -277,4 +274,10 @@ def fault_sets(
     ]
     sets.sort(key=lambda one: -one.probability)
     evidence = total + normal.log_volume()
-    return FaultSets(chart.unknowns, tuple(sets), normal.distances, evidence, around=(normal,))
+    there = frozenset(
+        name for name in normal.faults
+        if sum(one.probability for one in sets if name in one.faults) >= 0.5
+    )  # fmt: skip
+    return FaultSets(
+        chart.unknowns, tuple(sets), normal.distances, evidence, points=(normal.best(there),)
+    )
