@@ -21,9 +21,8 @@ from ematwin.models.bldc.channels import phase_currents
 from ematwin.models.bldc.constants import kernel_constants, truer_constants
 from ematwin.models.bldc.counts import (
     CUTOFF,
+    SmoothingSpline,
     recorded_anew,
-    smoothed,
-    spline_through,
     step_by_noise,
     steps_of,
 )
@@ -159,8 +158,10 @@ class Motion:
     def _move(self, motor: np.ndarray, output: np.ndarray, cutoff: float) -> None:
         """Lay splines through positions (S,), rad on the motor shaft; noisy ones are smoothed."""
         self.cutoff, self.recorded = cutoff, (motor, output)
-        self.motor = spline_through(self.time, motor, self.steps[0], cutoff)
-        self.output = spline_through(self.time, output, self.steps[1], cutoff)
+        self.motor, self.output = (
+            SmoothingSpline(self.time, position, cutoff if step else math.inf)
+            for position, step in zip((motor, output), self.steps, strict=True)
+        )
         # a mean belongs to the middle of its interval
         electrical = self._pole_pairs * self.motor(self.time - 0.5 / self.rate)
         self.angles = electrical[:, None] - THIRD_TURN * np.arange(3)
@@ -183,7 +184,7 @@ class Motion:
 
     def twist(self) -> np.ndarray:
         """Angle (S,) by which the motor is ahead of the output."""
-        return np.asarray(self.motor(self.time) - self.output(self.time))
+        return self.motor.values - self.output.values
 
     def recorded_anew(self) -> "Motion | None":
         """The motion by encoders whose counts begin elsewhere, or with other noise; None if clean.
@@ -194,7 +195,7 @@ class Motion:
             return None
         other = copy.copy(self)
         motor, output = (
-            recorded_anew(spline(self.time), size, counts > 0.0)
+            recorded_anew(spline.values, size, counts > 0.0)
             for spline, size, counts in zip(
                 (self.motor, self.output), self.steps, self.counts, strict=True
             )
@@ -212,7 +213,7 @@ class Motion:
 
     def alike(self, trace: np.ndarray) -> np.ndarray:
         """A trace (S,) smoothed as the positions are."""
-        return smoothed(self.time, trace, self.cutoff) if any(self.steps) else trace
+        return SmoothingSpline(self.time, trace, self.cutoff).values if any(self.steps) else trace
 
 
 class Controller:
