@@ -29,8 +29,13 @@ from ematwin.models.bldc.counts import (
 from ematwin.models.bldc.envelope import trapezoid_shape
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import balanced
-from ematwin.models.bldc.reference_step import ReferenceState, drive, more_after
-from ematwin.models.bldc.simulate import INPUT_INTERVAL, TimeGrid, phases_of
+from ematwin.models.bldc.reference_step import (
+    ReferenceState,
+    all_emf_constants,
+    drive,
+    more_after,
+)
+from ematwin.models.bldc.simulate import INPUT_INTERVAL, TimeGrid, phases_of, steps_within
 from ematwin.models.bldc.state import fault_state
 from ematwin.models.bldc.truer.loops import started
 from ematwin.models.bldc.truer.motor import KEPT_5, KEPT_7, SINE
@@ -46,11 +51,20 @@ from ematwin.recordings.recording import Recording
 
 _LONGEST = 0.4  # s of a recording, of which a controller is simulated
 _FASTER = 1.3  # than the step of the reference: the ripple is another then
-_MODULATED = 5e-6  # s, of steps at most behind a current loop: they leave less than ``LEAST``
-_WHOLE = 1e-6  # of a step: rounding
+_LONG, _SHORT = 6.3e-6, 2e-6  # s, of steps behind a current loop: they leave less than ``LEAST``
 RECENT = 32  # answers that are kept: many of the next differ by a sensor or a mass alone
 LEAST = 0.001  # of the recorded current: what simulators of other make differ by
 _, read_more, _ = columns(TruerState)
+
+
+@loop
+def emf_along(k, angles, c, truer):  # type: ignore[no-untyped-def]
+    """Constants of the EMF (3, G), V s/rad, at angles (G,) of the motor."""
+    fault = fault_state(k, c.half_gap)
+    found = np.empty((3, angles.size))
+    for g in range(angles.size):
+        found[0, g], found[1, g], found[2, g] = all_emf_constants(angles[g], fault, c, truer)
+    return found
 
 
 @loop
@@ -61,7 +75,8 @@ def currents_along(k, command, motion, spacing, interval, c, dt, start, samples,
     ----------
     k : (8,) array, fault vector
     command : (G,) array, rad on the motor shaft; straight lines between points
-    motion : (3, G) array, angle and speed of the motor, and angle of the output, on its shaft
+    motion : (6, G) array, angle and speed of the motor, and angle of the output, on its shaft;
+        constants of the EMF of each phase, shares of ``c.k_e``
     spacing : s, of these points, the first at 0 s
     interval : s, of the means, not shorter than ``dt``
     c, truer, more : as of `batch.reference_trace`
@@ -90,7 +105,12 @@ def currents_along(k, command, motion, spacing, interval, c, dt, start, samples,
             pair_sign, 0.0, 0.0, 0.0,
         )  # fmt: skip
         command_now = command[g] + s * (command[g + 1] - command[g])
-        done = drive(now, now_more, command_now, fault, c, truer, dt)
+        kappas = (
+            c.k_e * (motion[3, g] + s * (motion[3, g + 1] - motion[3, g])),
+            c.k_e * (motion[4, g] + s * (motion[4, g + 1] - motion[4, g])),
+            c.k_e * (motion[5, g] + s * (motion[5, g + 1] - motion[5, g])),
+        )
+        done = drive(now, now_more, command_now, kappas, fault, c, truer, dt)
         i_a, i_b, i_c = done.currents[0], done.currents[1], done.currents[2]
         pair_sign, now_more = done.pair_sign, more_after(done, 0.0, 0.0)
         m_a, m_b, m_c = done.means
@@ -223,6 +243,7 @@ class Controller:
         self._motion, self._low_pass = motion, low_pass
         # sensors change an answer, and not the simulation
         self._answer = lru_cache(maxsize=RECENT)(self._simulated)
+        self._known: tuple[Any, np.ndarray] | None = None  # EMF along the motion
         rate = motion.rate
         count = min(len(motion.time), int(_LONGEST * rate) + 1)
         self._grid = grid = TimeGrid(INPUT_INTERVAL, (count - 0.5) / rate, rate)
@@ -277,19 +298,26 @@ class Controller:
         own, least = actuator.current_loop, actuator.steps.reference
         if own is None:  # a comparator overshoots by what the current moves in a step
             dt, start = grid.step / max(1, round(faster * grid.step / least)), 0.0
-        else:  # a sample time has whole steps, and one of them begins with the first sample
-            longest = min(_MODULATED, 1.0 / motion.rate)
-            dt = own.sample_time / math.ceil(own.sample_time / longest - _WHOLE)
+        else:  # sample times have whole steps, and one of them begins with the first sample
+            longest, speed = min(_LONG, 1.0 / motion.rate), actuator.speed_loop
+            other = 0.0 if speed is None else speed.sample_time
+            dt = own.sample_time / steps_within(own.sample_time, other, longest, _SHORT)
             start = -(-first % dt)
         truer = truer_constants(actuator)
         if truer.motor_step > 0.0 and not counts:
             # rad: counts of such an encoder do not show
             truer = truer._replace(motor_step=1e-9, output_step=0.0)
         angle, speed, _ = self._states[:, 0]
+        c, k = kernel_constants(actuator), np.array(faults)
+        sections = actuator.emf, actuator.torque_ripple, actuator.eccentricity
+        key, known = (faults[2:7], sections, actuator.shorted_turns), self._known
+        if known is None or known[0] != key:  # most candidates have the windings of the last one
+            emf = emf_along(k, self._states[0], c._replace(k_e=1.0), truer)
+            self._known = known = key, np.vstack([self._states, emf])
         loops = started(truer, actuator.motor, self._begins, angle, speed, first - start, held)
         currents = currents_along(
-            np.array(faults), command, self._states, grid.time[1], 1.0 / motion.rate,
-            kernel_constants(actuator), dt, start, self._seen.size, truer,
+            k, command, known[1], grid.time[1], 1.0 / motion.rate, c, dt, start,
+            self._seen.size, truer,
             np.array(phases_of(self._begins, actuator.motor.pole_pairs * angle)), np.array(loops),
         )  # fmt: skip
         return self._equivalent(currents)
