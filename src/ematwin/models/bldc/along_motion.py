@@ -35,7 +35,7 @@ from ematwin.models.bldc.reference_step import (
     drive,
     more_after,
 )
-from ematwin.models.bldc.simulate import INPUT_INTERVAL, TimeGrid, phases_of, steps_within
+from ematwin.models.bldc.simulate import INPUT_INTERVAL, TimeGrid, phases_of
 from ematwin.models.bldc.state import fault_state
 from ematwin.models.bldc.truer.loops import started
 from ematwin.models.bldc.truer.motor import KEPT_5, KEPT_7, SINE
@@ -43,7 +43,7 @@ from ematwin.models.bldc.truer.state import TruerState
 from ematwin.models.bldc.unknowns import HELD, UNKNOWNS
 from ematwin.models.bldc.zeros import counted
 from ematwin.models.optional import FIRST_SAMPLE, Values
-from ematwin.numerics.compile import loop
+from ematwin.numerics.compile import loop, step
 from ematwin.numerics.lanes import columns
 from ematwin.numerics.scalar import THIRD_TURN
 from ematwin.numerics.signals import LowPass, white_noise
@@ -51,7 +51,8 @@ from ematwin.recordings.recording import Recording
 
 _LONGEST = 0.4  # s of a recording, of which a controller is simulated
 _FASTER = 1.3  # than the step of the reference: the ripple is another then
-_LONG, _SHORT = 6.3e-6, 2e-6  # s, of steps behind a current loop: they leave less than ``LEAST``
+_LONG = 6.3e-6  # s, of steps at most behind a current loop: they leave less than ``LEAST``
+_INSTANT = 1e-10  # s: what is so near is now
 RECENT = 32  # answers that are kept: many of the next differ by a sensor or a mass alone
 LEAST = 0.001  # of the recorded current: what simulators of other make differ by
 _, read_more, _ = columns(TruerState)
@@ -67,8 +68,20 @@ def emf_along(k, angles, c, truer):  # type: ignore[no-untyped-def]
     return found
 
 
+@step
+def until_event(wait, late, span, delay, dt):  # type: ignore[no-untyped-def]
+    """A step ``dt`` that ends where a loop samples or answers, if that is sooner, s.
+
+    Arguments as of `advance_speed_loop`: with fixed steps samples would come late.
+    """
+    due = wait <= _INSTANT
+    sample, answer = wait + span if due else wait, delay if due else late
+    dt = min(dt, sample) if span > 0.0 else dt
+    return min(dt, answer) if (span > 0.0) & (answer > _INSTANT) else dt
+
+
 @loop
-def currents_along(k, command, motion, spacing, interval, c, dt, start, samples, truer, i, more):  # type: ignore[no-untyped-def]
+def currents_along(k, command, motion, spacing, interval, c, longest, samples, truer, i, more):  # type: ignore[no-untyped-def]
     """Mean phase currents (S, 3), A, of each interval from 0 s on.
 
     Parameters
@@ -78,22 +91,29 @@ def currents_along(k, command, motion, spacing, interval, c, dt, start, samples,
     motion : (6, G) array, angle and speed of the motor, and angle of the output, on its shaft;
         constants of the EMF of each phase, shares of ``c.k_e``
     spacing : s, of these points, the first at 0 s
-    interval : s, of the means, not shorter than ``dt``
+    interval : s, of the means
     c, truer, more : as of `batch.reference_trace`
-    dt : s
-    start : s, of the first step, from ``-dt`` to 0
+    longest : s, step
     samples : S
     i : (3,) array, A, phase currents at first
     """
     fault = fault_state(k, c.half_gap)
     now_more = read_more(more.reshape(-1, 1), 0)
     i_a, i_b, i_c, pair_sign = i[0], i[1], i[2], 1.0
-    found = np.zeros((samples + 1, 3))
+    found = np.zeros((samples, 3))
     last = command.size - 2
-    n, sample = 0, 0
+    begin, sample = 0.0, 0
     while sample < samples:
-        begin = start + n * dt
-        at = max(begin, 0.0) / spacing
+        bound = (sample + 1) * interval
+        dt = until_event(
+            now_more.wait, now_more.late, truer.sample_time, truer.delay,
+            min(longest, bound - begin),
+        )  # fmt: skip
+        dt = until_event(
+            now_more.voltage_wait, now_more.voltage_late, truer.current_sample,
+            truer.current_delay, dt,
+        )  # fmt: skip
+        at = begin / spacing
         g = min(int(at), last)
         s = at - g
         now = ReferenceState(
@@ -113,20 +133,12 @@ def currents_along(k, command, motion, spacing, interval, c, dt, start, samples,
         done = drive(now, now_more, command_now, kappas, fault, c, truer, dt)
         i_a, i_b, i_c = done.currents[0], done.currents[1], done.currents[2]
         pair_sign, now_more = done.pair_sign, more_after(done, 0.0, 0.0)
-        m_a, m_b, m_c = done.means
-        bound = (sample + 1) * interval
-        here = (min(begin + dt, bound) - max(begin, 0.0)) / interval
-        found[sample, 0] += here * m_a
-        found[sample, 1] += here * m_b
-        found[sample, 2] += here * m_c
-        rest = (begin + dt - bound) / interval
-        if rest >= 0.0:  # the next mean has begun
-            sample += 1
-            found[sample, 0] += rest * m_a
-            found[sample, 1] += rest * m_b
-            found[sample, 2] += rest * m_c
-        n += 1
-    return found[:samples]
+        for n in range(3):
+            found[sample, n] += dt / interval * done.means[n]
+        begin += dt
+        if bound - begin < _INSTANT:
+            begin, sample = bound, sample + 1
+    return found
 
 
 def has_motion(recording: Recording) -> bool:
@@ -295,14 +307,10 @@ class Controller:
         """Simulated equivalent current (S - 1,), A; arguments as of `left`."""
         grid, motion = self._grid, self._motion
         command = np.interp(grid.time + skew, motion.time, motion.command)
-        own, least = actuator.current_loop, actuator.steps.reference
-        if own is None:  # a comparator overshoots by what the current moves in a step
-            dt, start = grid.step / max(1, round(faster * grid.step / least)), 0.0
-        else:  # sample times have whole steps, and one of them begins with the first sample
-            longest, speed = min(_LONG, 1.0 / motion.rate), actuator.speed_loop
-            other = 0.0 if speed is None else speed.sample_time
-            dt = own.sample_time / steps_within(own.sample_time, other, longest, _SHORT)
-            start = -(-first % dt)
+        if actuator.current_loop is None:  # a comparator overshoots by the change in a step
+            dt = grid.step / max(1, round(faster * grid.step / actuator.steps.reference))
+        else:
+            dt = 1.0 / motion.rate / math.ceil(1.0 / motion.rate / _LONG)
         truer = truer_constants(actuator)
         if truer.motor_step > 0.0 and not counts:
             # rad: counts of such an encoder do not show
@@ -314,9 +322,9 @@ class Controller:
         if known is None or known[0] != key:  # most candidates have the windings of the last one
             emf = emf_along(k, self._states[0], c._replace(k_e=1.0), truer)
             self._known = known = key, np.vstack([self._states, emf])
-        loops = started(truer, actuator.motor, self._begins, angle, speed, first - start, held)
+        loops = started(truer, actuator.motor, self._begins, angle, speed, first, held)
         currents = currents_along(
-            k, command, known[1], grid.time[1], 1.0 / motion.rate, c, dt, start,
+            k, command, known[1], grid.time[1], 1.0 / motion.rate, c, dt,
             self._seen.size, truer,
             np.array(phases_of(self._begins, actuator.motor.pole_pairs * angle)), np.array(loops),
         )  # fmt: skip
