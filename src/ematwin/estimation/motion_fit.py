@@ -29,7 +29,8 @@ from ematwin.numerics.side_by_side import side_by_side
 _STEP = 1e-3  # of a coordinate: most equations are smooth
 _RIPPLES = 3.0  # times an equation's own error: a change from which slopes are taken, at least
 _ROUNDS = 30  # of a fit, at most; mostly ten, as the equations are nearly linear
-_DAMPINGS = (0.0, 0.01, 1.0, 100.0)  # of a step that are tried, one after the other
+# shares of a step and its dampings that are tried, one after the other
+_TRIES = ((1.0, 0.0), (0.3, 0.0), (1.0, 1e-3), (1.0, 0.1))
 _SLOWER = 0.5  # of the gain before: by less than that secants no longer agree with the equations
 
 
@@ -119,10 +120,11 @@ class MotionFit:
             self._weigh()
             here = self._last[0]
         slopes = self._last[1]
-        dampings, before = list(_DAMPINGS), math.inf
+        tries, before = list(_TRIES), math.inf
         for _ in range(_ROUNDS):
             low, high = chart.lower - z[0], chart.upper - z[0]
-            held = math.sqrt(dampings.pop(0)) * np.diag(np.linalg.norm(slopes, axis=1))
+            share, damping = tries.pop(0)
+            held = math.sqrt(damping) * np.diag(np.linalg.norm(slopes, axis=1))
             rows, target = np.vstack([slopes.T, held]), np.r_[-here, np.zeros(free.size)]
             step = np.zeros(z.shape[1])
             step[free] = bounded_squares(rows, target, low[free], high[free])
@@ -132,7 +134,7 @@ class MotionFit:
                 raise TooFarError
             gained, moves = 0.0, fresh or promised > NOTHING
             if moves:
-                tried = chart.project(z + step)
+                tried = chart.project(z + share * step)
                 left = self.residuals(tried)[0]
                 gained = cost - float(left @ left)
             if gained > 0.0:
@@ -141,13 +143,13 @@ class MotionFit:
             if gained > NOTHING:
                 slopes = with_secant(slopes, moved, change)
                 slow, fresh, before = gained > _SLOWER * before, False, gained
-            elif fresh and promised > NOTHING and dampings and gained <= 0.0:
+            elif fresh and promised > NOTHING and tries and gained <= 0.0:
                 continue
             elif fresh or (rough and (gained > 0.0 or not moves)):
                 break  # slopes of so short a step would be those of ripple
             else:
                 slow = True
-            dampings = list(_DAMPINGS)
+            tries = list(_TRIES)
             if slow:
                 slopes, fresh, before = self._slopes(z, here), True, math.inf
         if not fresh and not rough:
