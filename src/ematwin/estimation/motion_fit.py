@@ -149,9 +149,11 @@ class MotionFit:
                 break  # slopes of so short a step would be those of ripple
             else:
                 slow = True
-            tries = list(_TRIES)
+            # what had to be damped goes on damped until slopes are fresh
+            tries = [(share, damping)] if damping > 0.0 else list(_TRIES)
             if slow:
                 slopes, fresh, before = self._slopes(z, here), True, math.inf
+                tries = list(_TRIES)
         if not fresh and not rough:
             slopes, fresh = self._slopes(z, here), True
         self._last, self._fresh = (here, slopes), fresh
