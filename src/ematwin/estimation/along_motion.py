@@ -101,7 +101,7 @@ def informed(
     aliases = partial(model.aliases, actuator)
     rests, begun = {along.equation.rests for along in every}, z
     if first := [along for along in every if along.equation.name in rests]:
-        z = MotionFit(actuator, problem, first, remainders, aliases).descended(z, most)
+        z = MotionFit(actuator, problem, first, remainders, aliases).descended(z, most, True)
         values = values_at(problem, z)
         every = [along.at(values[along.recording]) for along in every]
     every = [along for along in every if along.equation.size > 0.0]
@@ -109,10 +109,11 @@ def informed(
     stable = (one for one in (z, begun) if np.isfinite(fit.residuals(one)).all())
     if (here := next(stable, None)) is None:
         return None
-    z = fit.descended(here, most)
-    if like is None and fit.finds_first_samples(z):
-        z = fit.descended(z, most)
-        problem = problem.sampled_first(fit.first_samples)
+    z = fit.descended(here, most, rough=like is None)
+    if like is None:
+        if fit.finds_first_samples(z):
+            problem = problem.sampled_first(fit.first_samples)
+        z = fit.descended(z)
     if known is not None and fit.counts_more():
         z = fit.descended(z)
     whole = _show_all(model, actuator, problem, every)

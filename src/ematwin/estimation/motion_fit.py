@@ -28,8 +28,9 @@ from ematwin.numerics.side_by_side import side_by_side
 
 _STEP = 1e-3  # of a coordinate: most equations are smooth
 _RIPPLES = 3.0  # times an equation's own error: a change from which slopes are taken, at least
-_ROUNDS = 20  # of a fit, at most; mostly four, as the equations are nearly linear
-_SHARES, _SMALL_SHARES = (1.0, 0.3), (0.1, 0.03)  # of a step that are tried
+_ROUNDS = 30  # of a fit, at most; mostly ten, as the equations are nearly linear
+# shares of a step and its dampings that are tried, one after the other
+_TRIES = ((1.0, 0.0), (0.3, 0.0), (1.0, 1e-3), (1.0, 0.1))
 _SLOWER = 0.5  # of the gain before: by less than that secants no longer agree with the equations
 
 
@@ -98,11 +99,13 @@ class MotionFit:
         matters = {n for places in self._matters for n in places.values()}
         self._free = np.array(sorted(matters), dtype=int)
         self._last: tuple[np.ndarray, np.ndarray] | None = None
+        self._fresh = False
 
-    def descended(self, z: np.ndarray, most: float = math.inf) -> np.ndarray:
-        """Coordinates (1, d) of least squares next to others, by Gauss-Newton steps within bounds.
+    def descended(self, z: np.ndarray, most: float = math.inf, rough: bool = False) -> np.ndarray:
+        """Coordinates (1, d) of least squares next to others, within bounds.
 
-        A descent begins with the slopes of the one before.
+        A descent begins with the slopes of the one before, and ends with fresh ones; a ``rough``
+        one, from which another sets out, where secants promise no more.
 
         Raises
         ------
@@ -111,38 +114,49 @@ class MotionFit:
             fresh slopes promise.
         """
         chart, free = self._problem.chart, self._free
-        here, fresh = self.residuals(z)[0], self._last is None
-        self._last = here, self._slopes(z, here) if self._last is None else self._last[1]
-        if fresh:
+        here, fresh = self.residuals(z)[0], self._fresh
+        if self._last is None:
+            self._last, fresh = (here, self._slopes(z, here)), True
             self._weigh()
-        here, slopes = self._last
-        before, shares = math.inf, _SHARES
+            here = self._last[0]
+        slopes = self._last[1]
+        tries, before = list(_TRIES), math.inf
         for _ in range(_ROUNDS):
             low, high = chart.lower - z[0], chart.upper - z[0]
+            share, damping = tries.pop(0)
+            held = math.sqrt(damping) * np.diag(np.linalg.norm(slopes, axis=1))
+            rows, target = np.vstack([slopes.T, held]), np.r_[-here, np.zeros(free.size)]
             step = np.zeros(z.shape[1])
-            step[free] = bounded_squares(slopes.T, -here, low[free], high[free])
-            promised, cost = here + step[free] @ slopes, float(here @ here)
-            if fresh and 2.0 * float(promised @ promised) - cost > most:
+            step[free] = bounded_squares(rows, target, low[free], high[free])
+            least, cost = here + step[free] @ slopes, float(here @ here)
+            promised = cost - float(least @ least)
+            if fresh and cost - 2.0 * promised > most:
                 raise TooFarError
-            tried = chart.project(z + np.outer(shares, step))
-            left = self.residuals(tried)
-            costs = np.einsum("bk,bk->b", left, left)
-            best = int(np.argmin(costs))
-            gained = cost - costs[best]
-            moved = (tried[best] - z[0])[free]
-            change = left[best] - here
+            gained, moves = 0.0, fresh or promised > NOTHING
+            if moves:
+                tried = chart.project(z + share * step)
+                left = self.residuals(tried)[0]
+                gained = cost - float(left @ left)
             if gained > 0.0:
-                z, here = tried[best : best + 1], left[best]
-            if NOTHING < gained < _SLOWER * before:
-                slopes, fresh, before = with_secant(slopes, moved, change), False, gained
-                shares = _SHARES
-            elif not fresh:
+                moved, change = (tried - z)[0, free], left - here
+                z, here = tried, left
+            if gained > NOTHING:
+                slopes = with_secant(slopes, moved, change)
+                slow, fresh, before = gained > _SLOWER * before, False, gained
+            elif fresh and promised > NOTHING and tries and gained <= 0.0:
+                continue
+            elif fresh or (rough and (gained > 0.0 or not moves)):
+                break  # slopes of so short a step would be those of ripple
+            else:
+                slow = True
+            # what had to be damped goes on damped until slopes are fresh
+            tries = [(share, damping)] if damping > 0.0 else list(_TRIES)
+            if slow:
                 slopes, fresh, before = self._slopes(z, here), True, math.inf
-            elif shares is _SHARES and cost - float(promised @ promised) > NOTHING:
-                shares = _SMALL_SHARES
-            else:  # slopes of so short a step would be those of ripple
-                break
-        self._last = here, slopes if fresh else self._slopes(z, here)
+                tries = list(_TRIES)
+        if not fresh and not rough:
+            slopes, fresh = self._slopes(z, here), True
+        self._last, self._fresh = (here, slopes), fresh
         return z
 
     def evidence(self, z: np.ndarray) -> Information:
@@ -218,7 +232,7 @@ class MotionFit:
             instants = self._every[sampled[0]].equation.first_samples(self._actuator)
             instant = found_first_sample(cost, instants)
             if cost(instant) < cost(0.0) - DECIDES:
-                self.first_samples[m], found = instant, True
+                self.first_samples[m], found, self._fresh = instant, True, False
         return found
 
     def _slopes(self, z: np.ndarray, here: np.ndarray) -> np.ndarray:

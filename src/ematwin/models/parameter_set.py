@@ -224,11 +224,11 @@ class ParameterSet(BaseModel):
 
         A section that was left out is there if all its values are given.
         """
-        table = self.model_dump()
+        table: dict[str, Any] = {key: getattr(self, key) for key in type(self).model_fields}
         for place, value in values.items():
             self._field(place)
-            section, _, name = place.partition(".")
-            table.setdefault(section, {})[name] = value
+            key, _, name = place.partition(".")
+            table[key] = {**dict(table[key] or {}), name: value}  # others are validated already
         try:
             variant = type(self).model_validate(table)
         except ValidationError as error:

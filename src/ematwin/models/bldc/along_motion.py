@@ -21,16 +21,20 @@ from ematwin.models.bldc.channels import phase_currents
 from ematwin.models.bldc.constants import kernel_constants, truer_constants
 from ematwin.models.bldc.counts import (
     CUTOFF,
+    SmoothingSpline,
     recorded_anew,
-    smoothed,
-    spline_through,
     step_by_noise,
     steps_of,
 )
 from ematwin.models.bldc.envelope import trapezoid_shape
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import balanced
-from ematwin.models.bldc.reference_step import ReferenceState, drive, more_after
+from ematwin.models.bldc.reference_step import (
+    ReferenceState,
+    all_emf_constants,
+    drive,
+    more_after,
+)
 from ematwin.models.bldc.simulate import INPUT_INTERVAL, TimeGrid, phases_of
 from ematwin.models.bldc.state import fault_state
 from ematwin.models.bldc.truer.loops import started
@@ -39,7 +43,7 @@ from ematwin.models.bldc.truer.state import TruerState
 from ematwin.models.bldc.unknowns import HELD, UNKNOWNS
 from ematwin.models.bldc.zeros import counted
 from ematwin.models.optional import FIRST_SAMPLE, Values
-from ematwin.numerics.compile import loop
+from ematwin.numerics.compile import loop, step
 from ematwin.numerics.lanes import columns
 from ematwin.numerics.scalar import THIRD_TURN
 from ematwin.numerics.signals import LowPass, white_noise
@@ -47,39 +51,69 @@ from ematwin.recordings.recording import Recording
 
 _LONGEST = 0.4  # s of a recording, of which a controller is simulated
 _FASTER = 1.3  # than the step of the reference: the ripple is another then
-_MODULATED = 5e-6  # s, of steps at most behind a current loop: they leave less than ``LEAST``
-_WHOLE = 1e-6  # of a step: rounding
+_LONG = 6.3e-6  # s, of steps at most behind a current loop: they leave less than ``LEAST``
+_INSTANT = 1e-10  # s: what is so near is now
 RECENT = 32  # answers that are kept: many of the next differ by a sensor or a mass alone
 LEAST = 0.001  # of the recorded current: what simulators of other make differ by
 _, read_more, _ = columns(TruerState)
 
 
 @loop
-def currents_along(k, command, motion, spacing, interval, c, dt, start, samples, truer, i, more):  # type: ignore[no-untyped-def]
+def emf_along(k, angles, c, truer):  # type: ignore[no-untyped-def]
+    """Constants of the EMF (3, G), V s/rad, at angles (G,) of the motor."""
+    fault = fault_state(k, c.half_gap)
+    found = np.empty((3, angles.size))
+    for g in range(angles.size):
+        found[0, g], found[1, g], found[2, g] = all_emf_constants(angles[g], fault, c, truer)
+    return found
+
+
+@step
+def until_event(wait, late, span, delay, dt):  # type: ignore[no-untyped-def]
+    """A step ``dt`` that ends where a loop samples or answers, if that is sooner, s.
+
+    Arguments as of `advance_speed_loop`: with fixed steps samples would come late.
+    """
+    due = wait <= _INSTANT
+    sample, answer = wait + span if due else wait, delay if due else late
+    dt = min(dt, sample) if span > 0.0 else dt
+    return min(dt, answer) if (span > 0.0) & (answer > _INSTANT) else dt
+
+
+@loop
+def currents_along(k, command, motion, spacing, interval, c, longest, samples, truer, i, more):  # type: ignore[no-untyped-def]
     """Mean phase currents (S, 3), A, of each interval from 0 s on.
 
     Parameters
     ----------
     k : (8,) array, fault vector
     command : (G,) array, rad on the motor shaft; straight lines between points
-    motion : (3, G) array, angle and speed of the motor, and angle of the output, on its shaft
+    motion : (6, G) array, angle and speed of the motor, and angle of the output, on its shaft;
+        constants of the EMF of each phase, shares of ``c.k_e``
     spacing : s, of these points, the first at 0 s
-    interval : s, of the means, not shorter than ``dt``
+    interval : s, of the means
     c, truer, more : as of `batch.reference_trace`
-    dt : s
-    start : s, of the first step, from ``-dt`` to 0
+    longest : s, step
     samples : S
     i : (3,) array, A, phase currents at first
     """
     fault = fault_state(k, c.half_gap)
     now_more = read_more(more.reshape(-1, 1), 0)
     i_a, i_b, i_c, pair_sign = i[0], i[1], i[2], 1.0
-    found = np.zeros((samples + 1, 3))
+    found = np.zeros((samples, 3))
     last = command.size - 2
-    n, sample = 0, 0
+    begin, sample = 0.0, 0
     while sample < samples:
-        begin = start + n * dt
-        at = max(begin, 0.0) / spacing
+        bound = (sample + 1) * interval
+        dt = until_event(
+            now_more.wait, now_more.late, truer.sample_time, truer.delay,
+            min(longest, bound - begin),
+        )  # fmt: skip
+        dt = until_event(
+            now_more.voltage_wait, now_more.voltage_late, truer.current_sample,
+            truer.current_delay, dt,
+        )  # fmt: skip
+        at = begin / spacing
         g = min(int(at), last)
         s = at - g
         now = ReferenceState(
@@ -91,23 +125,20 @@ def currents_along(k, command, motion, spacing, interval, c, dt, start, samples,
             pair_sign, 0.0, 0.0, 0.0,
         )  # fmt: skip
         command_now = command[g] + s * (command[g + 1] - command[g])
-        done = drive(now, now_more, command_now, fault, c, truer, dt)
+        kappas = (
+            c.k_e * (motion[3, g] + s * (motion[3, g + 1] - motion[3, g])),
+            c.k_e * (motion[4, g] + s * (motion[4, g + 1] - motion[4, g])),
+            c.k_e * (motion[5, g] + s * (motion[5, g + 1] - motion[5, g])),
+        )
+        done = drive(now, now_more, command_now, kappas, fault, c, truer, dt)
         i_a, i_b, i_c = done.currents[0], done.currents[1], done.currents[2]
         pair_sign, now_more = done.pair_sign, more_after(done, 0.0, 0.0)
-        m_a, m_b, m_c = done.means
-        bound = (sample + 1) * interval
-        here = (min(begin + dt, bound) - max(begin, 0.0)) / interval
-        found[sample, 0] += here * m_a
-        found[sample, 1] += here * m_b
-        found[sample, 2] += here * m_c
-        rest = (begin + dt - bound) / interval
-        if rest >= 0.0:  # the next mean has begun
-            sample += 1
-            found[sample, 0] += rest * m_a
-            found[sample, 1] += rest * m_b
-            found[sample, 2] += rest * m_c
-        n += 1
-    return found[:samples]
+        for n in range(3):
+            found[sample, n] += dt / interval * done.means[n]
+        begin += dt
+        if bound - begin < _INSTANT:
+            begin, sample = bound, sample + 1
+    return found
 
 
 def has_motion(recording: Recording) -> bool:
@@ -159,8 +190,10 @@ class Motion:
     def _move(self, motor: np.ndarray, output: np.ndarray, cutoff: float) -> None:
         """Lay splines through positions (S,), rad on the motor shaft; noisy ones are smoothed."""
         self.cutoff, self.recorded = cutoff, (motor, output)
-        self.motor = spline_through(self.time, motor, self.steps[0], cutoff)
-        self.output = spline_through(self.time, output, self.steps[1], cutoff)
+        self.motor, self.output = (
+            SmoothingSpline(self.time, position, cutoff if step else math.inf)
+            for position, step in zip((motor, output), self.steps, strict=True)
+        )
         # a mean belongs to the middle of its interval
         electrical = self._pole_pairs * self.motor(self.time - 0.5 / self.rate)
         self.angles = electrical[:, None] - THIRD_TURN * np.arange(3)
@@ -183,7 +216,7 @@ class Motion:
 
     def twist(self) -> np.ndarray:
         """Angle (S,) by which the motor is ahead of the output."""
-        return np.asarray(self.motor(self.time) - self.output(self.time))
+        return self.motor.values - self.output.values
 
     def recorded_anew(self) -> "Motion | None":
         """The motion by encoders whose counts begin elsewhere, or with other noise; None if clean.
@@ -194,7 +227,7 @@ class Motion:
             return None
         other = copy.copy(self)
         motor, output = (
-            recorded_anew(spline(self.time), size, counts > 0.0)
+            recorded_anew(spline.values, size, counts > 0.0)
             for spline, size, counts in zip(
                 (self.motor, self.output), self.steps, self.counts, strict=True
             )
@@ -212,7 +245,7 @@ class Motion:
 
     def alike(self, trace: np.ndarray) -> np.ndarray:
         """A trace (S,) smoothed as the positions are."""
-        return smoothed(self.time, trace, self.cutoff) if any(self.steps) else trace
+        return SmoothingSpline(self.time, trace, self.cutoff).values if any(self.steps) else trace
 
 
 class Controller:
@@ -222,6 +255,7 @@ class Controller:
         self._motion, self._low_pass = motion, low_pass
         # sensors change an answer, and not the simulation
         self._answer = lru_cache(maxsize=RECENT)(self._simulated)
+        self._known: tuple[Any, np.ndarray] | None = None  # EMF along the motion
         rate = motion.rate
         count = min(len(motion.time), int(_LONGEST * rate) + 1)
         self._grid = grid = TimeGrid(INPUT_INTERVAL, (count - 0.5) / rate, rate)
@@ -273,22 +307,25 @@ class Controller:
         """Simulated equivalent current (S - 1,), A; arguments as of `left`."""
         grid, motion = self._grid, self._motion
         command = np.interp(grid.time + skew, motion.time, motion.command)
-        own, least = actuator.current_loop, actuator.steps.reference
-        if own is None:  # a comparator overshoots by what the current moves in a step
-            dt, start = grid.step / max(1, round(faster * grid.step / least)), 0.0
-        else:  # a sample time has whole steps, and one of them begins with the first sample
-            longest = min(_MODULATED, 1.0 / motion.rate)
-            dt = own.sample_time / math.ceil(own.sample_time / longest - _WHOLE)
-            start = -(-first % dt)
+        if actuator.current_loop is None:  # a comparator overshoots by the change in a step
+            dt = grid.step / max(1, round(faster * grid.step / actuator.steps.reference))
+        else:
+            dt = 1.0 / motion.rate / math.ceil(1.0 / motion.rate / _LONG)
         truer = truer_constants(actuator)
         if truer.motor_step > 0.0 and not counts:
             # rad: counts of such an encoder do not show
             truer = truer._replace(motor_step=1e-9, output_step=0.0)
         angle, speed, _ = self._states[:, 0]
-        loops = started(truer, actuator.motor, self._begins, angle, speed, first - start, held)
+        c, k = kernel_constants(actuator), np.array(faults)
+        sections = actuator.emf, actuator.torque_ripple, actuator.eccentricity
+        key, known = (faults[2:7], sections, actuator.shorted_turns), self._known
+        if known is None or known[0] != key:  # most candidates have the windings of the last one
+            emf = emf_along(k, self._states[0], c._replace(k_e=1.0), truer)
+            self._known = known = key, np.vstack([self._states, emf])
+        loops = started(truer, actuator.motor, self._begins, angle, speed, first, held)
         currents = currents_along(
-            np.array(faults), command, self._states, grid.time[1], 1.0 / motion.rate,
-            kernel_constants(actuator), dt, start, self._seen.size, truer,
+            k, command, known[1], grid.time[1], 1.0 / motion.rate, c, dt,
+            self._seen.size, truer,
             np.array(phases_of(self._begins, actuator.motor.pole_pairs * angle)), np.array(loops),
         )  # fmt: skip
         return self._equivalent(currents)

@@ -80,6 +80,8 @@ class TorqueBalance:
             self.slides = slides
         # friction, inertia and load leave what currents make as it is
         self._recent = lru_cache(maxsize=RECENT)(self._made)
+        self._shapes = lru_cache(maxsize=RECENT)(motion.shapes)
+        self._fades = lru_cache(maxsize=RECENT)(self._fading)
         self._signed = 0.5 * np.einsum("sk,sk->s", motion.currents, motion.trapezoids)
         self.size = float(np.linalg.norm(self._filtered(self._signed)))
 
@@ -116,7 +118,7 @@ class TorqueBalance:
     def _made(
         self, emf: Any, ripple: Any, eccentricity: Any, fault: FaultState
     ) -> tuple[np.ndarray, np.ndarray, float]:
-        shapes = self.motion.shapes(emf, ripple) * self._shares(eccentricity, fault)
+        shapes = self._shapes(emf, ripple) * self._shares(eccentricity, fault)
         scale = math.sqrt(np.mean(shapes**2) / np.mean(self.motion.trapezoids**2))
         made = 0.5 * np.einsum("sk,sk->s", self.motion.currents, shapes) / scale
         return made, self.motion.alike(made), scale
@@ -129,9 +131,17 @@ class TorqueBalance:
             1.0 - gear.efficiency_aiding,
         )  # fmt: skip
         worn = state_of(values, actuator).friction
-        of_motor = worn * actuator.motor.friction_torque * _excess(actuator, self.w_m)
+        of_motor = np.full(load.size, worn * actuator.motor.friction_torque)
         of_output = worn * (gear.friction_torque + share * np.abs(load))
-        return of_motor, of_output * _excess(actuator, self.w_o)
+        if actuator.presliding is not None:
+            fades = self._fades(actuator.presliding.stribeck_speed)
+            more_of_motor, more_of_output = 1.0 + (gear.static_ratio - 1.0) * fades
+            of_motor, of_output = of_motor * more_of_motor, of_output * more_of_output
+        return of_motor, of_output
+
+    def _fading(self, stribeck_speed: float) -> np.ndarray:
+        """(2, S), of friction that fades with speed the share left, of motor and output."""
+        return np.asarray(np.exp(-((np.array([self.w_m, self.w_o]) / stribeck_speed) ** 2)))
 
     def _load(self, actuator: Any, values: Values | None) -> np.ndarray:
         """The load (S,) as it is, N m."""
@@ -164,8 +174,9 @@ class TorqueBalance:
         would make that noise smaller by smaller torque constants.
         """
         given, (_, made, scale) = values or {}, self.made(actuator, values)
-        needed = actuator.motor.inertia * self._dw_m + self.resistance(actuator, values)[0]
-        needed += self.output_torque(actuator, values)
+        needed = actuator.motor.inertia * self._dw_m
+        needed += actuator.transmission.output_inertia * self._dw_o
+        needed += np.add(*self.resistance(actuator, values))
         gain, offset = given.get("current_gain", 1.0), given.get("current_offset", 0.0)
         current = gain * needed / (actuator.motor.emf_constant * scale)
         return self._filtered(current + offset - made)
@@ -185,14 +196,6 @@ class TorqueBalance:
         across = (1.0 - turning) * np.sin(phases) - turning * sines
         gaps = 1.0 + fault.zeta_cos * along + fault.zeta_sin * across
         return np.asarray(gaps * [fault.h_a, fault.h_b, fault.h_c])
-
-
-def _excess(actuator: Any, speed: np.ndarray) -> np.ndarray:
-    """Friction in steady sliding over friction in fast sliding (Stribeck)."""
-    if actuator.presliding is None:
-        return np.ones(speed.size)
-    fades = np.exp(-((speed / actuator.presliding.stribeck_speed) ** 2))
-    return np.asarray(1.0 + (actuator.transmission.static_ratio - 1.0) * fades)
 
 
 class Contact:

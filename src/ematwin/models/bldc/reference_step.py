@@ -72,12 +72,21 @@ class Driven(NamedTuple):
 
 
 @part
-def drive(state, more, command, fault, c, truer, dt):
+def all_emf_constants(theta_m, fault, c, truer):
+    """kappa_k of the three phases, V s/rad, shorted turns that are loops among their turns."""
+    h_a, _ = split_short(fault.h_a, truer.loops)
+    h_b, _ = split_short(fault.h_b, truer.loops)
+    h_c, _ = split_short(fault.h_c, truer.loops)
+    return truer_emf_constants(theta_m, h_a, h_b, h_c, fault, c, truer)
+
+
+@part
+def drive(state, more, command, kappas, fault, c, truer, dt):
     """Controller, bridge and windings over ``dt``; the rotor moves as ``state`` says."""
     h_a, mu_a = split_short(fault.h_a, truer.loops)
     h_b, mu_b = split_short(fault.h_b, truer.loops)
     h_c, mu_c = split_short(fault.h_c, truer.loops)
-    kappa_a, kappa_b, kappa_c = truer_emf_constants(state.theta_m, h_a, h_b, h_c, fault, c, truer)
+    kappa_a, kappa_b, kappa_c = kappas
     sector = hall_sector(c.pole_pairs * state.theta_m)
 
     asked = advance_speed_loop(
@@ -177,7 +186,8 @@ def reference_step(state, more, command, load, fault, c, truer, dt):
     Gives the state, the state of the truer forms, the mean current of each phase within the step,
     and the `Supply`.
     """
-    driven = drive(state, more, command, fault, c, truer, dt)
+    kappas = all_emf_constants(state.theta_m, fault, c, truer)
+    driven = drive(state, more, command, kappas, fault, c, truer, dt)
     torque = driven.torque + cogging_torque(state.theta_m, truer)
     w_m, theta_m, w_o, theta_o, bent_m, bent_o = move_masses(
         state, more, torque, load, fault, c, truer, dt

@@ -42,11 +42,11 @@ def test_currents_along_a_motion_are_those_of_the_naive_loop(actuator):
     time = dt * np.arange(count + 1)
     angle, speed = 0.6 * np.sin(150.0 * time), 90.0 * np.cos(150.0 * time)
     command, output = 1.3 * np.sin(150.0 * time), 0.6 * np.sin(150.0 * time - 0.02)
-    faults = Faults.of({})
+    faults, c, more = Faults.of({}), kernel_constants(actuator), truer_constants(actuator)
+    emf = along_motion.emf_along(faults.vector, angle, c, more) / c.k_e
     fast = along_motion.currents_along(
-        faults.vector, command, np.array([angle, speed, output]), dt, dt,
-        kernel_constants(actuator), dt, 0.0, count, truer_constants(actuator),
-        np.zeros(3), np.array(TruerState()),
+        faults.vector, command, np.array([angle, speed, output, *emf]), dt, dt, c, dt, count,
+        more, np.zeros(3), np.array(TruerState()),
     )  # fmt: skip
     motion = np.array([angle, speed, output])[:, :-1]
     slow = naive.currents(actuator, faults, command[:-1], motion, dt)
@@ -85,6 +85,23 @@ def as_built(lines=0):
         "encoder.filter_time": 2e-4,
     }  # fmt: skip
     return structure, actuator.changed(counts) if lines else actuator
+
+
+@pytest.mark.parametrize("times", [(62.5e-6, 5e-5), (6.3e-5, 6.25e-5)])
+def test_steps_of_both_loops_err_by_less_than_the_equation(monkeypatch, times):
+    """Sample times of which a step is no part had left 0.9 %."""
+    structure, actuator = as_built(10_000)
+    actuator = actuator.changed({
+        "current_loop.sample_time": times[0], "current_loop.delay": times[0],
+        "speed_loop.sample_time": times[1],
+    })  # fmt: skip
+    motion = along_motion.Motion(recorded(structure, actuator), actuator)
+    usual = along_motion.Controller(motion, LowPass())
+    monkeypatch.setattr(along_motion, "_LONG", 1.26e-6)
+    short = along_motion.Controller(motion, LowPass()).left(actuator)
+    monkeypatch.undo()
+    error = np.linalg.norm(usual.left(actuator) - short) / usual.size
+    assert 0.0 < error < along_motion.LEAST
 
 
 FAULTS = {

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ematwin.models.bldc.counts import said_of_steps, smoothed, spline_through, step_of
+from ematwin.models.bldc.counts import SmoothingSpline, said_of_steps, step_of
 from ematwin.models.registry import load_actuator
 from ematwin.models.simulating import simulate
 
@@ -40,7 +40,8 @@ def test_a_smoothing_spline_passes_the_share_that_its_cutoff_says():
     for frequency in (100.0, 500.0, 1000.0):
         sine = np.sin(2.0 * np.pi * frequency * TIME)
         inner = slice(1000, -1000)
-        passed = smoothed(TIME, sine, 500.0)[inner] @ sine[inner] / (sine[inner] @ sine[inner])
+        passed = SmoothingSpline(TIME, sine, 500.0).values[inner] @ sine[inner]
+        passed /= sine[inner] @ sine[inner]
         assert passed == pytest.approx(1.0 / (1.0 + (frequency / 500.0) ** 4), rel=1e-3)
 
 
@@ -49,17 +50,27 @@ def test_a_smoothing_spline_is_that_of_scipy():
 
     noisy = ANGLE + 1e-3 * np.random.default_rng(2).standard_normal(ANGLE.size)
     theirs = make_smoothing_spline(TIME, noisy, lam=20_000.0 / (2.0 * np.pi * 700.0) ** 4)
-    ours = spline_through(TIME, noisy, 1e-3, 700.0)
+    ours = SmoothingSpline(TIME, noisy, 700.0)
     for order in (0, 1, 2):
         scale = np.abs(theirs(TIME, order)).max()
         np.testing.assert_allclose(ours(TIME, order), theirs(TIME, order), atol=1e-8 * scale)
+
+
+def test_a_spline_without_a_cutoff_is_the_natural_one():
+    from scipy.interpolate import CubicSpline
+
+    theirs, ours = CubicSpline(TIME, ANGLE, bc_type="natural"), SmoothingSpline(TIME, ANGLE)
+    between = TIME - 0.3 * (TIME[1] - TIME[0])
+    for order in (0, 1, 2):
+        scale = np.abs(theirs(between, order)).max()
+        np.testing.assert_allclose(ours(between, order), theirs(between, order), atol=1e-9 * scale)
 
 
 def test_speed_between_counts_errs_far_less_than_differences_of_counts():
     size = 2.0 * np.pi / 2_000
     counted = size * np.floor(ANGLE / size) + 0.5 * size
     speed = np.gradient(ANGLE, TIME)
-    error = np.std(spline_through(TIME, counted, size, 500.0)(TIME, 1) - speed)
+    error = np.std(SmoothingSpline(TIME, counted, 500.0)(TIME, 1) - speed)
     assert error < 0.1 * np.std(np.gradient(counted, TIME) - speed)
 
 
