@@ -66,9 +66,8 @@ class FaultSets:
     distances : by fault, standard errors from healthy with all faults free
     log_evidence : logarithm of the integral over all sets, in units of the density at a point
     minima : probability of each minimum
-    points : values (d,) of the answer at each minimum, in which faults are healthy that are rather
-        absent there than present (the median probability model: Barbieri and Berger 2004, Ann.
-        Stat. 32, 870-897), and all else explains what they did; none where draws were given
+    points : values (d,) of the answer at each minimum, in which improbable faults are healthy and
+        all else explains what they did; none where draws were given
     """
 
     unknowns: tuple[Unknown, ...]
@@ -276,7 +275,7 @@ def fault_sets(
     evidence = total + normal.log_volume()
     there = frozenset(
         name for name in normal.faults
-        if sum(one.probability for one in sets if name in one.faults) >= 0.5
+        if sum(one.probability for one in sets if name in one.faults) >= 1.0 - CERTAIN
     )  # fmt: skip
     return FaultSets(
         chart.unknowns, tuple(sets), normal.distances, evidence, points=(normal.best(there),)

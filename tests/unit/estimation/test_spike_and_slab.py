@@ -125,14 +125,14 @@ def test_a_bound_of_a_fault_moves_what_goes_with_it():
     assert x.of("a").mean() - 0.5 == pytest.approx(0.9 * mean, rel=0.1)
 
 
-def test_a_drift_explains_what_a_fault_did_that_is_rather_absent():
+def test_a_drift_explains_what_an_improbable_fault_did():
     """Two parallel faults and a drift act alike; one fault is there for certain, and more."""
     chart = Chart([fault("a"), fault("b"), Unknown("c", "", "", 0.5, 0.0, 1.0, "nominal")])
     common, own = np.array([1.0, 1.0, -1.0]), np.diag([0.001, 0.001, 0.001]) ** 2
     covariance = 0.02**2 * np.outer(common, common) + own
     mean = np.array([0.015, 0.315, 0.49])
     found = fault_sets(chart, mean, covariance)
-    assert found.presence("a") < 0.5 < found.presence("b")
+    assert found.presence("a") < 0.05 < found.presence("b")
     gain = covariance[1:, 0] / covariance[0, 0]
     expected = [0.0, *(mean[1:] - gain * mean[0])]
     assert found.points[0] == pytest.approx(expected, abs=1e-6)

@@ -71,9 +71,9 @@ class PhaseSensors:
     def __str__(self) -> str:
         said = []
         if self.offsets.any():
-            said.append(f"{_by_phase(1e3 * self.offsets, '+.0f')} mA")
+            said.append(f"{_by_phase(1e3 * self.offsets, 0)} mA")
         if (self.gains != 1.0).any():
-            said.append(f"{_by_phase(100.0 * (self.gains - 1.0), '+.1f')} %")
+            said.append(f"{_by_phase(100.0 * (self.gains - 1.0), 1)} %")
         return (
             f"The current sensors of the phases are off ({'; '.join(said)}), as open phases and "
             "the sum of the currents show; this was corrected."
@@ -140,8 +140,7 @@ def _looked_for(currents: np.ndarray) -> PhaseSensors | None:
     if rms == 0.0:
         return None
     noise = np.maximum([white_noise(x) for x in currents.T], _ADDS_UP * rms)
-    total = shown.sum(axis=1)
-    adds_up = np.abs(total - total.mean()).max() <= _ADDS_UP * rms
+    adds_up = np.abs(shown.sum(axis=1)).max() <= _ADDS_UP * rms
     fits = (
         _Sensors(shown, noise, rms, made).fitted() for made in ((0, 1, 2) if adds_up else (None,))
     )
@@ -265,6 +264,7 @@ class _Sensors:
         return float(smallest + np.abs(currents.sum(axis=1).mean()))
 
 
-def _by_phase(values: np.ndarray, how: str) -> str:
-    each = zip(PHASES, values.tolist(), strict=True)
-    return ", ".join(f"{name[-1]} {value:{how}}" for name, value in each)
+def _by_phase(values: np.ndarray, digits: int) -> str:
+    rounded = np.round(values, digits) + 0.0  # no minus before a zero
+    each = zip(PHASES, rounded.tolist(), strict=True)
+    return ", ".join(f"{name[-1]} {value:+.{digits}f}" for name, value in each)
