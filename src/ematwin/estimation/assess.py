@@ -260,10 +260,10 @@ def _values(
 ) -> tuple[dict[str, float], dict[str, Interval], np.ndarray]:
     """Values and intervals by name, and the covariance (own, own) of the unknowns of the search.
 
-    Intervals of faults are conditional on their presence. Deviations
-    of a logarithmic unknown are of the logarithm, scaled such that a value is as many standard
-    errors from healthy as its logarithm is: halved and doubled are equally far. The covariance is
-    infinite for a direction that has no meaning, and for a value that may be anything.
+    Intervals of faults are conditional on their presence. Deviations of a logarithmic unknown are
+    of the logarithm, scaled such that a value is as many standard errors from healthy as its
+    logarithm is: halved and doubled are equally far. The covariance is infinite for a direction
+    that has no meaning, and for a value that may be anything.
     """
     values, intervals, errors = full.values(point), {}, []
     for one in full.unknowns:
