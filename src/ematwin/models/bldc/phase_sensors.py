@@ -105,7 +105,7 @@ class _Fit:
     ----------
     free : (3 + f,) array, offsets and free gains less one
     covariance, prior : (3 + f, 3 + f) arrays, of these, afterwards and beforehand
-    left : A, what the fit leaves
+    left : A, residual of the fit
     made : as of `PhaseSensors`
     """
 
