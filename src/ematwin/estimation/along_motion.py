@@ -101,7 +101,7 @@ def informed(
     aliases = partial(model.aliases, actuator)
     rests, begun = {along.equation.rests for along in every}, z
     if first := [along for along in every if along.equation.name in rests]:
-        z = MotionFit(actuator, problem, first, remainders, aliases).descended(z, most, True)
+        z = MotionFit(actuator, problem, first, remainders, aliases).descended(z, most, rough=True)
         values = values_at(problem, z)
         every = [along.at(values[along.recording]) for along in every]
     every = [along for along in every if along.equation.size > 0.0]

@@ -50,6 +50,7 @@ class RestrictedNormal:
         errors = np.sqrt(np.diag(covariance))
         self.faults = {name: own for name, own in faults.items() if errors[own].max() <= ANYTHING}
         self.undetermined = {name: own for name, own in faults.items() if name not in self.faults}
+        self._anything = [n for own in self.undetermined.values() for n in own]
         self._own = np.zeros(len(mean), dtype=bool)  # what may be absent; all else follows
         self._own[[n for places in self.faults.values() for n in places]] = True
         _, self._follows, self._rest = conditional(self._covariance, self._own)
@@ -70,7 +71,7 @@ class RestrictedNormal:
         Faults that may be anything are uniform over their range, whose width is one.
         """
         kept = np.ones(len(self._mean), dtype=bool)
-        kept[[n for places in self.undetermined.values() for n in places]] = False
+        kept[self._anything] = False
         size = np.sqrt(np.diag(self._covariance))[kept]
         values, vectors = eigen(self._covariance[np.ix_(kept, kept)] / np.outer(size, size))
         values = np.maximum(values, _JITTER)
@@ -95,18 +96,15 @@ class RestrictedNormal:
 
         That is ``at`` where the others are healthy there; what may be anything is as there.
         """
-        z = self._at.copy()
-        absent = [n for name, own in self.faults.items() if name not in names for n in own]
-        if np.array_equal(z[absent], self._healthy[absent]):
-            return np.asarray(self._chart.to_values(z[None])[0])
-        places, mean, left, _ = self._given(names)
-        root, pull = self._within_bounds(places, mean, left)
-        z[absent], z[places] = self._healthy[absent], mean + root @ pull
-        follow = self._mean[~self._own] + self._follows @ (z - self._mean)[self._own]
-        others = ~self._own
-        others[[n for own in self.undetermined.values() for n in own]] = False
-        z[others] = follow[others[~self._own]]
-        return np.asarray(self._chart.to_values(self._chart.project(z[None]))[0])
+        z, absent = self._at.copy(), self._absent(names)
+        if not np.array_equal(z[absent], self._healthy[absent]):
+            places, mean, left, _ = self._given(names)
+            root, pull = self._within_bounds(places, mean, left)
+            z[absent], z[places] = self._healthy[absent], mean + root @ pull
+            z[~self._own] = self._following(z)
+            z[self._anything] = self._at[self._anything]
+            z = self._chart.project(z[None])[0]
+        return np.asarray(self._chart.to_values(z[None])[0])
 
     def drawn(self, names: frozenset[str], rng: np.random.Generator) -> tuple[float, np.ndarray]:
         """Logarithm of the probability of a set, but for a constant, and draws z (N, d) of it.
@@ -135,13 +133,21 @@ class RestrictedNormal:
         z = np.tile(self._healthy, (len(picked), 1))
         z[:, places] = at[picked]
         z[:, self._own] = chart.project(z)[:, self._own]
-        away = z[:, self._own] - self._mean[self._own]
         others = rng.standard_normal((len(z), len(self._rest))) @ self._rest.T
-        z[:, ~self._own] = self._mean[~self._own] + away @ self._follows.T + others
-        for n in (n for own in self.undetermined.values() for n in own):
+        z[:, ~self._own] = self._following(z) + others
+        for n in self._anything:
             z[:, n] = rng.uniform(chart.lower[n], chart.upper[n], len(z))
         log -= 0.5 * float(pull @ pull)
         return log + most + math.log(float(shares.mean())), chart.project(z)
+
+    def _absent(self, names: frozenset[str]) -> list[int]:
+        """Coordinates of the faults that are not in a set."""
+        return [n for name, own in self.faults.items() if name not in names for n in own]
+
+    def _following(self, z: np.ndarray) -> np.ndarray:
+        """Means of all else where faults that may be absent are as in z (d,) or (N, d)."""
+        away = z[..., self._own] - self._mean[self._own]
+        return np.asarray(self._mean[~self._own] + away @ self._follows.T)
 
     def _given(self, names: frozenset[str]) -> tuple[list[int], np.ndarray, np.ndarray, float]:
         """Places, mean and covariance of a set where the others are healthy.
@@ -150,7 +156,7 @@ class RestrictedNormal:
         """
         covariance, log = self._covariance, len(names) * math.log(BEFOREHAND / (1.0 - BEFOREHAND))
         places = [n for name, own in self.faults.items() if name in names for n in own]
-        absent = [n for name, own in self.faults.items() if name not in names for n in own]
+        absent = self._absent(names)
         mean, left = self._mean[places], covariance[np.ix_(places, places)]
         if absent:
             other = np.linalg.cholesky(covariance[np.ix_(absent, absent)])

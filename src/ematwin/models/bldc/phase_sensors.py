@@ -104,7 +104,8 @@ class _Fit:
     Attributes
     ----------
     free : (3 + f,) array, offsets and free gains less one
-    covariance, prior : (3 + f, 3 + f) arrays, of these, afterwards and beforehand
+    covariance : (3 + f, 3 + f) array, of these
+    precision : (3 + f, 3 + f) array, of these beforehand; none of offsets and gains together
     left : A, residual of the fit
     made : as of `PhaseSensors`
     """
@@ -113,7 +114,7 @@ class _Fit:
     gains: np.ndarray
     free: np.ndarray
     covariance: np.ndarray
-    prior: np.ndarray
+    precision: np.ndarray
     left: float
     made: int | None
 
@@ -130,8 +131,8 @@ class _Fit:
         """By the densities of zero before and after (Dickey 1971, Ann. Math. Stat. 42, 204-223)."""
         free, after = self.free[part], self.covariance[part, part]
         distance = float(free @ np.linalg.solve(after, free))
-        shrunk = np.linalg.slogdet(self.prior[part, part])[1] - np.linalg.slogdet(after)[1]
-        return bool(distance > shrunk + 2.0 * np.log(_CERTAIN / (1.0 - _CERTAIN)))
+        shrunk = np.linalg.slogdet(self.precision[part, part] @ after)[1]
+        return bool(distance + shrunk > 2.0 * np.log(_CERTAIN / (1.0 - _CERTAIN)))
 
 
 def _looked_for(currents: np.ndarray) -> PhaseSensors | None:
@@ -162,10 +163,10 @@ class _Sensors:
         self._there = [n for n in range(3) if n != made]
         first, *others = self._there
         self._to_gains = np.zeros((3, len(others)))
+        self._to_gains[others], self._to_gains[first] = np.eye(len(others)), -1.0
         apart = np.diff(np.sort(shown, axis=0), axis=0)
         steps = np.where(apart > 0.0, apart, np.inf).min(axis=0, initial=rms)
         self._step_errors = steps**2 / 12.0  # of an offset, which no mean makes smaller
-        self._to_gains[others], self._to_gains[first] = np.eye(len(others)), -1.0
         self._precision = np.diag(np.full(3 + len(others), rms**-2))
         self._precision[3:, 3:] = self._to_gains.T @ self._to_gains / _STATED_GAIN**2
 
@@ -177,12 +178,12 @@ class _Sensors:
         """
         middle = np.median(self._shown, axis=0)
         large = [n for n in self._there if abs(middle[n]) > _OFFSET * self._rms]
-        found = []
+        fits = []
         for chosen in product((0.0, 1.0), repeat=len(large)):
             start = np.zeros(3)
             start[large] = middle[large] * chosen
-            found.append(self._near(start))
-        fits = [one for one in found if one is not None]
+            if (one := self._near(start)) is not None:
+                fits.append(one)
         if not fits:
             return None
         least = min(one.left for one in fits)
@@ -199,19 +200,21 @@ class _Sensors:
         """The fit near offsets (3,); None where a phase was hardly ever open."""
         free = np.concatenate([offsets, np.zeros(self._to_gains.shape[1])])
         for _ in range(_PASSES):
-            offsets, gains = free[:3], 1.0 + self._to_gains @ free[3:]
-            is_open = self._open(offsets, gains)
+            is_open = self._open(*self._errors(free))
             if is_open.sum(axis=0).min() < _FEWEST:
                 return None
             before = free
             free, covariance = self._step(is_open, free)
             if (np.abs(free - before) <= 0.1 * np.sqrt(np.diag(covariance))).all():
                 break
-        offsets, gains = free[:3], 1.0 + self._to_gains @ free[3:]
-        left = self._left(offsets, gains)
         covariance[range(3), range(3)] += self._step_errors
-        prior = np.linalg.inv(self._precision)
-        return _Fit(offsets, gains, free, covariance, prior, left, self._made)
+        offsets, gains = self._errors(free)
+        left = self._left(offsets, gains)
+        return _Fit(offsets, gains, free, covariance, self._precision, left, self._made)
+
+    def _errors(self, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Offsets (3,), A, and gains (3,)."""
+        return free[:3], 1.0 + self._to_gains @ free[3:]
 
     def _step(self, is_open: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Offsets and free gains after a step of Gauss and Newton, and their covariance.
@@ -220,10 +223,10 @@ class _Sensors:
         the noise.
         """
         noise, there = self._noise[self._there], self._there
-        gains = 1.0 + self._to_gains @ free[3:]
+        offsets, gains = self._errors(free)
         residuals, slopes = [], []
         for n, carried in enumerate(_CARRIED):
-            away = (self._shown[is_open[:, n]] - free[:3])[:, there] / noise
+            away = (self._shown[is_open[:, n]] - offsets)[:, there] / noise
             along = (gains * carried)[there] / noise
             square = float(along @ along)
             across = np.eye(len(there)) - np.outer(along, along) / square
