@@ -45,7 +45,6 @@ from ematwin.estimation.laplace import (
     laplace,
     principal,
     prior_information,
-    step_lengths,
 )
 from ematwin.estimation.linearised import (
     is_linear,
@@ -110,7 +109,7 @@ def corrected(
     start: np.ndarray,
     descent: Descent,
     *,
-    steps: np.ndarray | None = None,
+    information: np.ndarray | None = None,
     like: Problem | None = None,
 ) -> Corrected:
     """The peak next to a point: of the reference model where the kind has one.
@@ -121,7 +120,7 @@ def corrected(
     start : (d,) array, values, from which the first round descends
     descent : its settings; later rounds begin in the basin that it found. Its least noise counts
         where it exceeds the noise of the corrected problem
-    steps : (d,) array, as of `laplace`, of the first round
+    information : (d, d) array, as of `laplace`, for the first round
     like : corrected near another point of the same recordings: its slopes of the reference serve
         here too
 
@@ -137,20 +136,23 @@ def corrected(
     if here is not None and problem.is_told:
         return _along_motion(problem, here, z, descent)
     if here is not None:
-        ways = principal(prior_information(problem, z), _WIDEST)
-        return _linearised(problem, here, z, ways, descent, steps, like)
+        ways = principal(prior_information(problem, z), z, chart, _WIDEST)
+        return _linearised(problem, here, z, ways, descent, information, like)
     here = corrected_at(problem, start, like)
     if here is None:
-        return Corrected(laplace(problem, start, descent, steps=steps), 0, np.zeros((1, len(z))))
-    visited = _rounds(problem, here, z, descent, steps)
+        return Corrected(
+            laplace(problem, start, descent, information=information), 0, np.zeros((1, len(z)))
+        )
+    visited = _rounds(problem, here, z, descent, information)
     last = _lowest(visited) if problem.lacks_forms else visited[-1]
     spent = sum(one.peak.evaluations for one in visited)
     end = Corrected(replace(last.peak, evaluations=spent), last.runs, last.left)
     if problem.lacks_forms and _leaves_more_than_noise(last):
         linear = linear_at(problem, last.z)
         assert linear is not None
-        again, steps = descent.afresh(settled=np.inf), step_lengths(last.peak.covariance)
-        nearer = _linearised(problem, linear, last.z, _ways(last), again, steps)
+        again, information = descent.afresh(settled=np.inf), last.peak.information
+        ways = principal(information, last.z, chart)
+        nearer = _linearised(problem, linear, last.z, ways, again, information)
         spent += nearer.peak.evaluations
         peak = replace(nearer.peak, evaluations=spent)
         return replace(nearer, peak=peak, rounds=end.rounds + nearer.rounds)
@@ -179,7 +181,7 @@ def _linearised(
     z: np.ndarray,
     ways: np.ndarray,
     descent: Descent,
-    steps: np.ndarray | None,
+    information: np.ndarray | None,
     like: Problem | None = None,
 ) -> Corrected:
     """The peak by slopes of the reference, from coordinates (d,) at which ``here`` is answered.
@@ -190,7 +192,7 @@ def _linearised(
     asked, spent = 0, 0
     for again in (False, True):
         here, more = with_slopes(problem, here, ways, None if again else like)
-        visited = _rounds_by_slopes(problem, here, z, descent, steps)
+        visited = _rounds_by_slopes(problem, here, z, descent, information)
         last = visited[-1]
         asked += more + last.runs - again  # the second start has its answer already
         spent += sum(one.peak.evaluations for one in visited)
@@ -200,8 +202,9 @@ def _linearised(
         asked, sharp = wide.rounds, last.peak.covariance
         if np.trace(np.linalg.solve(sharp, wide.model_error)) <= len(sharp):
             break
-        here, z, ways = last.here, last.z, principal(np.linalg.inv(wide.covariance), _WIDEST)
-        descent, steps = descent.afresh(settled=np.inf), step_lengths(last.peak.covariance)
+        here, z = last.here, last.z
+        ways = principal(np.linalg.inv(wide.covariance), z, problem.chart, _WIDEST)
+        descent, information = descent.afresh(settled=np.inf), last.peak.information
     return Corrected(replace(last.peak, evaluations=spent), asked, last.left, ways=ways)
 
 
@@ -231,11 +234,6 @@ class _Round:
         return float(left @ left) if is_linear(self.here) else self.here.data_cost(left)
 
 
-def _ways(one: _Round) -> np.ndarray:
-    """(d, d) principal directions of the width, one standard deviation long, a row each."""
-    return principal(one.peak.data + one.peak.priors)
-
-
 def _lowest(visited: list[_Round]) -> _Round:
     """The round with the lowest cost by the reference, as the end of all of them."""
     lowest, last = min(visited, key=lambda one: one.cost), visited[-1]
@@ -253,7 +251,7 @@ def _rounds(
     here: Problem,
     z: np.ndarray,
     descent: Descent,
-    steps: np.ndarray | None,
+    information: np.ndarray | None,
 ) -> list[_Round]:
     """Rounds from coordinates (d,) at which ``here`` is corrected, until the peak stays."""
     chart, least, smooth = problem.chart, descent.least_noise, problem.is_smooth
@@ -272,8 +270,10 @@ def _rounds(
         # slopes of a smooth misfit hold from one round to the next: taken anew where it stays
         for whole in (False, True) if smooth and found and runs < _ROUNDS else (True,):
             if whole:
-                peak = laplace(here, point, replace(descent, least_noise=noise), steps=steps)
-                descent, steps = descent.afresh(settled=np.inf), step_lengths(peak.covariance)
+                peak = laplace(
+                    here, point, replace(descent, least_noise=noise), information=information
+                )
+                descent, information = descent.afresh(settled=np.inf), peak.information
             else:
                 peak = followed(found[-1].peak, here, z, descent.held)
                 point = peak.point
@@ -297,7 +297,7 @@ def _rounds_by_slopes(
     here: Problem,
     z: np.ndarray,
     descent: Descent,
-    steps: np.ndarray | None,
+    information: np.ndarray | None,
 ) -> list[_Round]:
     """Rounds from coordinates (d,) with slopes of the reference, which follow its answers.
 
@@ -308,8 +308,10 @@ def _rounds_by_slopes(
     moved, vain = np.inf, 0
     for runs in range(1, _ROUNDS + 1):
         point = chart.to_values(z[None])[0]
-        peak = laplace(here, point, replace(descent, least_noise=here.noise), steps=steps)
-        descent, steps = descent.afresh(settled=np.inf), step_lengths(peak.covariance)
+        peak = laplace(
+            here, point, replace(descent, least_noise=here.noise), information=information
+        )
+        descent, information = descent.afresh(settled=np.inf), peak.information
         errors = np.sqrt(np.diag(peak.covariance))
         before, moved = moved, float((np.abs(peak.z - z) / errors).max())
         ends = moved <= _STAYS or _SHRINKS * before < moved <= _NEAR
@@ -344,7 +346,7 @@ def reweighed(found: Corrected, descent: Descent) -> Corrected:
     if problem is None:
         return found
     near = descent.afresh(settled=np.inf, least_noise=problem.least_noise)
-    end = corrected(problem, peak.point, near, steps=step_lengths(peak.covariance))
+    end = corrected(problem, peak.point, near, information=peak.information)
     spent = peak.evaluations + end.peak.evaluations
     return replace(end, peak=replace(end.peak, evaluations=spent), rounds=found.rounds + end.rounds)
 

@@ -67,6 +67,11 @@ class Laplace:
     residuals: np.ndarray
 
     @property
+    def information(self) -> np.ndarray:
+        """(d, d), of recordings and priors."""
+        return self.data + self.priors
+
+    @property
     def point(self) -> np.ndarray:
         """(d,) values of the unknowns at the best point."""
         return self.problem.chart.to_values(self.z[None])[0]
@@ -114,7 +119,7 @@ def laplace(
     start: np.ndarray,
     descent: Descent | None = None,
     *,
-    steps: np.ndarray | None = None,
+    information: np.ndarray | None = None,
 ) -> Laplace:
     """The peak next to a point, and its width.
 
@@ -123,7 +128,7 @@ def laplace(
     problem : Problem
     start : (d,) array, values
     descent : to the peak; unknowns that it holds only widen the peak
-    steps : (d,) array, as of `width_at`
+    information : (d, d) array, as of `width_at`
 
     Raises
     ------
@@ -137,10 +142,8 @@ def laplace(
     z = chart.project(chart.from_values(point[None]))[0]
     seen = _Seen(problem, point, descent.least_noise)
     problem = seen.problem
-    slopes = _slopes(problem, seen, z, aliases, steps)
-    tells = frozenset().union(*(one.tells for one in problem.comparisons))
-    pivots = held_pivots(problem, directions(problem, point, aliases))
-    still = pivots - tells | set(held)
+    slopes = _slopes(problem, seen, z, aliases, information)
+    still = held_pivots(problem, directions(problem, point, aliases)) | set(held)
     # everything together, where evidence decides what data do not see
     for _ in range(2 if problem.has_evidence else 0):
         # what evidence alone tells, the descent has left where it was
@@ -175,21 +178,16 @@ def width_at(
     *,
     aliases: Aliases | None = None,
     least_noise: float = 0.0,
-    steps: np.ndarray | None = None,
+    information: np.ndarray | None = None,
 ) -> Laplace:
     """The width of a peak that is known to lie at a point (d,), without a descent.
 
-    ``steps`` (d,), shares of the ranges, are the lengths of the differences where known already,
-    from a peak that is about as wide (`step_lengths`): one batch is enough then.
+    ``information`` (d, d) is that of a peak that is about as wide, where known already: one batch
+    of differences is enough then.
     """
     z = problem.chart.project(problem.chart.from_values(point[None]))[0]
     seen = _Seen(problem, point, least_noise)
-    return _peak(seen.problem, z, _slopes(seen.problem, seen, z, aliases, steps), seen.spent)
-
-
-def step_lengths(covariance: np.ndarray) -> np.ndarray:
-    """Steps (d,) of differences, as long as a peak of this covariance (d, d) is wide."""
-    return np.clip(np.sqrt(np.diag(covariance)), _SHORTEST, LONGEST)
+    return _peak(seen.problem, z, _slopes(seen.problem, seen, z, aliases, information), seen.spent)
 
 
 class _Seen:
@@ -198,7 +196,6 @@ class _Seen:
     def __init__(self, problem: Problem, point: np.ndarray, least_noise: float) -> None:
         self.problem, self.spent = problem, 1
         here = problem.residuals(point[None])[0]
-        self.size = len(here)
         self.problem = with_shown_noise(problem, here, least_noise)
 
     def __call__(self, z: np.ndarray) -> np.ndarray:
@@ -213,8 +210,8 @@ def prior_information(problem: Problem, z: np.ndarray) -> np.ndarray:
     def distances(z: np.ndarray) -> np.ndarray:
         return problem.prior_distances(chart.to_values(z)) / problem.noise
 
-    steps, size = np.full(len(z), _SHORTEST), distances(z[None]).shape[1]
-    _, jacobian = _central(distances, z, steps, chart.lower, chart.upper, size)
+    size = distances(z[None]).shape[1]
+    jacobian = _along(distances, z, _SHORTEST * np.eye(len(z)), chart, size)
     return np.asarray(jacobian @ jacobian.T)
 
 
@@ -254,38 +251,56 @@ def _slopes(
     seen: _Seen,
     z: np.ndarray,
     aliases: Aliases | None,
-    known_steps: np.ndarray | None = None,
+    information: np.ndarray | None = None,
 ) -> _Slopes:
-    """Differences over steps as long as the peak is wide; known directions are not differenced.
+    """Differences along the principal directions of the peak, as long as it is wide there.
 
-    First of each unknown, then along principal directions; ``known_steps`` make the first enough.
+    Twice after first ones of each unknown, but once where its ``information`` (d, d) is about
+    known; directions that the kind knows are not differenced.
     """
     chart = problem.chart
     known = directions(problem, chart.to_values(z[None])[0], aliases)
     shown = [_shown(problem, seen, z, one) for one in known]
-    steps = np.full(len(z), _SHORTEST) if known_steps is None else known_steps
-    here, jacobian = _central(seen, z, steps, chart.lower, chart.upper, seen.size)
-    for last in (True,) if known_steps is not None else (False, False, True):
+    here = seen(z[None])[0]
+    passes = 3 if information is None else 1
+    if information is None:
+        information = np.eye(len(z)) / _SHORTEST**2
+    for _ in range(passes):
+        jacobian = _along(seen, z, principal(information, z, chart), chart, len(here))
         parts = problem.split(jacobian)
         for one, change in zip(known, shown, strict=True):
             parts.data[one.pivot] = one.same @ parts.data
             parts.evidence[one.pivot] = one.same @ parts.evidence + change
         data = (parts.data @ parts.data.T + parts.evidence @ parts.evidence.T) / problem.noise**2
         priors = parts.priors @ parts.priors.T / problem.noise**2
-        covariance = inverse(data + priors)
-        if not last:
-            jacobian = _along(seen, z, principal(data + priors), chart, seen.size)
-    return _Slopes(here, jacobian, data, priors, covariance)
+        information = data + priors
+    return _Slopes(here, jacobian, data, priors, inverse(data + priors))
 
 
-def principal(information: np.ndarray, longest: float = LONGEST) -> np.ndarray:
-    """Principal directions (d, d), a row each, one standard deviation long.
+def principal(
+    information: np.ndarray, z: np.ndarray, chart: Chart, longest: float = LONGEST
+) -> np.ndarray:
+    """Directions (d, d), a row each, along which slopes are taken at a point (d,).
 
-    The step of the strongest component is limited, as for differences (`step_lengths`).
+    They are the principal ones of this information (d, d), one standard deviation long. An unknown
+    that lies nearer to a bound than that has one of its own, into the box, in which those that
+    have room compensate it: cut off by the bound, a step would leave the valley of the misfit. The
+    step of the strongest component is limited.
     """
-    scale = np.sqrt(np.maximum(np.diag(information), 1e-12))
-    values, vectors = eigen(information / np.outer(scale, scale))
-    ways = (vectors / scale[:, None] / np.sqrt(np.maximum(values, 1e-10))).T
+    reach = np.clip(np.sqrt(np.diag(inverse(information))), _SHORTEST, longest)
+    above, below = chart.upper - z, z - chart.lower
+    near = np.minimum(above, below) < reach
+    kept, far = np.flatnonzero(near), np.flatnonzero(~near)
+    within = information[np.ix_(far, far)]
+    scale = np.sqrt(np.maximum(np.diag(within), 1e-12))
+    values, vectors = eigen(within / np.outer(scale, scale))
+    ways = np.zeros((len(z), len(z)))
+    ways[np.ix_(far, far)] = (vectors / scale[:, None] / np.sqrt(np.maximum(values, 1e-10))).T
+    ways[kept, kept] = np.where(above > below, 1.0, -1.0)[kept]
+    across = information[np.ix_(kept, far)] * ways[kept, kept][:, None]
+    ways[np.ix_(kept, far)] = -across @ inverse(within)
+    left = np.einsum("nk,kl,nl->n", ways[kept], information, ways[kept])
+    ways[kept] /= np.sqrt(np.maximum(left, 1e-12))[:, None]
     size = np.abs(ways).max(axis=1, keepdims=True)
     return np.asarray(ways * (np.clip(size, _SHORTEST, longest) / size))
 
@@ -323,7 +338,7 @@ def _stepped(
         if not costs[best] < slopes.here @ slopes.here - WORTH * problem.noise**2:
             break
         z = tried[best]
-        slopes = _slopes(problem, seen, z, aliases, step_lengths(slopes.covariance))
+        slopes = _slopes(problem, seen, z, aliases, slopes.data + slopes.priors)
     return z, slopes
 
 
@@ -344,30 +359,6 @@ def _shown(
     return np.asarray((up - down) / (2.0 * blind[one.pivot]))
 
 
-def _central(
-    residuals: Callable[[np.ndarray], np.ndarray], z: np.ndarray, steps: np.ndarray,
-    lower: np.ndarray, upper: np.ndarray, size: int,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Residuals (K,) at a point, and their Jacobian (d, K) by differences to both sides.
-
-    ``size`` is K: of long residuals only some columns are differenced at a time.
-    """
-    up = np.minimum(steps, upper - z)
-    down = np.minimum(steps, z - lower)
-    eye, d = np.eye(len(z)), len(z)
-    many = max(1, LARGEST_BATCH // max(1, 2 * size))
-    jacobian = np.empty((d, size))
-    for first in range(0, d, many):
-        columns = slice(first, first + many)
-        beside = [z + eye[columns] * up, z - eye[columns] * down]
-        found = residuals(np.vstack(beside if first else [z[None], *beside]))
-        if not first:
-            here, found = found[0].copy(), found[1:]
-        half = len(found) // 2
-        jacobian[columns] = (found[:half] - found[half:]) / (up + down)[columns, None]
-    return here, jacobian
-
-
 def _along(
     residuals: Callable[[np.ndarray], np.ndarray],
     z: np.ndarray,
@@ -375,8 +366,15 @@ def _along(
     chart: Chart,
     size: int,
 ) -> np.ndarray:  # fmt: skip
-    """The Jacobian (d, K) by differences to both sides along ``ways`` (d, d), within the bounds."""
+    """The Jacobian (d, K) by differences along ``ways`` (d, d), within the bounds.
+
+    To both sides, or to that which has room. ``size`` is K: of long residuals only some ways are
+    differenced at a time.
+    """
     up, down = chart.project(z + ways), chart.project(z - ways)
+    cut = [np.any(end != z + way, axis=1) for end, way in ((up, ways), (down, -ways))]
+    up[cut[0] & ~cut[1]] = z
+    down[cut[1] & ~cut[0]] = z
     moved = up - down
     change = np.empty((len(z), size))
     many = max(1, LARGEST_BATCH // max(1, 2 * size))

@@ -27,7 +27,7 @@ from ematwin.estimation.constants import (
 )
 from ematwin.estimation.correction import corrected
 from ematwin.estimation.descent import Descent, TooFarError
-from ematwin.estimation.laplace import Laplace, step_lengths
+from ematwin.estimation.laplace import Laplace
 from ematwin.estimation.levenberg_marquardt import NOTHING
 from ematwin.estimation.minima import height, risen
 from ematwin.estimation.problem import Problem
@@ -223,7 +223,7 @@ def _compared(
         return None
     if along:
         full, start = along
-    steps = _steps(peak, full)
+    information = _information(peak, full)
     known = {
         "within": (1.0 if unexplained else _FAR) * _smooth_misfit(peak),
         "settled": AS_GOOD * peak.problem.relative_misfit(peak.cost),
@@ -232,7 +232,7 @@ def _compared(
 
     def descended_from(start: np.ndarray) -> tuple[Laplace, float] | None:
         try:
-            end = _descended(model, form.actuator, full, start, peak, steps, **known)
+            end = _descended(model, form.actuator, full, start, peak, information, **known)
         except TooFarError:
             return None
         return end, risen(peak, end)
@@ -302,11 +302,13 @@ def _smooth_misfit(peak: Laplace) -> float:
     return smooth.relative_misfit(smooth.data_cost(smooth.residuals(peak.point[None])[0]))
 
 
-def _steps(peak: Laplace, full: Problem) -> np.ndarray:
-    """Steps (d,) of differences of another form: as long as the first answer is wide."""
-    lengths = step_lengths(peak.covariance)
-    known = dict(zip(peak.problem.names, lengths.tolist(), strict=True))
-    return np.array([known.get(name, float(lengths.min())) for name in full.names])
+def _information(peak: Laplace, full: Problem) -> np.ndarray:
+    """(d, d), by which differences of another form are as long as the first answer is wide."""
+    information = np.diag(np.full(len(full.names), np.diag(peak.information).max()))
+    shared = [n for n, name in enumerate(full.names) if name in peak.problem.names]
+    places = [peak.problem.names.index(full.names[n]) for n in shared]
+    information[np.ix_(shared, shared)] = peak.information[np.ix_(places, places)]
+    return information
 
 
 def _descended(
@@ -315,7 +317,7 @@ def _descended(
     full: Problem,
     start: np.ndarray,
     first: Laplace,
-    steps: np.ndarray | None = None,
+    information: np.ndarray | None = None,
     **known: Any,
 ) -> Laplace:
     """The peak next to a start, corrected as the ``first`` one was; ``known`` is of `Descent`."""
@@ -324,7 +326,7 @@ def _descended(
         least_noise=full.least_noise,
         **known,
     )
-    return corrected(full, start, descent, steps=steps, like=first.problem).peak
+    return corrected(full, start, descent, information=information, like=first.problem).peak
 
 
 def _own_names(problem: Problem, form: OtherForm) -> list[str]:

@@ -55,7 +55,6 @@ class Comparison(ABC):
     whitened : whether residuals are in standard deviations of the noise
     evidence : how many of the residuals, the last ones, are of further channels that count where
         intervals are formed (`with_evidence`); in their standard deviations
-    tells : names of pivots of aliases (`Model.aliases`) that this evidence tells from the others
     ignores : names of nuisances of the kind without effect on the compared channels
     model_error : float, factor on standard errors for the error of the twin (`Model.model_error`)
     has_reference : whether the kind has a reference to correct the answers by (`missed`)
@@ -74,7 +73,6 @@ class Comparison(ABC):
     recorded_noise: float = 0.0
     whitened: bool = False
     evidence: int = 0
-    tells: frozenset[str] = frozenset()
     ignores: frozenset[str] = frozenset()
     model_error: float = 1.0
     has_reference: bool = False

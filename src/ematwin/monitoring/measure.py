@@ -203,7 +203,7 @@ def spread_at(problem: Problem, point: np.ndarray) -> np.ndarray:
 
     The residual of the twin counts as noise times `Problem.model_error`.
     """
-    peak = width_at(problem, point, steps=np.full(len(point), _DIFFERENCE))
+    peak = width_at(problem, point, information=np.eye(len(point)) / _DIFFERENCE**2)
     chart, covariance = problem.chart, peak.widened(problem.model_error)
     errors = chart.standard_errors(peak.z, covariance)
     errors *= np.where([one.logarithmic for one in problem.unknowns], point, 1.0)

@@ -173,7 +173,6 @@ class BldcComparison(Comparison):
         other.power = power
         unseen = {"voltage_drop"} if power.by_phases else set()
         other.ignores = self.ignores - set(POWER) | unseen
-        other.tells = frozenset({"current_gain"} if power.by_phases else ())
         other._filter_power()
         return other
 
@@ -370,7 +369,12 @@ class BldcComparison(Comparison):
             found.append(watts)
         response = batch.sensed(response)
         stretches.compare(response, stretches.target, stretches.weights, stride, late)
-        return [response, *found]
+        found.insert(0, response)
+        if batch.sensor:  # until the low-pass has forgotten what a sensor that is off showed first
+            fades = math.ceil(self.recording.sample_rate / self.low_pass.cutoff / stride)
+            for rows in found:
+                rows.reshape(len(rows), len(stretches), -1)[:, :, :fades] *= 0.0
+        return found
 
     def kept_of(self, stretches: Stretches) -> int:
         """How many samples of a response over a stretch are kept."""

@@ -80,70 +80,35 @@ def nuisances(actuator: Any) -> tuple[Unknown, ...]:
 
 
 _EFFICIENCIES = ("transmission.efficiency_opposing", "transmission.efficiency_aiding")
-_TORQUES = (
-    "motor.inertia", "motor.viscous_damping", "motor.friction_torque", "controller.speed_gain",
-    "transmission.friction_torque",
-)  # fmt: skip
+SHORTS = ("short_a", "short_b", "short_c")
 
 
 def aliases(actuator: Any, values: Mapping[str, float]) -> list[Alias]:
-    """Directions in which the equivalent current does not change.
+    """Directions in which no channel changes: each fault against the parameter that it multiplies.
 
-    Every fault is a multiple of something nominal. Where the supply does not limit the current,
-    it shows torques only over the torque constant, as the sensor's gain does: turns missing from
-    all phases are a smaller torque constant, and a larger one scales all torques and inertias.
+    A loop of shorted turns shows by the flux that it takes, mu i_f = G (R i + e) with
+    G = mu^2/(R_f + mu R) and R of one phase: a higher resistance R_f of the contact looks like
+    fewer turns.
     """
     k = {name: values.get(name, fault(name).healthy) for name in FAULTS}
     opposing, aiding = (values.get(place, actuator.value(place)) for place in _EFFICIENCIES)
-    load = -values.get("load_gain", 1.0)
-    # of the load's torque L and its friction: L (1 + worn c_o) against it, L (1 - worn c_a) with it
-    worn = 1.0 + 2.0 * k["friction"]
-    share = worn / (opposing * (1.0 + worn * (1.0 / opposing - 1.0)))
-    same = share * (1.0 - worn * (1.0 - aiding)) / (worn * aiding)
-    return [
-        *_aliases_of_turns(actuator, k),
-        Alias(_EFFICIENCIES[0], {_EFFICIENCIES[1]: same, "load_gain": share * load}, held=False),
+    found = [
         # the fault multiplies the friction under load as well
         Alias("transmission.friction_torque", {
-            "friction": worn / 2.0, "motor.friction_torque": -1.0,
+            "friction": 0.5 + k["friction"], "motor.friction_torque": -1.0,
             _EFFICIENCIES[0]: 1.0 - opposing, _EFFICIENCIES[1]: (1.0 - aiding) / aiding,
         }),
         Alias("transmission.backlash", {"backlash": (1.0 + 99.0 * k["backlash"]) / 99.0}),
         Alias("controller.position_gain", {"gain": 0.5 + k["gain"]}),
-        Alias("transmission.output_inertia", {
-            "motor.emf_constant": -1.0, **dict.fromkeys(_TORQUES, -1.0),
-            "load_gain": load,
-        }, held=False),
     ]  # fmt: skip
-
-
-SHORTS = ("short_a", "short_b", "short_c")
-
-
-def _aliases_of_turns(actuator: Any, k: Mapping[str, float]) -> list[Alias]:
-    """What looks like shorted turns, which are missing or a loop.
-
-    Missing turns weaken the speed loop as well, which a torque constant that the drive knows does
-    not. This changes the current by less than the error of the twin, so it does not count: where
-    it counted, weak magnets were named as shorts (docs/certainty-results.md).
-
-    A loop shows by the flux that it takes, mu i_f = G (R i + e) with G = mu^2/(R_f + mu R) and R of
-    one phase: a higher resistance R_f of the contact looks like fewer turns.
-    """
     contact = actuator.shorted_turns
-    if contact is None:
-        fewer = {name: -(1.0 - k[name]) for name in SHORTS}
-        more = {name: -change for name, change in fewer.items()}
-        return [
-            Alias("motor.emf_constant", fewer),
-            Alias("current_gain", more),
-        ]
-    r_f, r = contact.resistance, 0.5 * actuator.motor.resistance
-    same = {name: -r_f * k[name] / (2.0 * r_f + k[name] * r) for name in SHORTS if k[name] > 0.0}
-    return [
-        Alias("current_gain", {"motor.emf_constant": -1.0}),
-        *([Alias("shorted_turns.resistance", same)] if same else []),
-    ]
+    if contact is not None and any(k[name] > 0.0 for name in SHORTS):
+        r_f, r = contact.resistance, 0.5 * actuator.motor.resistance
+        same = {
+            name: -r_f * k[name] / (2.0 * r_f + k[name] * r) for name in SHORTS if k[name] > 0.0
+        }
+        found.append(Alias("shorted_turns.resistance", same))
+    return found
 
 
 CONTRASTS = (
