@@ -10,6 +10,9 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+# As ``ematwin`` does, before numpy is loaded: threads of several workers wait for one another.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 from commands import Answer, inside
 from ematwin.cli import main
 
