@@ -1,14 +1,11 @@
-"""A real PostgreSQL, studies as processes, and algorithms that misbehave."""
+"""Studies as processes, an empty database for each, and algorithms that misbehave."""
 
 import os
-import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from processes import RUNS, numbers, study
-from servers import Postgres
 
 from shared import made_once
 
@@ -23,18 +20,8 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Any
     return numbers(made_once(tmp_path_factory, "undisturbed.db", done))
 
 
-@pytest.fixture(scope="session")
-def postgres() -> Iterator[Postgres]:
-    """A running server for the whole session."""
-    with tempfile.TemporaryDirectory(prefix="ematwin-postgres-") as folder:
-        server = Postgres(Path(folder))
-        server.start()
-        yield server
-        server.stop()
-
-
 @pytest.fixture
-def postgres_url(postgres: Postgres, request: pytest.FixtureRequest) -> str:
+def postgres_url(postgres: Any, request: pytest.FixtureRequest) -> str:
     """An empty database for one test."""
     return postgres.database(f"test_{abs(hash(request.node.nodeid))}")
 
