@@ -26,14 +26,30 @@ def postgres_url(postgres: Any, request: pytest.FixtureRequest) -> str:
     return postgres.database(f"test_{abs(hash(request.node.nodeid))}")
 
 
+UNHURRIED = """
+import time
+from ematwin.benchmarking import execute, store
+
+store.LEASE = 5.0
+_prepared = execute._prepared
+
+def _slowly(spec):
+    time.sleep(0.1)
+    return _prepared(spec)
+
+execute._prepared = _slowly
+"""
+
+
 @pytest.fixture
-def short_leases(tmp_path: Path) -> dict[str, str]:
-    """Environment in which a claim lapses after five seconds, not half a minute."""
-    folder = tmp_path / "leases"
+def unhurried(tmp_path: Path) -> dict[str, str]:
+    """Environment in which a study lasts long enough to be disturbed, without more to compute.
+
+    A claim lapses after five seconds, not half a minute.
+    """
+    folder = tmp_path / "unhurried"
     folder.mkdir()
-    (folder / "sitecustomize.py").write_text(
-        "import ematwin.benchmarking.store\nematwin.benchmarking.store.LEASE = 5.0\n"
-    )
+    (folder / "sitecustomize.py").write_text(UNHURRIED)
     return {"PYTHONPATH": os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")])}
 
 
