@@ -10,6 +10,8 @@ from ematwin import __version__
 _HERE = Path(__file__).parent
 _PLOTLY = next(resources.files("ematwin.report").joinpath("assets").glob("plotly-*.js"))
 sys.path.insert(0, str(_HERE))  # mathml.py
+# Notebooks, as `ematwin` does: matrices are small, and threads wait for one another over them.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # figures.py, for notebooks, which run in folders of their own
 os.environ["PYTHONPATH"] = os.pathsep.join(
     [str(_HERE / "notebooks"), *filter(None, [os.environ.get("PYTHONPATH")])]

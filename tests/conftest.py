@@ -1,14 +1,18 @@
-"""What several tests share: the command line, one profile of hypothesis."""
+"""What several tests share: the command line, a PostgreSQL, one profile of hypothesis."""
 
 import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
+
+# As ``ematwin`` does, before numpy is loaded: threads of several workers wait for one another.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from commands import Answer, inside
 from ematwin.cli import main
@@ -48,3 +52,15 @@ def ematwin_process(tmp_path: Path) -> Callable[..., Answer]:
         return Answer(done.returncode, done.stdout, done.stderr)
 
     return run
+
+
+@pytest.fixture(scope="session")
+def postgres() -> Iterator[Any]:
+    """A real server for the whole session, in a folder of its own."""
+    from servers import Postgres  # here: it takes a second to import
+
+    with tempfile.TemporaryDirectory(prefix="ematwin-postgres-") as folder:
+        server = Postgres(Path(folder))
+        server.start()
+        yield server
+        server.stop()

@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
@@ -11,7 +10,6 @@ from pathlib import Path
 
 import pytest
 from distributed import LocalCluster
-from servers import Postgres
 
 import ematwin
 from ematwin import Fleet
@@ -23,15 +21,6 @@ from ematwin.fleet.watch import watch
 
 END = datetime(2026, 1, 1, tzinfo=UTC)
 SERVO = "sts3215"
-
-
-@pytest.fixture(scope="module")
-def postgres():
-    with tempfile.TemporaryDirectory(prefix="ematwin-postgres-") as folder:
-        server = Postgres(Path(folder))
-        server.start()
-        yield server
-        server.stop()
 
 
 def on_server(folder, url):

@@ -1,14 +1,11 @@
-"""A real PostgreSQL, studies as processes, and algorithms that misbehave."""
+"""Studies as processes, an empty database for each, and algorithms that misbehave."""
 
 import os
-import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from processes import RUNS, numbers, study
-from servers import Postgres
 
 from shared import made_once
 
@@ -23,30 +20,36 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Any
     return numbers(made_once(tmp_path_factory, "undisturbed.db", done))
 
 
-@pytest.fixture(scope="session")
-def postgres() -> Iterator[Postgres]:
-    """A running server for the whole session."""
-    with tempfile.TemporaryDirectory(prefix="ematwin-postgres-") as folder:
-        server = Postgres(Path(folder))
-        server.start()
-        yield server
-        server.stop()
-
-
 @pytest.fixture
-def postgres_url(postgres: Postgres, request: pytest.FixtureRequest) -> str:
+def postgres_url(postgres: Any, request: pytest.FixtureRequest) -> str:
     """An empty database for one test."""
     return postgres.database(f"test_{abs(hash(request.node.nodeid))}")
 
 
+UNHURRIED = """
+import time
+from ematwin.benchmarking import execute, store
+
+store.LEASE = 5.0
+_prepared = execute._prepared
+
+def _slowly(spec):
+    time.sleep(0.1)
+    return _prepared(spec)
+
+execute._prepared = _slowly
+"""
+
+
 @pytest.fixture
-def short_leases(tmp_path: Path) -> dict[str, str]:
-    """Environment in which a claim lapses after five seconds, not half a minute."""
-    folder = tmp_path / "leases"
+def unhurried(tmp_path: Path) -> dict[str, str]:
+    """Environment in which a study lasts long enough to be disturbed, without more to compute.
+
+    A claim lapses after five seconds, not half a minute.
+    """
+    folder = tmp_path / "unhurried"
     folder.mkdir()
-    (folder / "sitecustomize.py").write_text(
-        "import ematwin.benchmarking.store\nematwin.benchmarking.store.LEASE = 5.0\n"
-    )
+    (folder / "sitecustomize.py").write_text(UNHURRIED)
     return {"PYTHONPATH": os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")])}
 
 

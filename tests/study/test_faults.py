@@ -30,17 +30,17 @@ def loky_workers(main: "subprocess.Popen[str]") -> list[psutil.Process]:
 
 
 def test_main_process_interrupted_and_then_killed(
-    tmp_path: Path, undisturbed: Numbers, short_leases: dict[str, str]
+    tmp_path: Path, undisturbed: Numbers, unhurried: dict[str, str]
 ) -> None:
     where = tmp_path / "study.db"
-    main = start("--store", where, "--workers", 2, **short_leases)
+    main = start("--store", where, "--workers", 2, **unhurried)
     wait_for(where, 3, main)
     main.send_signal(signal.SIGINT)
     _, err = main.communicate(timeout=30)
     assert main.returncode == 130
     assert "Traceback" not in err
     kept = len(numbers(where))
-    main = start("--store", where, "--workers", 2, **short_leases)
+    main = start("--store", where, "--workers", 2, **unhurried)
     wait_for(where, kept + 5, main)
     workers = loky_workers(main)
     main.kill()
@@ -49,16 +49,16 @@ def test_main_process_interrupted_and_then_killed(
     assert not alive, "workers outlived their main process"
     done = len(numbers(where))
     assert kept + 5 <= done < RUNS
-    answer = study("--store", where, "--workers", 1, **short_leases)
+    answer = study("--store", where, "--workers", 1, **unhurried)
     assert answer["found"] == done
     assert numbers(where) == undisturbed
 
 
 def test_killed_workers_and_a_file_locked_for_ten_seconds(
-    tmp_path: Path, undisturbed: Numbers
+    tmp_path: Path, undisturbed: Numbers, unhurried: dict[str, str]
 ) -> None:
     where = tmp_path / "study.db"
-    main = start("--store", where, "--workers", 2)
+    main = start("--store", where, "--workers", 2, **unhurried)
     for stored in (4, 12):
         wait_for(where, stored, main)
         workers = loky_workers(main)
@@ -76,9 +76,9 @@ def test_killed_workers_and_a_file_locked_for_ten_seconds(
 
 
 def test_two_commands_share_postgres_one_is_killed_and_the_server_is_gone_for_ten_seconds(
-    postgres: Any, postgres_url: str, undisturbed: Numbers, short_leases: dict[str, str]
+    postgres: Any, postgres_url: str, undisturbed: Numbers, unhurried: dict[str, str]
 ) -> None:
-    both = [start("--store", postgres_url, "--workers", 1, **short_leases) for _ in range(2)]
+    both = [start("--store", postgres_url, "--workers", 1, **unhurried) for _ in range(2)]
     wait_for(postgres_url, 5, both[0])
     both[0].kill()
     both[0].wait()
