@@ -180,7 +180,7 @@ def width_at(
     """The width of a peak that is known to lie at a point (d,), without a descent.
 
     ``steps`` (d,), shares of the ranges, are the lengths of the differences where known already,
-    from a peak that is about as wide (`step_lengths`): one batch is enough then.
+    from a peak that is about as wide (`step_lengths`): two batches are enough then.
     """
     z = problem.chart.project(problem.chart.from_values(point[None]))[0]
     seen = _Seen(problem, point, least_noise)
@@ -258,14 +258,15 @@ def _slopes(
 ) -> _Slopes:
     """Differences over steps as long as the peak is wide; known directions are not differenced.
 
-    First of each unknown, then along principal directions; ``known_steps`` make the first enough.
+    First of each unknown, then along principal directions: twice where no ``known_steps`` tell how
+    wide it is.
     """
     chart = problem.chart
     known = directions(problem, chart.to_values(z[None])[0], aliases)
     shown = [_shown(problem, seen, z, one) for one in known]
     steps = np.full(len(z), _SHORTEST) if known_steps is None else known_steps
     here, jacobian = _central(seen, z, steps, chart.lower, chart.upper, seen.size)
-    for last in (True,) if known_steps is not None else (False, False, True):
+    for last in (False, True) if known_steps is not None else (False, False, True):
         parts = problem.split(jacobian)
         for one, change in zip(known, shown, strict=True):
             parts.data[one.pivot] = one.same @ parts.data
