@@ -156,6 +156,7 @@ def run(coils, drive, m, command, load, steps):
     voltage at the terminals (complex), the mean over the tick before.
 
     ``m`` are the parameters of mechanics and sensors, ``command`` and ``load`` values at the ticks.
+    ``quanta`` are steps of the readings, 0 for perfect ones.
     Bristles (``bristles`` above 0) have the exact deflection at a held speed.
     """
     cold, warmer = coils.p["resistance"], 0.0
@@ -165,22 +166,33 @@ def run(coils, drive, m, command, load, steps):
     dt = drive.s["dt"] / steps
     logged, seen = [], 0j
     for tick in range(len(command)):
-        reading = th_m + m["resolver"] / coils.p["pole_pairs"]
-        i, v, vector = drive(
-            command[tick], reading, th_o, m["gain_a"] * x[0] + m["offset_a"],
-            m["gain_b"] * x[1] + m["offset_b"],
+        reading, out, i_a, i_b = (
+            step * round(value / step) if step > 0.0 else value
+            for value, step in zip(
+                (
+                    th_m + m["resolver"] / coils.p["pole_pairs"], th_o,
+                    m["gain_a"] * x[0] + m["offset_a"], m["gain_b"] * x[1] + m["offset_b"],
+                ),
+                m["quanta"], strict=True,
+            )
         )  # fmt: skip
+        i, v, vector = drive(command[tick], reading, out, i_a, i_b)
         frame = cmath.exp(1j * coils.p["pole_pairs"] * reading)
-        logged.append((i, v, reading, th_o, w_m, x[2], seen / frame))
+        logged.append((i, v, reading, out, w_m, x[2], seen / frame))
         legs = legs_of(vector)
         seen = 0j  # the mean over this tick of the voltage at the terminals
-        for _ in range(steps):
+        ahead = load[min(tick + 1, len(load) - 1)] - load[tick]
+        for step in range(steps):
             # Heun's rule
-            one, _ = coils.change(x, th_m, w_m, legs)
-            two, torque = coils.change(x + dt * one, th_m + dt * w_m, w_m, legs)
+            one, before = coils.change(x, th_m, w_m, legs)
+            two, after = coils.change(x + dt * one, th_m + dt * w_m, w_m, legs)
+            torque = 0.5 * (before + after)
             seen += 0.5 / steps * at_terminals(coils.p, legs, x)
             x = x + 0.5 * dt * (one + two)
             seen += 0.5 / steps * at_terminals(coils.p, legs, x)
+            # speeds with the forces in the middle of a step (Stoermer and Verlet)
+            th_m += 0.5 * dt * w_m
+            th_o += 0.5 * dt * w_o
             twist = th_m - th_o
             spring = 0.0
             if abs(twist) > m["half_gap"]:
@@ -190,7 +202,7 @@ def run(coils, drive, m, command, load, steps):
                     spring = 0.0  # it cannot pull
             act_m = torque - spring - m["viscous_m"] * w_m
             act_m -= m["cogging"] * math.sin(m["cogging_periods"] * th_m + m["cogging_phase"])
-            act_o = spring - load[tick] - m["viscous_o"] * w_o
+            act_o = spring - load[tick] - ahead * (step + 0.5) / steps - m["viscous_o"] * w_o
 
             def dry(t, w):
                 return t * (1.0 + (m["static_ratio"] - 1.0) / (1.0 + (w / m["w_stribeck"]) ** 2))
@@ -215,6 +227,84 @@ def run(coils, drive, m, command, load, steps):
             loss = coils.p["resistance"] * (x[0] ** 2 + x[1] ** 2 + (x[0] + x[1]) ** 2)
             warmer += dt / m["time_constant"] * (m["thermal_resistance"] * loss - warmer)
             coils.p["resistance"] = cold * (1.0 + 0.00393 * warmer)
-            th_m += dt * w_m
-            th_o += dt * w_o
+            th_m += 0.5 * dt * w_m
+            th_o += 0.5 * dt * w_o
     return [np.array(column) for column in zip(*logged, strict=True)]
+
+
+def settings(actuator):
+    """What is set in the drive of an actuator, by name."""
+    control = actuator.controller
+    dt = control.current_time
+    return {
+        "dt": dt, "position_ticks": round(control.position_time / dt),
+        "speed_ticks": round(control.speed_time / dt), "k_position": control.position_gain,
+        "k_speed": control.speed_gain, "k_total": control.speed_integral,
+        "k_current": control.current_gain, "k_voltage": control.current_integral,
+        "w_max": control.speed_limit, "i_max": control.current_limit,
+        "set_torque": control.torque_constant, "set_flux": control.flux,
+        "set_d": control.inductance_d, "set_q": control.inductance_q,
+        "pole_pairs": actuator.motor.pole_pairs, "v_supply": actuator.drive.supply_voltage,
+    }  # fmt: skip
+
+
+def servo(actuator, values, command, load, *, steps=4, perfect=True):
+    """What the drive of an actuator logs, by name; the faults' laws are those of docs/pmsm.md.
+
+    ``values`` are those of faults by name; ``command`` and ``load`` are at the ticks, on the motor
+    shaft. A tick has ``steps``. Encoders and converters that are not ``perfect`` have theirs.
+    """
+    a, k, bristles, heat = actuator, values, actuator.presliding, actuator.winding_heat
+    motor, gear, drive, control = a.motor, a.transmission, a.drive, a.controller
+    shorts = [k[f"short_{x}"] for x in "abc"]
+    shorted = int(np.argmax(shorts))
+    share = 0.3 * math.sqrt(shorts[shorted])
+    machine = {
+        "l_d": motor.inductance_d, "l_q": motor.inductance_q, "leakage": motor.leakage,
+        "resistance": motor.resistance, "pole_pairs": motor.pole_pairs,
+        "flux": motor.flux * (1.0 - 0.5 * k["demagnetisation"]),
+        "h_5": motor.harmonic_5, "h_7": motor.harmonic_7,
+        "static": motor.gap_share * k["static_eccentricity"],
+        "static_at": 2.0 * math.pi * (k["static_direction"] - 0.5),
+        "dynamic": motor.gap_share * k["dynamic_eccentricity"],
+        "dynamic_at": 2.0 * math.pi * (k["dynamic_direction"] - 0.5),
+        "added": [3.0 * motor.resistance * k[f"connector_{x}"] for x in "abc"],
+        "v_leg": drive.supply_voltage * drive.dead_time / control.current_time + drive.device_drop,
+        "knee": drive.knee_current,
+    }  # fmt: skip
+    worn = 1.0 + 2.0 * k["friction"]
+    rest = {
+        "resolver": math.radians(20.0) * (k["resolver_offset"] - 0.5),
+        "gain_a": 0.8 + 0.4 * k["sensor_gain_a"], "gain_b": 0.8 + 0.4 * k["sensor_gain_b"],
+        "offset_a": 0.1 * control.current_limit * (k["sensor_offset_a"] - 0.5),
+        "offset_b": 0.1 * control.current_limit * (k["sensor_offset_b"] - 0.5),
+        "half_gap": 0.5 * gear.backlash * (1.0 + 9.0 * k["backlash"]),
+        "stiffness": gear.stiffness, "damping": gear.damping, "j_m": motor.inertia,
+        "j_o": gear.output_inertia, "viscous_m": motor.viscous_damping,
+        "viscous_o": gear.viscous_damping, "friction_m": worn * motor.friction_torque,
+        "friction_o": worn * gear.friction_torque, "static_ratio": gear.static_ratio,
+        "w_stribeck": gear.stribeck_speed, "cogging": motor.cogging_torque,
+        "cogging_periods": motor.cogging_periods, "cogging_phase": motor.cogging_phase,
+        "bristles": 0.0 if bristles is None else bristles.motor_stiffness,
+        "bristle_damping": 0.0 if bristles is None else bristles.damping,
+        "thermal_resistance": 0.0 if heat is None else heat.thermal_resistance,
+        "time_constant": 1.0 if heat is None else heat.time_constant,
+    }  # fmt: skip
+    coarse = 0.0 if perfect else 1.0
+    of_current = coarse * 2.0 * drive.current_range / 2**drive.current_bits
+    rest["quanta"] = (
+        coarse * 2.0 * math.pi / drive.motor_steps,
+        coarse * 2.0 * math.pi / drive.output_steps * gear.ratio, of_current, of_current,
+    )  # fmt: skip
+    loops = settings(a)
+    loops["k_position"] *= 0.5 + k["gain"]
+    start = rest["resolver"] / motor.pole_pairs
+    coils = Coils(machine, share, shorted, motor.short_resistance)
+    i, v, theta_m, theta_o, w_m, i_f, at_terminals = run(
+        coils, Drive(loops, start), rest, command, load, steps
+    )
+    return {
+        "current_q": i.imag, "current_d": i.real, "voltage_q": v.imag, "voltage_d": v.real,
+        "motor_speed": w_m, "motor_position": theta_m, "output_position": theta_o,
+        "loop": share * i_f, "terminal_d": at_terminals.real, "terminal_q": at_terminals.imag,
+    }  # fmt: skip

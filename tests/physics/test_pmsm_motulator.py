@@ -10,27 +10,12 @@ import numpy as np
 from motulator.drive import model
 from motulator.drive.utils import SynchronousMachinePars, TwoMassMechanicalSystemPars
 
-from naive.pmsm import PHASES, Drive
+from naive.pmsm import PHASES, Drive, settings
 from pmsm_inputs import ACTUATOR, SMOOTH, TICK, healthy, reference, smooth_move
 
 LIMIT = 0.01  # of the RMS, as the project asks
 DURATION = 0.12
 LOAD, LOAD_AT = 0.8, 0.08  # N m on the motor shaft
-
-
-def settings(actuator, dt=TICK):
-    """What is set in the drive, by name, for `naive.pmsm.Drive`."""
-    control = actuator.controller
-    return {
-        "dt": dt, "position_ticks": round(control.position_time / dt),
-        "speed_ticks": round(control.speed_time / dt), "k_position": control.position_gain,
-        "k_speed": control.speed_gain, "k_total": control.speed_integral,
-        "k_current": control.current_gain, "k_voltage": control.current_integral,
-        "w_max": control.speed_limit, "i_max": control.current_limit,
-        "set_torque": control.torque_constant, "set_flux": control.flux,
-        "set_d": control.inductance_d, "set_q": control.inductance_q,
-        "pole_pairs": actuator.motor.pole_pairs, "v_supply": actuator.drive.supply_voltage,
-    }  # fmt: skip
 
 
 class Controller:

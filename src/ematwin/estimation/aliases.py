@@ -151,7 +151,7 @@ def directions(problem: Problem, point: np.ndarray, aliases: Aliases | None) -> 
         for name, change in one.same.items():
             places = [n for n, own in enumerate(names) if own.partition("@")[0] == name]
             complete &= bool(places)
-            same[places] = change
+            same[places] = change * (point[places] if one.multiplies else 1.0)
         pivot = names.index(one.pivot)
         if complete:
             found.append(Direction(pivot, same / widths * widths[pivot], one.held))

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ematwin.estimation.aliases import Aliases
 from ematwin.estimation.baseline import Baseline
 from ematwin.estimation.constants import (
     ANYTHING,
@@ -115,9 +116,13 @@ def assess(
     best = with_model_error(found.best, threads)
     errors, held = np.ones(len(full.names)), set[str]()
     again = found.descent.afresh(settled=math.inf, least_noise=full.least_noise)
+
+    def sets_at(one: Corrected, errors: np.ndarray, held: Collection[str]) -> FaultSets:
+        return _sets(one, own, baseline, errors, held, found.descent.aliases)
+
     # the best point is looked for again, at most three times, without the faults that it names
     for left in reversed(range(3)):
-        sets = _sets(best, own, baseline, errors, held)
+        sets = sets_at(best, errors, held)
         improbable = _improbable(sets, best.peak)
         # values are those of the best explanation in which improbable faults are healthy
         held |= set(improbable)
@@ -140,10 +145,10 @@ def assess(
         n = full.names.index(name)
         errors[n] = max(1.0, sets.distances[name] / math.sqrt(max(1.0, rise)))
     if (errors > 1.0).any():
-        sets = _sets(best, own, baseline, errors, held)
+        sets = sets_at(best, errors, held)
     apart = _apart(best, others, own)
     if apart:
-        around = [_sets(one, own, baseline, np.ones(len(errors)), ()) for one in apart]
+        around = [sets_at(one, np.ones(len(errors)), ()) for one in apart]
         rises = [risen(best.peak, one.peak) for one in apart]
         sets = FaultSets.over([sets, *around], [0.0, *rises])
         spent += len(apart) * (1 + 2 * own * len(_REACHES))
@@ -226,7 +231,12 @@ def scatter(baseline: Baseline) -> dict[str, float]:
 
 
 def _sets(
-    found: Corrected, own: int, baseline: Baseline, errors: np.ndarray, held: Collection[str]
+    found: Corrected,
+    own: int,
+    baseline: Baseline,
+    errors: np.ndarray,
+    held: Collection[str],
+    aliases: Aliases | None,
 ) -> FaultSets:
     """The posterior of sets of faults around a peak; the first ``own`` unknowns were searched.
 
@@ -234,14 +244,30 @@ def _sets(
     ----------
     errors : (d,) array, factors by which standard errors are larger than the curvature says
     held : names of faults that are held healthy at the peak
+    aliases : as of `Descent`; what multiplies faults is known to its mean until these are drawn
     """
     peak = found.peak
-    factor = peak.problem.model_error
+    problem, factor = peak.problem, peak.problem.model_error
     covariance = _with_scatter(found, baseline)
+    values = problem.values(peak.point)
+    factors = [
+        one
+        for one in (aliases(values) if aliases else ())
+        if one.multiplies and one.pivot in problem.names
+    ]
+    given = [problem.names.index(one.pivot) for one in factors]
+    alone = covariance[np.ix_(given, given)]
+    follows = np.linalg.solve(alone, covariance[given])
+    covariance = covariance - covariance[:, given] @ follows
+    covariance[np.ix_(given, given)] = alone
     covariance = profiled(peak, covariance, range(own), factor, _REACHES)
     mean = peak.unbounded(factor, held)
+    mean = mean + (peak.z - mean)[given] @ follows
     covariance = covariance * np.outer(errors, errors)
-    return fault_sets(peak.problem.chart, mean, covariance, peak.z)
+    sets = fault_sets(problem.chart, mean, covariance, peak.z)
+    for one in factors:
+        sets = sets.multiplied(one, values[one.pivot])
+    return sets
 
 
 def _improbable(sets: FaultSets, peak: Laplace) -> list[str]:

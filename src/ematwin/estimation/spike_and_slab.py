@@ -26,9 +26,10 @@ import numpy as np
 
 from ematwin.estimation.constants import BEFOREHAND, CERTAIN, SMALLEST
 from ematwin.estimation.intervals import Draws
+from ematwin.estimation.prior import coordinate
 from ematwin.estimation.restricted_normal import RestrictedNormal
 from ematwin.models.chart import Chart
-from ematwin.models.unknown import Unknown
+from ematwin.models.unknown import Alias, Unknown
 
 WINDOW = 7.0  # logarithm of the ratio of probabilities: sets below 0.1 % of the best are left out
 _MOST = 300  # sets
@@ -126,6 +127,21 @@ class FaultSets:
             for n, pattern in enumerate(patterns)
         ]  # fmt: skip
         return replace(found, sets=tuple(sorted(sets, key=lambda one: -one.probability)))
+
+    def multiplied(self, alias: Alias, at: float) -> "FaultSets":
+        """The same with the draws of what an unknown multiplies, which held for one value of it."""
+        names = [one.name for one in self.unknowns]
+        pivot = self.unknowns[names.index(alias.pivot)]
+        moved = []
+        for s in self.sets:
+            values = s.values.copy()
+            drawn = coordinate(pivot, values[:, names.index(alias.pivot)])
+            away = drawn - coordinate(pivot, at)
+            for n, one in enumerate(self.unknowns):
+                grown = values[:, n] * (1.0 - alias.same.get(one.name, 0.0) * away)
+                values[:, n] = np.clip(grown, one.lower, one.upper)
+            moved.append(replace(s, values=values))
+        return replace(self, sets=tuple(moved))
 
     @cached_property
     def probabilities(self) -> dict[str, float]:

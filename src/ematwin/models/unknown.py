@@ -48,11 +48,15 @@ class Alias(NamedTuple):
     A change of ``pivot`` by one has the effect of the changes ``same`` of others, by name; of
     logarithms where an unknown is logarithmic. A pivot that is ``held`` stays at the mean of its
     prior while the others are fitted, and only widens their intervals.
+
+    A pivot that ``multiplies`` changes the others by shares of their values: what is healthy stays
+    so whatever the pivot is, and it tells nothing of which faults are there.
     """
 
     pivot: str
     same: dict[str, float]
     held: bool = True
+    multiplies: bool = False
 
 
 class Contrast(NamedTuple):

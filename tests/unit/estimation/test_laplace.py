@@ -333,3 +333,25 @@ def test_a_sound_matrix_on_which_divide_and_conquer_fails_is_inverted(monkeypatc
     expected = np.linalg.inv(matrix)
     monkeypatch.setattr(np.linalg, "eigh", fails)
     assert inverse(matrix) == pytest.approx(expected)
+
+
+class Curved(Linear):
+    """y = the sum of two unknowns, cubed as well, and a little of their difference."""
+
+    def responses(self, candidates, count):
+        a, b = (np.broadcast_to(candidates[one.name], count) for one in self.unknowns)
+        both, apart = a + b, a - b
+        return {"y": np.column_stack([both, 0.01 * apart, both**3]) @ self.basis}
+
+
+@pytest.mark.parametrize("steps", [None, np.array([0.02, 0.02])], ids=["unknown", "known"])
+def test_a_weak_direction_is_differenced_along_itself(steps) -> None:
+    """Over steps of each unknown the strong direction bends by more than the weak one changes."""
+    wide = Unknown("b", "", "", 0.0, -10.0, 10.0)  # of which the steps are longer
+    unknowns, basis = [fault("a"), wide], basis_of(3)
+    y = NOISE * np.random.default_rng(5).standard_normal(basis.shape[1])
+    problem = Problem([Curved(unknowns, basis, y)], unknowns)
+    peak = laplace(problem, np.zeros(2), Descent(settled=np.inf), steps=steps)
+    apart = in_values(peak, peak.covariance) @ [1.0, -1.0] @ [1.0, -1.0]
+    slopes = np.linalg.qr(basis[:2].T)[1][1, 1]  # of what the strong direction does not explain
+    assert apart == pytest.approx((peak.problem.noise / (0.01 * slopes)) ** 2, rel=0.1)

@@ -7,7 +7,7 @@ import pytest
 
 from ematwin.estimation.spike_and_slab import FaultSet, FaultSets, fault_sets
 from ematwin.models.chart import Chart
-from ematwin.models.unknown import Unknown
+from ematwin.models.unknown import Alias, Unknown
 
 
 def fault(name, healthy=0.0, **more) -> Unknown:
@@ -215,3 +215,16 @@ def test_a_fault_whose_sets_are_all_impossible_answers_as_if_it_were_absent():
     found = FaultSets(faults, tuple(sets))
     assert found.probabilities == {"a": 1.0, "b": 0.0}
     assert found.given("b").of("b").mean() == found.given("a").of("b").mean()
+
+
+def test_what_an_unknown_multiplies_moves_with_it_and_healthy_stays():
+    scale = Unknown("scale", "", "", 1.0, 0.1, 3.0, "nuisance", spread=0.2)
+    chart = Chart([fault("a"), fault("b"), scale])
+    mean = chart.from_values(np.array([[0.4, 0.0, 1.0]]))[0]
+    width = np.array([0.001, 0.001, 0.2 / scale.width])
+    plain = fault_sets(chart, mean, np.diag(width**2))
+    found = plain.multiplied(Alias("scale", {"a": -1.0, "b": -1.0}, multiplies=True), 1.0)
+    assert found.presence("a") == plain.presence("a") > 0.99
+    a, b, drawn = found.sets[0].values.T
+    assert np.std(a / drawn) < 0.01 < 0.05 < np.std(a)
+    assert np.all(b == 0.0)

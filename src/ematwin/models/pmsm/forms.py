@@ -14,7 +14,7 @@ import numpy as np
 
 from ematwin.models.optional import Equation, Form, Values
 from ematwin.models.pmsm.comparison import REFERENCE_ERROR, PmsmComparison
-from ematwin.models.servo import possible_coggings
+from ematwin.models.servo import load_nuisances, possible_coggings
 from ematwin.numerics.signals import white_noise
 
 _SHARE = 0.3  # of the dry friction of the motor, that cogging begins with
@@ -87,7 +87,8 @@ class Response:
     """The twin's response less the recording, in standard deviations of noise.
 
     The reference model reads angles and currents in steps, so that its differences are rough. The
-    monitor model answers, corrected by its difference from the reference at one actuator.
+    monitor model answers, corrected by its difference from the reference at one actuator. Gain and
+    offset of the load cell are fitted to whatever is left, within what is known of them.
 
     Attributes
     ----------
@@ -106,6 +107,21 @@ class Response:
             found = exact.exact({})
             assert found is not None  # a recording that begins at rest
             self._missed = exact.thinned(found) - exact.answers_of([actuator])[0]
+            self._load = self._by_load(actuator)
+
+    def _by_load(self, actuator: Any) -> np.ndarray:
+        """Changes (2, K) of the residual by gain and offset of the load, one deviation each."""
+        cell = load_nuisances(actuator)
+        steps = np.array([one.spread for one in cell], dtype=float)
+        candidates = {
+            one.name: one.healthy + steps[n] * np.array([0.0, n == 0, n == 1])
+            for n, one in enumerate(cell)
+        }
+        twin = copy.copy(self._compared)
+        twin.actuator = actuator
+        here, *moved = twin.residuals(candidates, 1 + len(cell))
+        found = np.array(moved) - here
+        return found if np.isfinite(found).all() else 0.0 * found
 
     def least(self, actuator: Any) -> float:
         """Share of the recording that noise and the error of the reference leave."""
@@ -128,7 +144,10 @@ class Response:
     def _rows(self, actuators: Sequence[Any]) -> np.ndarray:
         """Residual (B, C, S) of each channel; infinite where the twin diverged."""
         found = self._compared.left_by(self._compared.answers_of(actuators) + self._missed)
-        found = np.where(np.isfinite(found), found, np.inf)
+        finite = np.isfinite(found).all(axis=1)
+        found[~finite] = np.inf
+        inside = np.linalg.inv(np.eye(len(self._load)) + self._load @ self._load.T)
+        found[finite] -= found[finite] @ self._load.T @ inside @ self._load
         return np.asarray(found.reshape(len(actuators), self._channels, -1))
 
 

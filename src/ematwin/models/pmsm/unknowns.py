@@ -107,12 +107,19 @@ def aliases(actuator: Any, values: Mapping[str, float]) -> list[Alias]:
     gaps do not close. Priors decide along these directions. The contact of a short stays.
     """
     k = {one.name: values.get(one.name, one.healthy) for one in UNKNOWNS}
+    contact = values.get("short_resistance", float(actuator.motor.short_resistance))
+    resistance = values.get("motor.resistance", actuator.motor.resistance)
+    loops = {name: _loop(max(k[name], 0.0), contact, resistance) for name in SHORTS}
     left = state.flux_left(k["demagnetisation"])
     worn = state.friction_factor(k["friction"]) / state.FRICTION
     wider = state.backlash_factor(k["backlash"]) / state.BACKLASH
     same = {
         "motor.flux": {"demagnetisation": -left / state.LOST_FLUX},
-        "motor.resistance": {f"connector_{x}": 1.0 / state.CONNECTOR for x in "abc"},
+        # (1 + 3 k) R in each phase, and a part of R in a loop; of a large short to a quarter
+        "motor.resistance": {
+            **{f"connector_{x}": 1.0 / state.CONNECTOR + k[f"connector_{x}"] for x in "abc"},
+            **{name: -k[name] * part / total for name, (part, total) in loops.items()},
+        },
         "transmission.friction_torque": {"friction": worn, "motor.friction_torque": -1.0},
         "transmission.backlash": {"backlash": wider},
         "controller.position_gain": {"gain": state.gain_factor(k["gain"])},
@@ -120,21 +127,19 @@ def aliases(actuator: Any, values: Mapping[str, float]) -> list[Alias]:
     found = [Alias(pivot, changes, held=False) for pivot, changes in same.items()]
     # the time constant of a shorted loop, which tells its contact from its share, is as short as a
     # step of the monitor model: slopes of that say nothing of it
-    contact = values.get("short_resistance", float(actuator.motor.short_resistance))
-    resistance = values.get("motor.resistance", actuator.motor.resistance)
-    shares = {name: -_per_contact(k[name], contact, resistance) for name in SHORTS}
-    return [*found, Alias("short_resistance", shares)]
+    shares = {name: -1.0 / total for name, (_, total) in loops.items()}
+    return [*found, Alias("short_resistance", shares, multiplies=True)]
 
 
-def _per_contact(k: float, contact: float, resistance: float) -> float:
-    """Change of a short with its contact, 1/ohm, where its conductance at the terminals stays.
+def _loop(k: float, contact: float, resistance: float) -> tuple[float, float]:
+    """Resistance of the shorted turns (ohm), and that over which a short grows with its contact.
 
-    That is mu^2/(R_f + mu (1 - 2 mu/3) R).
+    The conductance at the terminals, mu^2/(R_f + mu (1 - 2 mu/3) R), stays where the logarithm of k
+    grows by dR_f over the second.
     """
-    mu = state.shorted_share(max(k, 1e-6))
-    total = contact + mu * (1.0 - 2.0 * mu / 3.0) * resistance
-    growing = total - 0.5 * mu * (1.0 - 4.0 * mu / 3.0) * resistance
-    return float(max(k, 0.0) / growing)
+    mu = state.shorted_share(k)
+    part = mu * (1.0 - 2.0 * mu / 3.0) * resistance
+    return float(part), float(contact + part - 0.5 * mu * (1.0 - 4.0 * mu / 3.0) * resistance)
 
 
 CONTRASTS = (

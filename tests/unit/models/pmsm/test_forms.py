@@ -75,3 +75,11 @@ def test_a_small_harmonic_is_found_where_there_is_no_other_form():
     assert forms.values["motor.harmonic_7"] == pytest.approx(0.017, abs=0.001)
     for place in ("motor.inductance_d", "transmission.friction_torque"):
         assert forms.values[place] == pytest.approx(BUILT.value(place), rel=0.02)
+
+
+def test_what_a_load_cell_has_wrong_is_no_form():
+    """2 % and 0.3 N m leave 1 % of a recording where they are not fitted."""
+    plain = simulate("reference", "moves", actuator=ACTUATOR)
+    off = plain.changed(load=plain.channels["load"] / 1.02 - 0.3)
+    one = equation(MODEL.compare(off, ACTUATOR), ACTUATOR, ("motor.inertia",))
+    assert np.linalg.norm(one.left(ACTUATOR, {})) < 3e-3 * one.size

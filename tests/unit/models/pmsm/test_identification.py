@@ -170,8 +170,10 @@ def test_a_short_and_its_contact_are_one_number():
     values = {"short_a": 0.5, "short_resistance": 0.5}
     (alias,) = [one for one in MODEL.aliases(ACTUATOR, values) if one.pivot == "short_resistance"]
     assert alias.held
+    assert alias.multiplies
     step = 1e-4
-    beside = {"short_a": 0.5 - step * alias.same["short_a"], "short_resistance": 0.5 + step}
+    grown = 0.5 * (1.0 - step * alias.same["short_a"])
+    beside = {"short_a": grown, "short_resistance": 0.5 + step}
     place = Constants._fields.index("loop_a")
     drawn = [
         constants_of(ACTUATOR, {n: np.array([x]) for n, x in one.items()}, 1, 1e-4)[0, place]
@@ -179,6 +181,30 @@ def test_a_short_and_its_contact_are_one_number():
     ]
     assert drawn[1] == pytest.approx(drawn[0], rel=1e-7)
     assert drawn[2] < drawn[0] * (1.0 - 1e-5)
+
+
+def test_a_cold_winding_is_a_connector_in_each_phase_whatever_is_there(healthy):
+    comparison = PmsmComparison(healthy, ACTUATOR)
+    names = ("motor.resistance", "connector_a", "connector_b", "connector_c", "short_a")
+    point = dict(zip(names, (ACTUATOR.motor.resistance, 0.1, 0.4, 0.7, 0.01), strict=True))
+    (alias,) = [one for one in MODEL.aliases(ACTUATOR, point) if one.pivot == names[0]]
+    step = 1e-3
+    colder = {**point, names[0]: point[names[0]] * (1.0 - step)}
+    beside = {n: x + step * alias.same.get(n, 0.0) for n, x in colder.items()}
+    rows = {n: np.array([one[n] for one in (point, colder, beside)]) for n in names}
+    here, alone, together = comparison.residuals(rows, 3)
+    assert np.linalg.norm(together - here) < 0.02 * np.linalg.norm(alone - here)
+
+
+def test_a_short_is_certain_whatever_its_contact():
+    """Its share is as vague as the contact, which counts as a factor: no short stays none."""
+    noisy = ematwin.simulate(None, None, {"short_b": 0.3}, ACTUATOR, noise=ematwin.Noise(0.02))
+    found = ematwin.identify(noisy, ACTUATOR)
+    low, high = found.intervals["short_b"]
+    assert found.probabilities["short_b"] > 0.99
+    assert low > 0.05
+    assert high - low > 0.2
+    assert found.intervals["short_a"][1] < 0.01
 
 
 def test_voltages_may_be_measured_from_line_to_line_or_against_any_point():

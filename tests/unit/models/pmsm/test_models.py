@@ -11,12 +11,10 @@ from ematwin.models.pmsm.comparison import ticks_of
 from ematwin.models.pmsm.constants import constants_of
 from ematwin.models.pmsm.state import Constants
 from ematwin.numerics.lanes import LANES
-from naive.pmsm import Coils, Drive, run
-from physics.test_pmsm_motulator import settings
+from naive.pmsm import servo
 from pmsm_inputs import ACTUATOR, TICK, healthy, reference, smooth_move
 
 TICKS = 240  # 24 ms: a reversal of the gap, half a turn of the motor, two electrical turns
-STEPS = 4  # of the naive servo in a tick, by Heun's rule
 CASES = {
     "healthy": {},
     "worn": {"friction": 0.6, "backlash": 0.7, "gain": 0.9},
@@ -40,58 +38,6 @@ def motion():
     """Command and load at the ticks: fast out and back, under a load."""
     half = smooth_move(ACTUATOR, TICKS // 2 * TICK, 9.0)
     return np.concatenate([half, half[::-1][1:]]), np.full(2 * half.size - 1, 0.3)
-
-
-def naive(values, command, load, actuator=ACTUATOR):
-    """What the drive logs, by name; the faults' laws are those of docs/pmsm.md."""
-    a, k, bristles, heat = actuator, values, actuator.presliding, actuator.winding_heat
-    motor, gear, drive, control = a.motor, a.transmission, a.drive, a.controller
-    shorts = [k[f"short_{x}"] for x in "abc"]
-    shorted = int(np.argmax(shorts))
-    share = 0.3 * math.sqrt(shorts[shorted])
-    machine = {
-        "l_d": motor.inductance_d, "l_q": motor.inductance_q, "leakage": motor.leakage,
-        "resistance": motor.resistance, "pole_pairs": motor.pole_pairs,
-        "flux": motor.flux * (1.0 - 0.5 * k["demagnetisation"]),
-        "h_5": motor.harmonic_5, "h_7": motor.harmonic_7,
-        "static": motor.gap_share * k["static_eccentricity"],
-        "static_at": 2.0 * math.pi * (k["static_direction"] - 0.5),
-        "dynamic": motor.gap_share * k["dynamic_eccentricity"],
-        "dynamic_at": 2.0 * math.pi * (k["dynamic_direction"] - 0.5),
-        "added": [3.0 * motor.resistance * k[f"connector_{x}"] for x in "abc"],
-        "v_leg": drive.supply_voltage * drive.dead_time / TICK + drive.device_drop,
-        "knee": drive.knee_current,
-    }  # fmt: skip
-    worn = 1.0 + 2.0 * k["friction"]
-    rest = {
-        "resolver": math.radians(20.0) * (k["resolver_offset"] - 0.5),
-        "gain_a": 0.8 + 0.4 * k["sensor_gain_a"], "gain_b": 0.8 + 0.4 * k["sensor_gain_b"],
-        "offset_a": 0.1 * control.current_limit * (k["sensor_offset_a"] - 0.5),
-        "offset_b": 0.1 * control.current_limit * (k["sensor_offset_b"] - 0.5),
-        "half_gap": 0.5 * gear.backlash * (1.0 + 9.0 * k["backlash"]),
-        "stiffness": gear.stiffness, "damping": gear.damping, "j_m": motor.inertia,
-        "j_o": gear.output_inertia, "viscous_m": motor.viscous_damping,
-        "viscous_o": gear.viscous_damping, "friction_m": worn * motor.friction_torque,
-        "friction_o": worn * gear.friction_torque, "static_ratio": gear.static_ratio,
-        "w_stribeck": gear.stribeck_speed, "cogging": motor.cogging_torque,
-        "cogging_periods": motor.cogging_periods, "cogging_phase": motor.cogging_phase,
-        "bristles": 0.0 if bristles is None else bristles.motor_stiffness,
-        "bristle_damping": 0.0 if bristles is None else bristles.damping,
-        "thermal_resistance": 0.0 if heat is None else heat.thermal_resistance,
-        "time_constant": 1.0 if heat is None else heat.time_constant,
-    }  # fmt: skip
-    loops = settings(a)
-    loops["k_position"] *= 0.5 + k["gain"]
-    start = rest["resolver"] / motor.pole_pairs
-    coils = Coils(machine, share, shorted, motor.short_resistance)
-    i, v, theta_m, theta_o, w_m, i_f, at_terminals = run(
-        coils, Drive(loops, start), rest, command, load, STEPS
-    )
-    return {
-        "current_q": i.imag, "current_d": i.real, "voltage_q": v.imag, "voltage_d": v.real,
-        "motor_speed": w_m, "motor_position": theta_m, "output_position": theta_o,
-        "loop": share * i_f, "terminal_d": at_terminals.real, "terminal_q": at_terminals.imag,
-    }  # fmt: skip
 
 
 def monitor(values, command, load, step=ACTUATOR.steps.monitor, actuator=ACTUATOR):
@@ -145,7 +91,7 @@ def gaps(one, other):
 @pytest.mark.parametrize("faults", CASES.values(), ids=CASES)
 def test_both_models_are_the_naive_servo(faults):
     values, (command, load) = healthy(**faults), motion()
-    slow = naive(values, command, load)
+    slow = servo(ACTUATOR, values, command, load)
     fine = with_terminals(reference(ACTUATOR, values, command, load))
     for name, gap in gaps(fine, slow).items():
         assert gap < 1.0, f"reference: {name} differs by {gap:.2f} %"
@@ -167,7 +113,7 @@ def test_reference_with_bristles_in_a_warming_winding_is_the_naive_servo():
         "winding_heat.time_constant": 0.01,
     })  # fmt: skip
     values, (command, load) = healthy(friction=0.3), motion()
-    slow = naive(values, command, load, actuator)
+    slow = servo(actuator, values, command, load)
     fine = reference(actuator, values, command, load)
     without = gaps(reference(ACTUATOR, values, command, load), slow)
     for name, gap in gaps(fine, slow).items():
