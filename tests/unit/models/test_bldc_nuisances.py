@@ -162,6 +162,23 @@ def test_gain_and_offset_of_the_current_are_put_on_the_answer(record) -> None:
     assert np.allclose(found, 0.97 * response(record) + 0.05, rtol=0.0, atol=1e-12)
 
 
+BEGUN = 40  # samples of 50 us until a low-pass of 500 Hz has forgotten what it began at
+
+
+def test_an_offset_is_explained_from_the_beginning_on(record) -> None:
+    """The low-pass begins at the recorded value, which holds the offset already."""
+    current = BldcComparison(record, ACTUATOR, threads=1).current
+    for offset in (0.0, 0.2):
+        channels = {x: y for x, y in record.channels.items() if not x.startswith("current")}
+        sensed = Recording(record.time, channels | {"current": current + offset})
+        subject = BldcComparison(sensed, ACTUATOR, threads=1)
+        left = subject.residuals(batch([{"current_offset": offset}]), 1)[0]
+        assert (left[:BEGUN] == 0.0).all()
+        if not offset:
+            expected = left
+    assert left @ left < 1.02 * (expected @ expected)
+
+
 @pytest.mark.parametrize("name", [*LOAD, *(name for name in SENSOR if name not in POWER)])
 def test_costs_and_residuals_show_every_nuisance(record, name) -> None:
     spread = next(one.spread for one in nuisances(ACTUATOR) if one.name == name)
@@ -170,6 +187,8 @@ def test_costs_and_residuals_show_every_nuisance(record, name) -> None:
     squares = (subject.residuals(candidates, 2) ** 2).sum(axis=1)
     assert np.allclose(subject.costs(candidates, 2), squares, rtol=1e-9)
     gap = subject.responses(candidates, 2)["current"] - subject.target
+    if name in SENSOR:
+        gap[:, :BEGUN] = 0.0
     # a clock that is off shifts the answer in one, and the recording with its weights in the other
     rtol = 0.01 if name == "skew" else 1e-9
     assert np.allclose(squares, (subject.weights * gap**2).sum(axis=1), rtol=rtol)
