@@ -1,9 +1,8 @@
 """Directions in which a kind knows that its answer does not change, in coordinates of a chart.
 
-Turns that are missing from all phases alike are one, a torque constant that falls with them is the
-other: `Model.aliases` names a pivot and the same change in other unknowns. The column of the pivot
-in a Jacobian is made of theirs, and while they are fitted most pivots are held, so that no descent
-strays where priors alone decide.
+A fault and the parameter that it multiplies count as a product: `Model.aliases` names a pivot and
+the same change in other unknowns. The column of the pivot in a Jacobian is made of theirs, and
+while they are fitted most pivots are held, so that no descent strays where priors alone decide.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -120,17 +120,17 @@ def assess(
     def sets_at(one: Corrected, errors: np.ndarray, held: Collection[str]) -> FaultSets:
         return _sets(one, own, baseline, errors, held, found.descent.aliases)
 
-    # the best point is looked for again, at most three times, without the faults that it names
+    # the best point is looked for again, at most three times, without faults that may be there
     for left in reversed(range(3)):
         sets = sets_at(best, errors, held)
         improbable = _improbable(sets, best.peak)
         # values are those of the best explanation in which improbable faults are healthy
         held |= set(improbable)
-        named = [name for name, share in sets.probabilities.items() if share > CERTAIN]
-        groups = [sorted(held)] if improbable and left else [[name] for name in named]
+        possible = [name for name in sets.distances if not sets.is_improbable(name)]
+        groups = [sorted(held)] if improbable and left else [[name] for name in possible]
         tried = held_healthy(best.peak, groups, threads)
         spent += tried.evaluations
-        # better without a fault that is named: the search had ended beside the best point
+        # better without one of them: the search had ended beside the best point
         if not left or not (improbable or tried.rises.min(initial=0.0) < -WORTH):
             break
         nearer = corrected(
@@ -141,7 +141,7 @@ def assess(
         if not improbable and height(nearer.peak, noise) >= height(best.peak, noise):
             break
         best = with_model_error(nearer, threads)
-    for name, rise in zip(named, tried.rises.tolist(), strict=True):
+    for name, rise in zip(possible, tried.rises.tolist(), strict=True):
         n = full.names.index(name)
         errors[n] = max(1.0, sets.distances[name] / math.sqrt(max(1.0, rise)))
     if (errors > 1.0).any():

@@ -9,13 +9,12 @@ of the twin that are the same throughout.
 
 Impacts make residuals rough, and differences over short steps see that roughness where a change
 of parameters has no effect: unknowns that cannot be told apart would seem to be. Steps of one
-standard deviation, to both sides, look past most of it. Where two unknowns have the same effect,
-their columns of the Jacobian differ only by the error of the differences, and long columns make
-much of it. So the last differences are taken along the principal directions of
-the width found before, each one standard deviation long (`_along`): what recordings do not see is
-then measured as the small change that it is. Directions that a kind knows
-(`ematwin.estimation.aliases`) are not differenced. At the end all move together by the linearised
-residuals, unknowns that aliases had held included, for as long as that gains.
+standard deviation, to both sides, look past most of it. Where unknowns compensate each other, a
+step of one alone leaves the valley of the misfit, and its curvature there passes for information.
+So differences are taken along the principal directions of the width found before (`principal`):
+what recordings hardly see is then measured as the small change that it is. Directions that a kind
+knows (`ematwin.estimation.aliases`) are not differenced. At the end all move together by the
+linearised residuals, unknowns that aliases had held included, for as long as that gains.
 """
 
 from collections.abc import Callable, Collection
@@ -34,7 +33,7 @@ from ematwin.models.chart import Chart
 from ematwin.numerics.linear_algebra import bounded_squares, eigen, inverse
 
 _ROUGH = 1.02  # ratio of costs that is mere roughness
-_SHORTEST, LONGEST = 1e-3, 2e-2  # steps of the last Jacobian, shares of a range
+_SHORTEST, _LONGEST = 1e-3, 2e-2  # steps of the last Jacobian, shares of a range
 
 
 @dataclass(frozen=True)
@@ -278,7 +277,7 @@ def _slopes(
 
 
 def principal(
-    information: np.ndarray, z: np.ndarray, chart: Chart, longest: float = LONGEST
+    information: np.ndarray, z: np.ndarray, chart: Chart, longest: float = _LONGEST
 ) -> np.ndarray:
     """Directions (d, d), a row each, along which slopes are taken at a point (d,).
 

@@ -248,9 +248,10 @@ class Model(ABC):
         return averaged(recording, self.compared_rate, means)
 
     def aliases(self, actuator: Any, values: Values) -> list[Alias]:
-        """Directions in which the answer does not change, exactly or very nearly.
+        """Directions in which the answer does not change at all.
 
-        Differences of simulations hide such directions behind their roughness.
+        Differences of simulations hide such directions behind their roughness. What is seen, though
+        hardly, is no alias: it would count as unseen, and others of its unknowns as seen too well.
         """
         return []
 

@@ -130,7 +130,7 @@ class BldcComparison(Comparison):
 
     def exact_residuals(self, values: Mapping[str, float]) -> np.ndarray:
         """Weighted residuals (K,) of the reference, without the monitor model and its error."""
-        if self._missed:
+        if self._missed is None or self._missed:
             return self.with_missed({}).exact_residuals(values)
         stride = -(-self.target.size // self.kept_of(self.whole))
         current, watts = self._answered(values)
@@ -279,6 +279,8 @@ class BldcComparison(Comparison):
         self.target = low_pass.apply(self.current, recording.sample_rate)
         self.weights = self._stands_for * SlopeWeighting().weights(self.target, recording.interval)
         self.weights[0] = 0.0  # the twin starts there; nothing has been simulated yet
+        if self._missed is not None:  # what a sensor that is off showed first is forgotten then
+            self.weights[recording.time <= recording.time[0] + 1.0 / low_pass.cutoff] = 0.0
         for start, stop in recording.provenance.get("masked_s", []):  # filled by the reader
             masked = (recording.time >= start) & (recording.time <= stop + 1.0 / low_pass.cutoff)
             self.weights[masked] = 0.0
@@ -369,12 +371,7 @@ class BldcComparison(Comparison):
             found.append(watts)
         response = batch.sensed(response)
         stretches.compare(response, stretches.target, stretches.weights, stride, late)
-        found.insert(0, response)
-        if batch.sensor:  # until the low-pass has forgotten what a sensor that is off showed first
-            fades = math.ceil(self.recording.sample_rate / self.low_pass.cutoff / stride)
-            for rows in found:
-                rows.reshape(len(rows), len(stretches), -1)[:, :, :fades] *= 0.0
-        return found
+        return [response, *found]
 
     def kept_of(self, stretches: Stretches) -> int:
         """How many samples of a response over a stretch are kept."""
