@@ -23,7 +23,7 @@ from ematwin.estimation.constants import (
     WORTH,
 )
 from ematwin.estimation.correction import Corrected, corrected, with_model_error
-from ematwin.estimation.held_healthy import held_healthy, profiled
+from ematwin.estimation.held_healthy import held_healthy, profiled, stretched
 from ematwin.estimation.intervals import (
     Interval,
     contrasts_of,
@@ -263,7 +263,7 @@ def _sets(
     covariance = profiled(peak, covariance, range(own), factor, _REACHES)
     mean = peak.unbounded(factor, held)
     mean = mean + (peak.z - mean)[given] @ follows
-    covariance = covariance * np.outer(errors, errors)
+    covariance = stretched(covariance, errors)
     sets = fault_sets(problem.chart, mean, covariance, peak.z)
     for one in factors:
         sets = sets.multiplied(one, values[one.pivot])

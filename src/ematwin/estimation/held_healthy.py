@@ -136,4 +136,18 @@ def profiled(
     for reach, seen in zip(signed, rise, strict=True):
         least = np.maximum(np.where(np.isfinite(seen), seen, np.inf), (reach / _FLATTEST) ** 2)
         wider[chosen] = np.maximum(wider[chosen], abs(reach) / np.sqrt(least))
-    return covariance * np.outer(wider, wider)
+    return stretched(covariance, wider)
+
+
+def stretched(covariance: np.ndarray, wider: np.ndarray) -> np.ndarray:
+    """A covariance (d, d) in which errors are larger by factors (d,) of at least one.
+
+    Along the way on which the others follow each unknown, as it was along this way that the misfit
+    rose less: what follows goes as far, and what does not follow stays as sure.
+    """
+    found = covariance.copy()
+    for n in np.argsort(-wider):
+        missing = wider[n] ** 2 * covariance[n, n] / found[n, n] - 1.0
+        if missing > 0.0:
+            found += missing * np.outer(found[:, n], found[:, n]) / found[n, n]
+    return found
