@@ -247,11 +247,7 @@ def _leaves_more_than_noise(one: _Round) -> bool:
 
 
 def _rounds(
-    problem: Problem,
-    here: Problem,
-    z: np.ndarray,
-    descent: Descent,
-    information: np.ndarray | None,
+    problem: Problem, here: Problem, z: np.ndarray, descent: Descent, information: np.ndarray | None
 ) -> list[_Round]:
     """Rounds from coordinates (d,) at which ``here`` is corrected, until the peak stays."""
     chart, least, smooth = problem.chart, descent.least_noise, problem.is_smooth
@@ -293,11 +289,7 @@ def _rounds(
 
 
 def _rounds_by_slopes(
-    problem: Problem,
-    here: Problem,
-    z: np.ndarray,
-    descent: Descent,
-    information: np.ndarray | None,
+    problem: Problem, here: Problem, z: np.ndarray, descent: Descent, information: np.ndarray | None
 ) -> list[_Round]:
     """Rounds from coordinates (d,) with slopes of the reference, which follow its answers.
 

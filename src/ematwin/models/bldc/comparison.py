@@ -135,8 +135,7 @@ class BldcComparison(Comparison):
         stride = -(-self.target.size // self.kept_of(self.whole))
         current, watts = self._answered(values)
         some = None if watts is None else watts[:, ::stride].copy()
-        current = current[:, ::stride].copy()
-        parts = self._compared(self.whole, self._one(values), current, some)
+        parts = self._compared(self.whole, self._one(values), current[:, ::stride].copy(), some)
         return np.concatenate(parts, axis=1)[0]
 
     def _answered(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray | None]:
