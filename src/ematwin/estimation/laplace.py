@@ -10,7 +10,7 @@ of the twin that are the same throughout.
 Impacts make residuals rough, and differences over short steps see that roughness where a change
 of parameters has no effect: unknowns that cannot be told apart would seem to be. Steps of one
 standard deviation, to both sides, look past most of it. Where unknowns compensate each other, a
-step of one alone leaves the valley of the misfit, and its curvature there passes for information.
+step of one alone raises the misfit, and the curvature on its way passes for information.
 So differences are taken along the principal directions of the width found before (`principal`):
 what recordings hardly see is then measured as the small change that it is. Directions that a kind
 knows (`ematwin.estimation.aliases`) are not differenced. At the end all move together by the
@@ -273,7 +273,7 @@ def _slopes(
         data = (parts.data @ parts.data.T + parts.evidence @ parts.evidence.T) / problem.noise**2
         priors = parts.priors @ parts.priors.T / problem.noise**2
         information = data + priors
-    return _Slopes(here, jacobian, data, priors, inverse(data + priors))
+    return _Slopes(here, jacobian, data, priors, inverse(information))
 
 
 def principal(
@@ -281,10 +281,10 @@ def principal(
 ) -> np.ndarray:
     """Directions (d, d), a row each, along which slopes are taken at a point (d,).
 
-    They are the principal ones of this information (d, d), one standard deviation long. An unknown
-    that lies nearer to a bound than that has one of its own, into the box, in which those that
-    have room compensate it: cut off by the bound, a step would leave the valley of the misfit. The
-    step of the strongest component is limited.
+    They are the principal directions of this information (d, d), one standard deviation long. An
+    unknown that lies nearer to a bound has a direction of its own, into the box. On it the unknowns
+    that have room compensate the change; a bound that cuts off a step would end that. The largest
+    component of a step is limited.
     """
     reach = np.clip(np.sqrt(np.diag(inverse(information))), _SHORTEST, longest)
     above, below = chart.upper - z, z - chart.lower
