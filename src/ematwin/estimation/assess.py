@@ -23,7 +23,7 @@ from ematwin.estimation.constants import (
     WORTH,
 )
 from ematwin.estimation.correction import Corrected, corrected, with_model_error
-from ematwin.estimation.held_healthy import held_healthy, profiled, stretched
+from ematwin.estimation.held_healthy import held_healthy
 from ematwin.estimation.intervals import (
     Interval,
     contrasts_of,
@@ -41,7 +41,7 @@ from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
 
-_REACHES = (2.0,)  # standard errors at which the misfit along a fault is looked at
+_AGAIN = 2  # times that the best point is looked for without faults, at most
 _NOWHERE = 0.3  # length of the mean of unit vectors: directions all round
 
 
@@ -114,44 +114,36 @@ def assess(
     full, others, own = found.problem, found.others, len(problem.names)
     spent, cost = found.evaluations, found.cost
     best = with_model_error(found.best, threads)
-    errors, held = np.ones(len(full.names)), set[str]()
-    again = found.descent.afresh(settled=math.inf, least_noise=full.least_noise)
+    held, again = set[str](), found.descent.afresh(settled=math.inf, least_noise=full.least_noise)
 
-    def sets_at(one: Corrected, errors: np.ndarray, held: Collection[str]) -> FaultSets:
-        return _sets(one, own, baseline, errors, held, found.descent.aliases)
+    def sets_at(one: Corrected, held: Collection[str] = ()) -> FaultSets:
+        return _sets(one, baseline, held, found.descent.aliases)
 
-    # the best point is looked for again, at most three times, without faults that may be there
-    for left in reversed(range(3)):
-        sets = sets_at(best, errors, held)
+    sets = sets_at(best)
+    for _ in range(_AGAIN):
         improbable = _improbable(sets, best.peak)
         # values are those of the best explanation in which improbable faults are healthy
         held |= set(improbable)
-        possible = [name for name in sets.distances if not sets.is_improbable(name)]
-        groups = [sorted(held)] if improbable and left else [[name] for name in possible]
-        tried = held_healthy(best.peak, groups, threads)
+        possible = [[name] for name in sets.distances if not sets.is_improbable(name)]
+        groups = [sorted(held)] if improbable else possible
+        tried = held_healthy(best.peak, groups, found.descent.aliases, threads)
         spent += tried.evaluations
         # better without one of them: the search had ended beside the best point
-        if not left or not (improbable or tried.rises.min(initial=0.0) < -WORTH):
+        if not improbable and tried.rises.min(initial=0.0) >= -WORTH:
             break
-        nearer = corrected(
-            full, tried.point, replace(again, held={*again.held, *held}), like=best.peak.problem
-        )
+        again = replace(again, held={*again.held, *held})
+        nearer = corrected(full, tried.point, again, like=best.peak.problem)
         spent += nearer.peak.evaluations
         noise = best.peak.problem.noise
         if not improbable and height(nearer.peak, noise) >= height(best.peak, noise):
             break
         best = with_model_error(nearer, threads)
-    for name, rise in zip(possible, tried.rises.tolist(), strict=True):
-        n = full.names.index(name)
-        errors[n] = max(1.0, sets.distances[name] / math.sqrt(max(1.0, rise)))
-    if (errors > 1.0).any():
-        sets = sets_at(best, errors, held)
+        sets = sets_at(best, held)
     apart = _apart(best, others, own)
     if apart:
-        around = [sets_at(one, np.ones(len(errors)), ()) for one in apart]
+        around = [sets_at(one) for one in apart]
         rises = [risen(best.peak, one.peak) for one in apart]
         sets = FaultSets.over([sets, *around], [0.0, *rises])
-        spent += len(apart) * (1 + 2 * own * len(_REACHES))
     answers = [best, *apart]
     likely = np.argsort(-np.array(sets.minima), kind="stable").tolist()
     best = answers[likely[0]]
@@ -231,18 +223,12 @@ def scatter(baseline: Baseline) -> dict[str, float]:
 
 
 def _sets(
-    found: Corrected,
-    own: int,
-    baseline: Baseline,
-    errors: np.ndarray,
-    held: Collection[str],
-    aliases: Aliases | None,
+    found: Corrected, baseline: Baseline, held: Collection[str], aliases: Aliases | None
 ) -> FaultSets:
-    """The posterior of sets of faults around a peak; the first ``own`` unknowns were searched.
+    """The posterior of sets of faults around a peak.
 
     Parameters
     ----------
-    errors : (d,) array, factors by which standard errors are larger than the curvature says
     held : names of faults that are held healthy at the peak
     aliases : as of `Descent`; what multiplies faults is known to its mean until these are drawn
     """
@@ -260,10 +246,8 @@ def _sets(
     follows = np.linalg.solve(alone, covariance[given])
     covariance = covariance - covariance[:, given] @ follows
     covariance[np.ix_(given, given)] = alone
-    covariance = profiled(peak, covariance, range(own), factor, _REACHES)
     mean = peak.unbounded(factor, held)
     mean = mean + (peak.z - mean)[given] @ follows
-    covariance = stretched(covariance, errors)
     sets = fault_sets(problem.chart, mean, covariance, peak.z)
     for one in factors:
         sets = sets.multiplied(one, values[one.pivot])

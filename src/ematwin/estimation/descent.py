@@ -20,7 +20,7 @@ from ematwin.numerics.linear_algebra import bounded_squares
 
 STEP = 5e-3  # along directions that data do not see, share of a range
 _STAGES, _LEAST_STAGES, _ITERATIONS = 8, 1, 5
-_SAME = 0.97  # ratio of noises with which priors count alike
+SAME = 0.97  # ratio of noises with which priors count alike
 _ROUNDS = 2  # along aliases, which curve: ratios stay as they are
 
 
@@ -37,7 +37,8 @@ class Descent:
     aliases : values by name -> directions in which the answer does not change
     held : unknowns that stay where they are
     least_noise : float, the noise is taken to be no less, in the unit of `Problem.noise`
-    settled : float, relative misfit at which a start lies in its basin already
+    settled : float, relative misfit at which a start lies in its basin already; infinite where it
+        lies next to its minimum, to which the slopes of its width lead
     iterations : int, at most, of the first stage from such a start
     within : float, relative misfit of the smoothed data beyond which it is not worth going on
     least : float, squared standard deviations: an iteration that gains less ends a stage
@@ -63,11 +64,15 @@ class Descent:
     def end(self, problem: Problem, start: np.ndarray) -> tuple[np.ndarray, int]:
         """The best point (d,) next to a start (d,), and the simulations that it took.
 
+        The start itself where it lies next to its minimum.
+
         Raises
         ------
         TooFarError
             If the smooth stage ends beyond ``within``.
         """
+        if np.isinf(self.settled):
+            return start, 0
         known = [
             one
             for one in directions(problem, start, self.aliases)
@@ -123,7 +128,7 @@ class Descent:
             gained = max(first_cost - float(end.costs[0]), first_data - last_data)
             # no rough stretches stopped it, and no other noise would lead on
             shown = with_shown_noise(seen, here, self.least_noise).noise
-            ended = wide is small and end.finished.all() and shown > _SAME * weighed.noise
+            ended = wide is small and end.finished.all() and shown > SAME * weighed.noise
             if ended or (stage >= _LEAST_STAGES and gained < WORTH * weighed.noise**2):
                 break
         # the smooth misfit may have led astray

@@ -18,12 +18,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ematwin.estimation.constants import WORTH
-from ematwin.estimation.descent import Descent
-from ematwin.estimation.laplace import Laplace
+from ematwin.estimation.aliases import Aliases
+from ematwin.estimation.laplace import Laplace, peak_near
 from ematwin.numerics.side_by_side import side_by_side
-
-_FLATTEST = 5.0  # times that a covariance is widened at most
 
 
 @dataclass(frozen=True)
@@ -44,7 +41,10 @@ class HeldHealthy:
 
 
 def held_healthy(
-    peak: Laplace, groups: Sequence[Sequence[str]], threads: int | None = 1
+    peak: Laplace,
+    groups: Sequence[Sequence[str]],
+    aliases: Aliases | None = None,
+    threads: int | None = 1,
 ) -> HeldHealthy:
     """The best explanations in which the faults of one group are healthy.
 
@@ -52,6 +52,8 @@ def held_healthy(
     ----------
     peak : the best point of all
     groups : names of the faults that are held together
+    aliases : as of `ematwin.estimation.descent.Descent`; no pivot is held, as parameters leave the
+        means of their priors here
     threads : for descents side by side; None takes one for each core
     """
     if not groups:
@@ -59,33 +61,28 @@ def held_healthy(
     # what the fast model misses counts as noise here too, and the noise is that of the best point
     noise = peak.problem.noise * peak.problem.model_error
     problem, chart = peak.problem.with_noise(noise), peak.problem.chart
-    # nothing is held, pivots of aliases included: parameters leave the means of their priors here
-    free = Descent(least_noise=noise, settled=np.inf)
+    known = peak.data / peak.problem.model_error**2 + peak.priors
 
-    def end(names: Sequence[str]) -> tuple[np.ndarray, int]:
+    def end(names: Sequence[str]) -> tuple[float, np.ndarray, int]:
+        """Squared standard deviations from data and priors, the point (d,), and evaluations."""
         healthy = {one.name: one.healthy for one in problem.unknowns if one.name in names}
         if len(problem.names) == len(names):  # nothing else is free
-            return np.array(list(healthy.values())), 0
-        start = chart.to_values(chart.project((peak.z + _step(peak, names))[None]))[0]
-        small = problem.holding(healthy)
+            point = np.array(list(healthy.values()))
+            return float(problem.costs(point[None])[0]) / noise**2, point, 1
+        small = problem.holding(healthy) if healthy else problem
         kept = [problem.names.index(one) for one in small.names]
-        point, spent = free.end(small, start[kept])
-        values = small.values(point)
-        return np.array([values[one] for one in problem.names]), spent
+        start = chart.to_values((peak.z + _step(peak, names))[None])[:, kept]
+        z = small.chart.project(small.chart.from_values(start))[0]
+        near = peak_near(small, z, known[np.ix_(kept, kept)], aliases)
+        values = small.values(near.point)
+        left = near.residuals @ near.residuals / noise**2
+        return float(left), np.array([values[one] for one in problem.names]), near.evaluations
 
-    base, spent = peak.point, 1 + len(groups)
-    if noise > peak.problem.noise:  # where data count less, priors have the peak elsewhere
-        base, more = free.end(problem, base)
-        spent += more
-    ends = side_by_side(end, groups, threads)
-    points = np.array([point for point, _ in ends])
-    rises = (problem.costs(points) - problem.costs(base[None])) / noise**2
-    spent += sum(more for _, more in ends)
-    best = points[int(np.argmin(rises))]
-    if rises.min() < -WORTH:
-        best, more = free.end(problem, best)
-        spent += more
-    return HeldHealthy(rises, best, spent)
+    ends = side_by_side(end, [(), *groups], threads)
+    heights = np.array([height for height, _, _ in ends])
+    rises = heights[1:] - heights[0]
+    best = ends[1 + int(np.argmin(rises))][1]
+    return HeldHealthy(rises, best, sum(spent for _, _, spent in ends))
 
 
 def _step(peak: Laplace, names: Sequence[str]) -> np.ndarray:
@@ -101,53 +98,3 @@ def _step(peak: Laplace, names: Sequence[str]) -> np.ndarray:
     covariance = peak.widened(problem.model_error)
     across = covariance[np.ix_(places, places)]
     return np.asarray(covariance[:, places] @ np.linalg.solve(across, gap[places]))
-
-
-def profiled(
-    peak: Laplace,
-    covariance: np.ndarray,
-    chosen: Sequence[int],
-    factor: float,
-    reaches: Sequence[float],
-) -> np.ndarray:
-    """The covariance (d, d) widened where the misfit rises less than its curvature says.
-
-    Parameters
-    ----------
-    peak : Laplace
-    covariance : (d, d) array, in the coordinates of the problem's chart
-    chosen : places of unknowns; the misfit is looked at along each, while the others follow
-    factor : float, times that the noise of the data is larger
-    reaches : standard errors, how far to look
-    """
-    problem, chart, count = peak.problem, peak.problem.chart, len(chosen)
-    errors = np.sqrt(np.diag(covariance))
-    ways = (covariance[:, chosen] / errors[chosen]).T
-    signed = [sign * reach for reach in reaches for sign in (1.0, -1.0)]
-    points = np.concatenate([peak.z + reach * ways for reach in signed])
-    bounded = chart.project(points)
-    inside = np.abs(bounded - points).max(axis=1) < 1e-9
-    points[~inside] = bounded[~inside]  # not looked at: a logarithm so far out overflows
-    parts = problem.split(problem.residuals(chart.to_values(np.vstack([peak.z[None], points]))))
-    data, evidence, priors = (np.einsum("bk,bk->b", part, part) for part in parts)
-    heights = ((data + evidence) / factor**2 + priors) / problem.noise**2
-    rise = np.where(inside, heights[1:] - heights[0], np.inf).reshape(len(signed), count)
-    wider = np.ones(len(errors))
-    for reach, seen in zip(signed, rise, strict=True):
-        least = np.maximum(np.where(np.isfinite(seen), seen, np.inf), (reach / _FLATTEST) ** 2)
-        wider[chosen] = np.maximum(wider[chosen], abs(reach) / np.sqrt(least))
-    return stretched(covariance, wider)
-
-
-def stretched(covariance: np.ndarray, wider: np.ndarray) -> np.ndarray:
-    """A covariance (d, d) in which errors are larger by factors (d,) of at least one.
-
-    Along the way on which the others follow each unknown, as it was along this way that the misfit
-    rose less: what follows goes as far, and what does not follow stays as sure.
-    """
-    found = covariance.copy()
-    for n in np.argsort(-wider):
-        missing = wider[n] ** 2 * covariance[n, n] / found[n, n] - 1.0
-        if missing > 0.0:
-            found += missing * np.outer(found[:, n], found[:, n]) / found[n, n]
-    return found

@@ -23,17 +23,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ematwin.estimation.aliases import Aliases, Direction, directions, held_pivots
-from ematwin.estimation.constants import WORTH
-from ematwin.estimation.descent import STEP, Descent, bounded_step
+from ematwin.estimation.aliases import Aliases, Direction, directions
+from ematwin.estimation.descent import SAME, STEP, Descent, bounded_step
 from ematwin.estimation.levenberg_marquardt import LARGEST_BATCH
 from ematwin.estimation.noise import with_shown_noise
 from ematwin.estimation.problem import Problem
 from ematwin.models.chart import Chart
 from ematwin.numerics.linear_algebra import bounded_squares, eigen, inverse
 
-_ROUGH = 1.02  # ratio of costs that is mere roughness
 _SHORTEST, _LONGEST = 1e-3, 2e-2  # steps of the last Jacobian, shares of a range
+_STEPS, _SHARES = 8, (1.0, 0.5, 0.25)  # to a peak at most, and of what slopes predict
+STAYS = 0.25  # standard errors: adds 3 % to an error that it widens
 
 
 @dataclass(frozen=True)
@@ -135,29 +135,48 @@ def laplace(
         If the descent raises it.
     """
     descent = descent or Descent()
-    aliases, held = descent.aliases, descent.held
     point, spent = descent.end(problem, start)
-    chart = problem.chart
-    z = chart.project(chart.from_values(point[None]))[0]
-    seen = _Seen(problem, point, descent.least_noise)
-    problem = seen.problem
-    slopes = _slopes(problem, seen, z, aliases, information)
-    still = held_pivots(problem, directions(problem, point, aliases)) | set(held)
-    # everything together, where evidence decides what data do not see
-    for _ in range(2 if problem.has_evidence else 0):
-        # what evidence alone tells, the descent has left where it was
-        first = chart.to_values(
-            (z + bounded_step(slopes.jacobian, slopes.here, z, chart, still))[None]
-        )[0]
-        point, more = descent.afresh(settled=np.inf).end(problem, first)
-        spent += more
-        tried = chart.project(chart.from_values(point[None]))[0]
-        if not _is_better(problem, seen(np.vstack([z, tried]))):
+    problem = with_shown_noise(problem, problem.residuals(point[None])[0], descent.least_noise)
+    z = problem.chart.project(problem.chart.from_values(point[None]))[0]
+    for _ in range(_STEPS):
+        peak = peak_near(problem, z, information, descent.aliases, descent.held)
+        spent += peak.evaluations
+        fits = with_shown_noise(problem, peak.residuals, descent.least_noise)
+        if not fits.noise < SAME * problem.noise:
             break
-        z = tried
-        slopes = _slopes(problem, seen, z, aliases)
-    z, slopes = _stepped(problem, seen, z, slopes, aliases, held)
-    return _peak(problem, z, slopes, spent + seen.spent)
+        problem, z, information = fits, peak.z, peak.information  # priors count less
+    return replace(peak, evaluations=spent + 1)
+
+
+def peak_near(
+    problem: Problem,
+    z: np.ndarray,
+    information: np.ndarray | None,
+    aliases: Aliases | None,
+    held: Collection[str] = (),
+) -> Laplace:
+    """The peak to which slopes lead from coordinates (d,), by the noise that the problem has.
+
+    Everything moves together, pivots of aliases included: a bound may forbid an apparent pivot, as
+    turns are missing and never added. Then the data determine the pivot, and a value at which it is
+    held would be forced on others. Arguments as of `laplace` and `Descent`.
+    """
+    seen, chart = _Seen(problem), problem.chart
+    slopes = _slopes(seen, z, aliases, information)
+    for _ in range(_STEPS if np.isfinite(slopes.jacobian).all() else 0):
+        step = bounded_step(slopes.jacobian, slopes.here, z, chart, held)
+        if (np.abs(step) <= STAYS * np.sqrt(np.diag(slopes.covariance))).all():
+            z, slopes = z + step, slopes._replace(here=slopes.here + step @ slopes.jacobian)
+            break
+        for share in _SHARES:
+            tried = chart.project((z + share * step)[None])[0]
+            there = _slopes(seen, tried, aliases, slopes.data + slopes.priors)
+            if there.here @ there.here < slopes.here @ slopes.here:
+                z, slopes = tried, there
+                break
+        else:
+            break
+    return _peak(problem, z, slopes, seen.spent)
 
 
 def followed(peak: Laplace, problem: Problem, z: np.ndarray, held: Collection[str]) -> Laplace:
@@ -166,9 +185,12 @@ def followed(peak: Laplace, problem: Problem, z: np.ndarray, held: Collection[st
     From coordinates (d,), by the other's slopes, noise and width; ``held`` as of `Descent`.
     """
     problem = problem.with_noise(peak.problem.noise, trust=peak.problem.trust)
-    here = problem.residuals(problem.chart.to_values(z[None]))[0]
+    point = problem.chart.to_values(z[None])
+    change = (problem.residuals(point) - peak.problem.residuals(point))[0]
+    here = peak.residuals + (z - peak.z) @ peak.jacobian + change
     step = bounded_step(peak.jacobian, here, z, problem.chart, held)
-    return replace(peak, problem=problem, z=z + step, residuals=here, evaluations=1)
+    here = here + step @ peak.jacobian
+    return replace(peak, problem=problem, z=z + step, residuals=here, evaluations=2)
 
 
 def width_at(
@@ -184,18 +206,17 @@ def width_at(
     ``information`` (d, d) is that of a peak that is about as wide, where known already: one batch
     of differences is enough then.
     """
+    problem = with_shown_noise(problem, problem.residuals(point[None])[0], least_noise)
     z = problem.chart.project(problem.chart.from_values(point[None]))[0]
-    seen = _Seen(problem, point, least_noise)
-    return _peak(seen.problem, z, _slopes(seen.problem, seen, z, aliases, information), seen.spent)
+    seen = _Seen(problem)
+    return _peak(problem, z, _slopes(seen, z, aliases, information), seen.spent + 1)
 
 
 class _Seen:
-    """Residuals (B, K) at ``z`` (B, d), with the noise that a first point (d,) shows; counted."""
+    """Residuals (B, K) of a problem at ``z`` (B, d), counted."""
 
-    def __init__(self, problem: Problem, point: np.ndarray, least_noise: float) -> None:
-        self.problem, self.spent = problem, 1
-        here = problem.residuals(point[None])[0]
-        self.problem = with_shown_noise(problem, here, least_noise)
+    def __init__(self, problem: Problem) -> None:
+        self.problem, self.spent = problem, 0
 
     def __call__(self, z: np.ndarray) -> np.ndarray:
         self.spent += len(z)
@@ -204,14 +225,18 @@ class _Seen:
 
 def prior_information(problem: Problem, z: np.ndarray) -> np.ndarray:
     """Information (d, d) near coordinates (d,) on the unknowns, without the data of a problem."""
+    _, jacobian = _of_priors(problem, z)
+    return np.asarray(jacobian @ jacobian.T / problem.noise**2)
+
+
+def _of_priors(problem: Problem, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals (P,) of the priors at coordinates (d,), and their Jacobian (d, P)."""
     chart = problem.chart
 
     def distances(z: np.ndarray) -> np.ndarray:
-        return problem.prior_distances(chart.to_values(z)) / problem.noise
+        return problem.prior_distances(chart.to_values(z))
 
-    size = distances(z[None]).shape[1]
-    jacobian = _along(distances, z, _SHORTEST * np.eye(len(z)), chart, size)
-    return np.asarray(jacobian @ jacobian.T)
+    return _along(distances, z, _SHORTEST * np.eye(len(z)), chart)
 
 
 def sharp_errors(peak: Laplace, own: int, factor: float) -> np.ndarray:
@@ -246,27 +271,26 @@ class _Slopes(NamedTuple):
 
 
 def _slopes(
-    problem: Problem,
-    seen: _Seen,
-    z: np.ndarray,
-    aliases: Aliases | None,
-    information: np.ndarray | None = None,
+    seen: _Seen, z: np.ndarray, aliases: Aliases | None, information: np.ndarray | None
 ) -> _Slopes:
     """Differences along the principal directions of the peak, as long as it is wide there.
 
     Twice after first ones of each unknown, but once where its ``information`` (d, d) is about
     known; directions that the kind knows are not differenced.
     """
-    chart = problem.chart
+    problem, chart = seen.problem, seen.problem.chart
     known = directions(problem, chart.to_values(z[None])[0], aliases)
-    shown = [_shown(problem, seen, z, one) for one in known]
-    here = seen(z[None])[0]
+    shown = [_shown(seen, z, one) for one in known]
+    pivots = [one.pivot for one in known]
+    prior, prior_slopes = _of_priors(problem, z)
     passes = 3 if information is None else 1
     if information is None:
         information = np.eye(len(z)) / _SHORTEST**2
     for _ in range(passes):
-        jacobian = _along(seen, z, principal(information, z, chart), chart, len(here))
+        ways = principal(information, z, chart, still=pivots)
+        here, jacobian = _along(seen, z, ways, chart)
         parts = problem.split(jacobian)
+        problem.split(here).priors[...], parts.priors[...] = prior, prior_slopes
         for one, change in zip(known, shown, strict=True):
             parts.data[one.pivot] = one.same @ parts.data
             parts.evidence[one.pivot] = one.same @ parts.evidence + change
@@ -277,19 +301,24 @@ def _slopes(
 
 
 def principal(
-    information: np.ndarray, z: np.ndarray, chart: Chart, longest: float = _LONGEST
+    information: np.ndarray,
+    z: np.ndarray,
+    chart: Chart,
+    longest: float = _LONGEST,
+    still: Collection[int] = (),
 ) -> np.ndarray:
-    """Directions (d, d), a row each, along which slopes are taken at a point (d,).
+    """Directions (m, d), a row each, along which slopes are taken at a point (d,).
 
-    They are the principal directions of this information (d, d), one standard deviation long. An
-    unknown that lies nearer to a bound has a direction of its own, into the box. On it the unknowns
-    that have room compensate the change; a bound that cuts off a step would end that. The largest
-    component of a step is limited.
+    They are the principal directions of this information (d, d), one standard deviation long, with
+    the unknowns in ``still`` known. An unknown that lies nearer to a bound has a direction of its
+    own, into the box. On it the unknowns that have room compensate the change; a bound that cuts
+    off a step would end that. The largest component of a step is limited.
     """
-    reach = np.clip(np.sqrt(np.diag(inverse(information))), _SHORTEST, longest)
+    free = np.setdiff1d(np.arange(len(z)), list(still))
+    reach = np.sqrt(np.diag(inverse(information[np.ix_(free, free)])))
     above, below = chart.upper - z, z - chart.lower
-    near = np.minimum(above, below) < reach
-    kept, far = np.flatnonzero(near), np.flatnonzero(~near)
+    near = np.minimum(above, below)[free] < np.clip(reach, _SHORTEST, longest)
+    kept, far = free[near], free[~near]
     within = information[np.ix_(far, far)]
     scale = np.sqrt(np.maximum(np.diag(within), 1e-12))
     values, vectors = eigen(within / np.outer(scale, scale))
@@ -300,86 +329,45 @@ def principal(
     ways[np.ix_(kept, far)] = -across @ inverse(within)
     left = np.einsum("nk,kl,nl->n", ways[kept], information, ways[kept])
     ways[kept] /= np.sqrt(np.maximum(left, 1e-12))[:, None]
-    size = np.abs(ways).max(axis=1, keepdims=True)
-    return np.asarray(ways * (np.clip(size, _SHORTEST, longest) / size))
+    size = np.abs(ways[free]).max(axis=1, keepdims=True)
+    return np.asarray(ways[free] * (np.clip(size, _SHORTEST, longest) / size))
 
 
-def _is_better(problem: Problem, pair: np.ndarray) -> bool:
-    """Whether the second of two points lies nearer to evidence and priors, and fits as well.
-
-    ``pair`` holds their residuals (2, K). The data separate two points so near only roughly.
-    """
-    before, after = zip(*((part**2).sum(axis=1) for part in problem.split(pair)), strict=True)
-    return bool(after[0] < _ROUGH * before[0] and sum(after[1:]) < sum(before[1:]))
-
-
-def _stepped(
-    problem: Problem,
-    seen: _Seen,
-    z: np.ndarray,
-    slopes: _Slopes,
-    aliases: Aliases | None,
-    held: Collection[str],
-) -> tuple[np.ndarray, _Slopes]:
-    """A point (d,) after steps of everything together, held pivots included, and slopes there.
-
-    A bound may forbid an apparent pivot, as turns are missing and never added: then the data
-    determine the pivot, and its held value has been forced on others.
-    """
-    chart = problem.chart
-    for _ in range(8 if np.isfinite(slopes.jacobian).all() else 0):
-        step = bounded_step(slopes.jacobian, slopes.here, z, chart, held)
-        # shares of the step are tried
-        tried = chart.project(z + np.outer((1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.08), step))
-        left = seen(tried)
-        costs = np.einsum("bk,bk->b", left, left)
-        best = int(np.argmin(np.where(np.isfinite(costs), costs, np.inf)))
-        if not costs[best] < slopes.here @ slopes.here - WORTH * problem.noise**2:
-            break
-        z = tried[best]
-        slopes = _slopes(problem, seen, z, aliases, slopes.data + slopes.priors)
-    return z, slopes
-
-
-def _shown(
-    problem: Problem,
-    residuals: Callable[[np.ndarray], np.ndarray],
-    z: np.ndarray,
-    one: Direction,
-) -> np.ndarray | float:
+def _shown(seen: _Seen, z: np.ndarray, one: Direction) -> np.ndarray | float:
     """How evidence (K,) changes along a direction that data do not see, for one of the pivot.
 
     Currents and motion stay along it, so that differences are not rough, as they are otherwise.
     """
-    if not problem.has_evidence:
+    if not seen.problem.has_evidence:
         return 0.0
     blind = STEP * one.blind
-    up, down = problem.split(residuals(np.vstack([z + blind, z - blind]))).evidence
+    up, down = seen.problem.split(seen(np.vstack([z + blind, z - blind]))).evidence
     return np.asarray((up - down) / (2.0 * blind[one.pivot]))
 
 
 def _along(
-    residuals: Callable[[np.ndarray], np.ndarray],
-    z: np.ndarray,
-    ways: np.ndarray,
-    chart: Chart,
-    size: int,
-) -> np.ndarray:  # fmt: skip
-    """The Jacobian (d, K) by differences along ``ways`` (d, d), within the bounds.
+    residuals: Callable[[np.ndarray], np.ndarray], z: np.ndarray, ways: np.ndarray, chart: Chart
+) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals (K,) and Jacobian (d, K) regressed on points beside ``z`` along ``ways`` (m, d).
 
-    To both sides, or to that which has room. ``size`` is K: of long residuals only some ways are
-    differenced at a time.
+    On both sides, or on that which has room within the bounds. The Jacobian of unknowns that no way
+    moves is zero. Of long residuals only some ways are asked for at a time.
     """
     up, down = chart.project(z + ways), chart.project(z - ways)
     cut = [np.any(end != z + way, axis=1) for end, way in ((up, ways), (down, -ways))]
     up[cut[0] & ~cut[1]] = z
     down[cut[1] & ~cut[0]] = z
+    mean = np.zeros(residuals(z[None]).shape[1])
+    change = np.empty((len(ways), len(mean)))
+    many = max(1, LARGEST_BATCH // max(1, 2 * len(mean)))
+    for n in range(0, len(ways), many):
+        some = slice(n, n + many)
+        above, below = np.split(residuals(np.vstack([up[some], down[some]])), 2)
+        change[some] = above - below
+        mean += (above + below).sum(axis=0) / (2 * len(ways))
     moved = up - down
-    change = np.empty((len(z), size))
-    many = max(1, LARGEST_BATCH // max(1, 2 * size))
-    for first in range(0, len(z), many):
-        some = slice(first, first + many)
-        found = residuals(np.vstack([up[some], down[some]]))
-        half = len(found) // 2
-        change[some] = found[:half] - found[half:]
-    return np.linalg.solve(moved, change)
+    free = moved.any(axis=0)
+    jacobian = np.zeros((len(z), len(mean)))
+    jacobian[free] = np.linalg.solve(moved[:, free], change)
+    away = np.concatenate([up, down]).mean(axis=0) - z
+    return np.asarray(mean - away @ jacobian), jacobian

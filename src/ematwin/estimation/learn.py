@@ -36,7 +36,6 @@ from ematwin.estimation.correction import Corrected
 from ematwin.estimation.forms import SURE, FoundForms, find_forms
 from ematwin.estimation.healthy_bias import healthy_bias
 from ematwin.estimation.healthy_fit import HealthyFit, Progress, expected_misfit, refuse_odd
-from ematwin.estimation.held_healthy import profiled
 from ematwin.estimation.prior import Prior, coordinate
 from ematwin.estimation.random_effects import learn_effects
 from ematwin.models.base import Model
@@ -46,7 +45,6 @@ from ematwin.models.unknown import Unknown
 from ematwin.showing.text import said
 
 _TOGETHER = 3.0  # times the misfit of one recording alone that several leave together
-_REACHES = (4.0,)  # standard errors at which the misfit along a parameter is looked at
 _TIED = 0.9  # correlation of two parameters of which only ratio or product is known
 _WRONG = math.log(3.0) / SEARCHED  # width of what a sheet may have wrong: to three times
 
@@ -205,8 +203,8 @@ def _prior(end: Corrected, places: Sequence[str]) -> Prior:
     """
     peak, problem = end.peak, end.peak.problem
     chosen = [problem.names.index(place) for place in places]
-    widths, factor = problem.chart.widths[chosen], problem.model_error
-    covariance = profiled(peak, end.covariance, chosen, factor, _REACHES)[np.ix_(chosen, chosen)]
+    widths = problem.chart.widths[chosen]
+    covariance = end.covariance[np.ix_(chosen, chosen)]
     if problem.is_informed:
         covariance = covariance + np.diag(np.full(len(chosen), SURE) / widths) ** 2
     found = [coordinate(problem.unknowns[n], peak.point[n]) for n in chosen]

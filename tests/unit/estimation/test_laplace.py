@@ -6,7 +6,6 @@ from scipy.optimize import lsq_linear
 
 from ematwin import Recording
 from ematwin.estimation.descent import Descent
-from ematwin.estimation.held_healthy import profiled
 from ematwin.estimation.laplace import Laplace, laplace
 from ematwin.estimation.prior import Prior
 from ematwin.estimation.problem import Problem
@@ -124,7 +123,8 @@ def test_the_noise_is_what_is_left_for_each_independent_residual(regressed) -> N
     peak = laplace(problem, problem.start)
     left = problem.split(problem.residuals(peak.point[None])[0]).data
     assert peak.cost == pytest.approx(left @ left, rel=1e-9)
-    assert peak.problem.noise == pytest.approx(np.sqrt(peak.cost / 60), rel=1e-9)
+    # but for what the last steps, of less than 3 % of the noise, have changed
+    assert peak.problem.noise == pytest.approx(np.sqrt(peak.cost / 60), rel=0.03)
 
 
 @pytest.mark.parametrize("settled", [0.0, np.inf])
@@ -141,6 +141,32 @@ def test_a_descent_goes_on_until_noise_and_prior_agree(settled) -> None:
     assert mean[0] == pytest.approx(0.3, abs=0.01)
 
 
+class Dented(Linear):
+    """With ripple as large as one noise deviation, which changes within a hundredth of a width."""
+
+    def responses(self, candidates, count):
+        rng = np.random.default_rng(5)
+        x = np.column_stack([candidates[one.name] for one in self.unknowns])
+        phases = x @ rng.normal(0.0, 1e3, (len(self.unknowns), 40))
+        ripple = np.sin(phases) @ rng.normal(0.0, NOISE / np.sqrt(20.0 * 60.0), (40, 60))
+        return {"y": super().responses(candidates, count)["y"] + ripple}
+
+
+def test_dents_of_a_rough_misfit_do_not_hold_the_peak() -> None:
+    unknowns = [fault(name) for name in "abcdefgh"]
+    basis = basis_of(len(unknowns))
+    problem = Problem([Dented(unknowns, basis, np.full(8, 0.5) @ basis)], unknowns)
+    errors = NOISE * np.sqrt(np.diag(np.linalg.inv(basis @ basis.T)))
+    rng = np.random.default_rng(6)
+    for _ in range(5):
+        start = 0.5 + 3.0 * errors * rng.standard_normal(len(unknowns))
+        peak = laplace(problem, start, Descent(settled=np.inf, least_noise=NOISE))
+        # from one dent to the next a descent errs by 0.5 to 1.1
+        assert np.sqrt(np.mean(((peak.point - 0.5) / errors) ** 2)) < 0.2
+        stated = np.sqrt(np.diag(in_values(peak, peak.covariance)))
+        assert 0.7 < np.median(stated / errors) < 1.1
+
+
 def test_a_held_unknown_stays_and_still_widens_the_others(regressed) -> None:
     problem, basis, y, prior, free = regressed
     start = np.array([0.0, 1.6, 0.0])
@@ -150,34 +176,6 @@ def test_a_held_unknown_stays_and_still_widens_the_others(regressed) -> None:
     # the middle of the distribution is where it would go
     mean, _ = regression(basis, y, prior, problem.names, NOISE)
     assert np.allclose(mean_of(peak), mean, atol=1e-7)
-
-
-class Flattening(Linear):
-    """Answers less to an unknown beyond one standard error from where it is right."""
-
-    reach, share = np.inf, 1.0
-
-    def responses(self, candidates, count):
-        near = {}
-        for one, right in zip(self.unknowns, self.right, strict=True):
-            away = np.broadcast_to(candidates[one.name], count) - right
-            kept = np.clip(away, -self.reach, self.reach)
-            near[one.name] = right + kept + self.share * (away - kept)
-        return super().responses(near, count)
-
-
-@pytest.mark.parametrize(("share", "expected"), [(1.0, 1.0), (0.25, 4.0 / 1.75), (0.0, 4.0)])
-def test_a_covariance_is_widened_by_what_the_misfit_rises_less(share, expected) -> None:
-    unknowns, basis = [fault("a"), fault("b")], np.eye(2, 60)
-    comparison = Flattening(unknowns, basis, np.array([0.5, -0.3]) @ basis)
-    comparison.right, comparison.reach = (0.5, -0.3), NOISE
-    problem = Problem([comparison], unknowns)
-    peak = laplace(problem, np.array([0.5, -0.3]), Descent(least_noise=NOISE))
-    assert np.allclose(in_values(peak, peak.covariance), NOISE**2 * np.eye(2), rtol=1e-6)
-    comparison.share = share
-    found = profiled(peak, peak.covariance, [1], 1.0, (4.0,)) / peak.covariance.clip(1e-12)
-    assert found[0, 0] == pytest.approx(1.0)
-    assert found[1, 1] == pytest.approx(expected**2, rel=1e-3)
 
 
 def aliased(rough: float, prior: Prior, **more):
