@@ -21,8 +21,17 @@ import numpy as np
 from ematwin.errors import InputError, RecordError
 from ematwin.models.channels_agree import Law
 from ematwin.models.comparison import Candidates, Comparison, TraceComparison
-from ematwin.models.monitoring import Monitoring, Reported, Statistic
-from ematwin.models.optional import Demand, Equation, Form, OtherForm, Signal, Study
+from ematwin.models.optional import (
+    Demand,
+    Equation,
+    Form,
+    Monitoring,
+    OtherForm,
+    Reported,
+    Signal,
+    Statistic,
+    Study,
+)
 from ematwin.models.parameter_set import ParameterSet, not_searchable
 from ematwin.models.scenario import Scenario, shipped_scenarios
 from ematwin.models.unknown import (
@@ -168,6 +177,11 @@ class Model(ABC):
         """The command and `needs`, each as a group of alternatives."""
         needs = (((need,),) if isinstance(need, str) else need for need in self.needs)
         return (((self.command,),), *needs)
+
+    @property
+    def inputs(self) -> list[str]:
+        """The command and, if there is one, the load."""
+        return [name for name in (self.command, self.load) if name is not None]
 
     def channel(self, name: str) -> Channel:
         """A channel by name."""

@@ -14,19 +14,10 @@ from ematwin.recordings.recording import Recording
 
 
 def of_twin(
-    model: Model,
-    actuator: Any,
-    scenario: Scenario,
-    values: Values,
-    *,
-    fidelity: str | None = None,
-    sample_rate: float | None = None,
-    step: float | None = None,
-    noise: Noise | None = None,
-    seed: int = 0,
-    initial_position: float = 0.0,
-    progress: Progress | None = None,
-) -> Recording:
+    model: Model, actuator: Any, scenario: Scenario, values: Values, *, fidelity: str | None = None,
+    sample_rate: float | None = None, step: float | None = None, noise: Noise | None = None,
+    seed: int = 0, initial_position: float = 0.0, progress: Progress | None = None,
+) -> Recording:  # fmt: skip
     """The response of the twin of a kind (`Model.respond`); arguments as in `ematwin.simulate`."""
     if step is not None or initial_position:
         raise InputError(
@@ -59,27 +50,11 @@ def of_twin(
 
 
 def recording_of(
-    model: Model,
-    actuator: Any,
-    scenario: Scenario,
-    values: Values,
-    time: np.ndarray,
-    channels: Mapping[str, np.ndarray],
-    *,
-    noise: Noise | None,
-    seed: int,
-    fidelity: str | None = None,
-    **more: Any,
-) -> Recording:
-    """Simulated channels (S,) as a recording, as sensors show it.
-
-    ``more`` is added to its provenance.
-
-    Raises
-    ------
-    DivergedError
-        If a channel left the finite numbers.
-    """
+    model: Model, actuator: Any, scenario: Scenario, values: Values, time: np.ndarray,
+    channels: Mapping[str, np.ndarray], *, noise: Noise | None, seed: int,
+    fidelity: str | None = None, **more: Any,
+) -> Recording:  # fmt: skip
+    """Simulated channels (S,) as a recording, as sensors show it; ``more`` for its provenance."""
     from ematwin import __version__
 
     form = fidelity or model.fidelities[0]
@@ -89,21 +64,12 @@ def recording_of(
             f"The {form} model of {actuator.name} diverged{at}; shorten its step, or check "
             "its parameters and the scenario."
         )
-    found = Recording(
-        time,
-        channels,
-        units={channel.name: channel.unit for channel in model.channels},
-        provenance={
-            "source": "simulated",
-            "model": form,
-            "ematwin": __version__,
-            "actuator": actuator.name,
-            "actuator_fingerprint": actuator.fingerprint,
-            "scenario": scenario.name,
-            "faults": dict(values),
-            "noise": None if noise is None else vars(noise).copy(),
-            "seed": int(seed),
-            **more,
-        },
-    )
+    provenance = {
+        "source": "simulated", "model": form, "ematwin": __version__, "actuator": actuator.name,
+        "actuator_fingerprint": actuator.fingerprint, "scenario": scenario.name,
+        "faults": dict(values), "noise": None if noise is None else vars(noise).copy(),
+        "seed": int(seed), **more,
+    }  # fmt: skip
+    units = {channel.name: channel.unit for channel in model.channels}
+    found = Recording(time, channels, units=units, provenance=provenance)
     return model.sensed(found, actuator, values, noise, seed)

@@ -84,18 +84,10 @@ def simulate(
         )
     with told(progress, "simulating") as tell:
         return kind.simulate(
-            chosen,
-            kind.load_scenario(scenario),
-            kind.values_of(chosen, faults),
-            fidelity=model,
-            sample_rate=sample_rate,
-            step=step,
-            noise=Noise.of(noise),
-            seed=seed,
-            initial_position=initial_position,
-            progress=tell,
-            **({"also": more} if more else {}),
-        )
+            chosen, kind.load_scenario(scenario), kind.values_of(chosen, faults), fidelity=model,
+            sample_rate=sample_rate, step=step, noise=Noise.of(noise), seed=seed,
+            initial_position=initial_position, progress=tell, **({"also": more} if more else {}),
+        )  # fmt: skip
 
 
 def check_seed(seed: int) -> None:

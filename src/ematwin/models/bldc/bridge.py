@@ -11,8 +11,7 @@ from ematwin.models.bldc.inverter import (
     share_until_blocked,
     terminal_voltages,
 )
-from ematwin.models.bldc.motor import phase_inductance
-from ematwin.models.bldc.truer.shorted_turns import loop_answer
+from ematwin.models.bldc.motor import loop_answer, phase_inductance
 from ematwin.numerics.compile import part, step
 from ematwin.numerics.scalar import clip
 

@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.state import Constants
-from ematwin.models.bldc.truer.state import Truer
+from ematwin.models.bldc.state import Constants, Truer
 from ematwin.models.bldc.unknowns import FIXED, LOAD
 from ematwin.numerics.side_by_side import by_candidate
 

@@ -45,10 +45,6 @@ from ematwin.models.sections import (
 )
 from ematwin.models.servo import check_stops
 
-DEFAULT_ACTUATOR = "servo48"
-_UNMOVABLE = 1000.0  # times the inertia of the rotor: no gear is chosen so
-_UNREACHABLE = 100.0  # times the current that the supply can drive: mA taken for A give 1000
-
 
 class Motor(Section):
     """Three-phase trapezoidal brushless motor."""
@@ -58,12 +54,9 @@ class Motor(Section):
     )
     inductance: float = quantity("H", "inductance, phase to phase", tolerance=0.3, gt=0)
     leakage_share: float = quantity(
-        "",
-        "share of the inductance outside the turns; left in a full short",
-        tolerance=0.5,
-        ge=0.001,
-        le=1,
-    )
+        "", "share of the inductance outside the turns; left in a full short", tolerance=0.5,
+        ge=0.001, le=1,
+    )  # fmt: skip
     emf_constant: float = quantity(
         "V*s/rad", "back-EMF constant, phase to phase", tolerance=0.06, drift=0.05, gt=0
     )
@@ -114,11 +107,9 @@ class Transmission(Section):
         "kg*m^2", "output inertia reflected to the motor", tolerance=0.6, gt=0
     )
     friction_torque: float = quantity(
-        "N*m",
-        "dynamic dry friction of the output side, reflected to the motor",
-        tolerance=0.6,
+        "N*m", "dynamic dry friction of the output side, reflected to the motor", tolerance=0.6,
         ge=0,
-    )
+    )  # fmt: skip
     static_ratio: float = quantity("", "static over dynamic friction", tolerance=0.4, ge=1)
     efficiency_opposing: float = quantity(
         "", "efficiency against an opposing load", tolerance=0.06, gt=0, le=1
@@ -144,7 +135,7 @@ class BldcActuator(ServoParameters):
 
     kind = "bldc"
     former_kinds = ("rotary",)
-    default = DEFAULT_ACTUATOR
+    default = "servo48"
 
     motor: Motor
     drive: Drive
@@ -190,7 +181,7 @@ class BldcActuator(ServoParameters):
     @model_validator(mode="after")
     def _current_can_be_reached(self) -> Self:
         drivable = self.drive.supply_voltage / self.motor.resistance
-        if self.drive.current_limit > _UNREACHABLE * drivable:
+        if self.drive.current_limit > 100.0 * drivable:  # mA taken for A give 1000
             raise ValueError(
                 f"drive.current_limit is {self.drive.current_limit:g} A, but the supply can "
                 f"drive only {drivable:.3g} A; it looks like mA, correct its unit"
@@ -200,7 +191,7 @@ class BldcActuator(ServoParameters):
     @model_validator(mode="after")
     def _output_inertia_is_reflected(self) -> Self:
         times = self.transmission.output_inertia / self.motor.inertia
-        if self.transmission.ratio > 1.0 and times > _UNMOVABLE:
+        if self.transmission.ratio > 1.0 and times > 1000.0:  # no gear is chosen so
             raise ValueError(
                 f"transmission.output_inertia is {times:.3g} times that of the rotor: it is stated "
                 "as the motor feels it; divide the inertia of the output by the square of the ratio"

@@ -10,7 +10,6 @@ from itertools import combinations
 import numpy as np
 
 from ematwin.errors import RecordError
-from ematwin.models.agreement import check_agreement, check_sum
 from ematwin.models.bldc.channels import CURRENTS, PHASES, VOLTAGES
 from ematwin.models.bldc.counts import said_of_steps
 from ematwin.models.bldc.envelope import current_envelope
@@ -18,16 +17,12 @@ from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import phase_sensors
 from ematwin.models.bldc.wiring import check_order
 from ematwin.models.bldc.zeros import zeros
-from ematwin.models.servo import check_motion, little_motion
-from ematwin.models.sizes import FEWEST, check_sizes
+from ematwin.models.plausibility import FEWEST, check_agreement, check_sizes, check_sum
+from ematwin.models.servo import check_motion
 from ematwin.numerics.signals import LowPass
 from ematwin.recordings.recording import Recording
 
 _CUTOFF = LowPass().cutoff  # Hz, before the misfit
-_RATE = 4.0  # times the cutoff: the least rate at which that low-pass acts as one
-_SHORTEST = 10.0  # periods of the cutoff
-_FASTEST = 5e6  # Hz: no current of a motor is sampled faster
-_AT_REST = 0.01  # of the current limit, peak to peak: noise of a sensor
 
 
 def check_plausible(record: Recording, actuator: BldcActuator) -> list[str]:
@@ -42,7 +37,9 @@ def check_plausible(record: Recording, actuator: BldcActuator) -> list[str]:
     _check_rate(record)
     _check_length(record)
     warnings = _check_motion(record, actuator)
-    _check_currents(record, actuator)
+    limit = actuator.drive.current_limit
+    said = f"{actuator.name} limits it to {limit:g} A"
+    check_sizes(record.channels, (*CURRENTS, "bus_current"), limit, "A", said)
     warnings += _check_voltages(record, actuator)
     check_motion(record, actuator)
     sensors = phase_sensors(record)
@@ -76,19 +73,20 @@ def check_phases(recording: Recording) -> None:
 
 
 def _check_rate(record: Recording) -> None:
-    rate, least = record.sample_rate, _RATE * _CUTOFF
+    rate, least = record.sample_rate, 4.0 * _CUTOFF
+    fastest = 5e6  # Hz: no current of a motor is sampled faster
     if rate < least:
         hints = [
             f'"{unit}" (the rate would be {rate * factor:g} Hz)'
             for unit, factor in (("ms", 1e3), ("us", 1e6))
-            if least <= rate * factor <= _FASTEST / 10.0
+            if least <= rate * factor <= fastest / 10.0
         ]
         tail = f" If its time is not in s, give the unit: {' or '.join(hints)}." if hints else ""
         raise RecordError(
             f"The record is sampled at {rate:.6g} Hz; the comparison needs at least {least:g} Hz, "
             f"four times its low-pass of {_CUTOFF:g} Hz. Record faster.{tail}"
         )
-    if rate > _FASTEST:
+    if rate > fastest:
         duration = record.time[-1] - record.time[0]
         raise RecordError(
             f"The record is sampled at {rate:.4g} Hz and lasts {duration:.3g} s, which no test "
@@ -98,7 +96,7 @@ def _check_rate(record: Recording) -> None:
 
 
 def _check_length(record: Recording) -> None:
-    duration, shortest = float(record.time[-1] - record.time[0]), _SHORTEST / _CUTOFF
+    duration, shortest = float(record.time[-1] - record.time[0]), 10.0 / _CUTOFF
     if duration < shortest or len(record) < FEWEST:
         raise RecordError(
             f"The record is too short: {len(record)} samples in {duration:.4g} s; at least "
@@ -108,12 +106,10 @@ def _check_length(record: Recording) -> None:
 
 def _check_motion(record: Recording, actuator: BldcActuator) -> list[str]:
     envelope = current_envelope(record)
-    moves = any(
-        np.ptp(getattr(record, name)) > 0.0
-        for name in ("command", "load")
-        if getattr(record, name) is not None
-    )
-    idle = float(np.ptp(envelope)) <= _AT_REST * actuator.drive.current_limit
+    inputs = (record.channels.get(name) for name in ("command", "load"))
+    moves = any(np.ptp(values) > 0.0 for values in inputs if values is not None)
+    # noise of a sensor is less
+    idle = float(np.ptp(envelope)) <= 0.01 * actuator.drive.current_limit
     if float(envelope.max()) == 0.0:
         raise RecordError(
             "The current is zero throughout: the sensor was not connected, or another channel was "
@@ -130,23 +126,6 @@ def _check_motion(record: Recording, actuator: BldcActuator) -> list[str]:
             "that the sensor was connected, and its unit."
         ]
     return []
-
-
-def too_little_motion(record: Recording, actuator: BldcActuator) -> list[str]:
-    """Sentences on why a motion cannot tell faults.
-
-    Six sectors make a turn of the field. In half of one each pair of phases conducts, and the other
-    half repeats it with the opposite sign.
-    """
-    half = np.pi / actuator.motor.pole_pairs
-    said = "half an electrical turn: not every pair of phases takes part"
-    return little_motion(record, actuator, half, said)
-
-
-def _check_currents(record: Recording, actuator: BldcActuator) -> None:
-    limit = actuator.drive.current_limit
-    said = f"{actuator.name} limits it to {limit:g} A"
-    check_sizes(record.channels, (*CURRENTS, "bus_current"), limit, "A", said)
 
 
 def _check_voltages(record: Recording, actuator: BldcActuator) -> list[str]:

@@ -17,9 +17,7 @@ from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.zeros import COHERENT
 from ematwin.recordings.recording import Recording
 
-_BETTER = 1.05  # times the share as it is: another order or zero explains the currents
-_DOUBTFUL = 1.03  # likewise, for a warning; faulty actuators reach 1.01
-_NEARLY = 0.995  # an order as good as that beside the best zero of the angle is the simpler cause
+_DOUBTFUL = 1.03  # times the share as it is: another zero may explain the currents; faults 1.01
 
 
 def check_order(record: Recording, actuator: BldcActuator) -> list[str]:
@@ -77,13 +75,13 @@ def check_order(record: Recording, actuator: BldcActuator) -> list[str]:
     orders = {order: fit(currents[:, order], angle) for order in permutations(range(3))}
     order = max(orders, key=lambda key: orders[key].share)
     best = max(orders[order].share, zeros[sense, zero].share)
-    if best < COHERENT or best < _BETTER * given.share:
+    if best < COHERENT or best < 1.05 * given.share:
         return [
             f"Only {100 * given.share:.0f} % of the current fits the EMF shapes at the recorded "
             "motor angle, and no other order of phases or zero of the angle explains it: check "
             "the motor position, its unit and the number of pole pairs."
         ]
-    if orders[order].share >= _NEARLY * best:
+    if orders[order].share >= 0.995 * best:  # of two causes the simpler one
         # phase_order names the phases that the given channels carry: the inverse of `order`
         carried = "".join("abc"[order.index(k)] for k in range(3))
         signs = " and sign = -1 for all three" if orders[order].sign < 0 else ""

@@ -10,12 +10,14 @@ was never measured. The gain of the drive has none, since all forces scale with 
 doubts it states one. Drift is the change of friction with temperature and grease.
 """
 
-from typing import Self
+import math
+from typing import Any, Self
 
+import numpy as np
 from pydantic import model_validator
 
-from ematwin.models.linear_axis.stability import check_stability
 from ematwin.models.parameter_set import ParameterSet, Section, quantity
+from ematwin.numerics.linear_algebra import exponential, largest_share, spectral_radius
 
 # These set the grid of steps, which a batch shares: they cannot differ between candidates.
 FIXED = ("controller.sample_time", "steps.twin")
@@ -102,3 +104,63 @@ class LinearAxis(ParameterSet):
     def _controller_is_stable(self) -> Self:
         check_stability(self)
         return self
+
+
+def loop_radius(actuator: Any, share: float = 1.0) -> float:
+    """Largest magnitude of an eigenvalue of the loop; below 1 it is stable.
+
+    Parameters
+    ----------
+    actuator : LinearAxis
+    share : factor on the velocity gain
+    """
+    held = _held(actuator)
+    control = actuator.controller
+    k_v = share * control.velocity_gain
+    k_p, interval = control.position_gain, control.sample_time
+    # rows q, v, u of the next sample; columns q, v, u, and the held output c
+    loop = np.zeros((5, 5))
+    loop[:3, :3] = held[:3, :3]
+    output = np.array([-k_v * (k_p + 0.5 / interval), 0.0, 0.0, 0.0, k_v * 0.5 / interval])
+    loop[:3] += np.outer(held[:3, 3], output)
+    loop[3, 0] = loop[4, 3] = 1.0
+    return spectral_radius(loop)
+
+
+def velocity_gain_limit(actuator: Any) -> float:
+    """The velocity gain, V s/m, below which the loop is stable at its sample time; 0 if none is."""
+    share = largest_share(lambda share: loop_radius(actuator, share) < 1.0)
+    return share * float(actuator.controller.velocity_gain)
+
+
+def check_stability(actuator: Any) -> None:
+    """Raise ValueError unless the loop is stable; the message gives the limit."""
+    if loop_radius(actuator) < 1.0:
+        return
+    control = actuator.controller
+    limit = velocity_gain_limit(actuator)
+    advice = (
+        f"at that sample time and position gain the limit is {limit:.4g} V s/m"
+        if limit > 1e-6 * control.velocity_gain
+        else "at that sample time and position gain no velocity gain is stable: lower the "
+        "position gain"
+    )
+    raise ValueError(
+        f"the position loop is unstable with controller.velocity_gain "
+        f"{control.velocity_gain:.4g} V s/m at a sample time of {control.sample_time:.4g} s; "
+        f"{advice}"
+    )
+
+
+def _held(actuator: Any) -> np.ndarray:
+    """(4, 4) transition of q, v, u and the held output over a sample time."""
+    friction, drive = actuator.friction, actuator.drive
+    mass = actuator.carriage.mass
+    viscous = friction.viscous / math.sqrt(
+        max(friction.viscous_ratio, 1.0 / friction.viscous_ratio)
+    )
+    rates = np.zeros((4, 4))
+    rates[0, 1] = 1.0
+    rates[1, 1], rates[1, 2] = -viscous / mass, drive.gain / mass
+    rates[2, 2], rates[2, 3] = -1.0 / drive.response_time, 1.0 / drive.response_time
+    return exponential(rates * actuator.controller.sample_time)

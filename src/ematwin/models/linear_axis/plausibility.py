@@ -8,7 +8,7 @@ from ematwin.errors import RecordError
 from ematwin.models.base import Law
 from ematwin.models.linear_axis.parameters import LinearAxis
 from ematwin.models.linear_axis.twin import check_interval
-from ematwin.models.sizes import check_enough, check_travel_of
+from ematwin.models.plausibility import check_enough, check_travel_of
 from ematwin.recordings.recording import Recording
 
 _OTHER = 0.05  # relative, of the voltage that the controller would have given

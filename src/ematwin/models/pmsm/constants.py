@@ -1,14 +1,17 @@
-"""Candidates as the kernels take them: parameters with faults, on the motor shaft."""
+"""Candidates as the kernels take them: parameters with faults, SI on the motor shaft.
+
+Windings and voltages are of one phase, peak.
+"""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ematwin.models.pmsm.parameters import PmsmActuator
-from ematwin.models.pmsm.state import (
+from ematwin.models.pmsm.unknowns import (
     CONNECTOR,
-    Constants,
+    FIXED,
     backlash_factor,
     direction,
     flux_left,
@@ -18,11 +21,79 @@ from ematwin.models.pmsm.state import (
     sensor_gain,
     sensor_offset,
     shorted_share,
+    unknowns,
 )
-from ematwin.models.pmsm.unknowns import FIXED, unknowns
 from ematwin.numerics.side_by_side import by_candidate
 
-_LEAST = 1e-9  # share of shorted turns that stands for none
+
+class Constants(NamedTuple):
+    """What both models need of one candidate."""
+
+    pole_pairs: float
+    resistance: float  # ohm
+    l_d: float  # H
+    l_q: float  # H
+    k_e: float  # V s/rad of the shaft, amplitude; what magnets are left included
+    h_5: float
+    h_7: float
+    static_x: float  # static change of the flux with the place in the bore
+    static_y: float
+    dynamic_x: float  # the same, turning with the rotor
+    dynamic_y: float
+    added_a: float  # ohm, in the connector
+    added_b: float
+    added_c: float
+    loop_a: float  # S, current of a shorted loop seen at the terminals, per volt
+    loop_b: float
+    loop_c: float
+    decay_a: float  # of the loop's current in a step
+    decay_b: float
+    decay_c: float
+    loss_a: float  # ohm, R/mu + R_f/mu^2
+    loss_b: float
+    loss_c: float
+    v_supply: float  # V
+    v_leg: float  # V, error of a leg: dead time and drop
+    knee: float  # A
+    gain_a: float  # of the current sensors
+    gain_b: float
+    offset_a: float  # A
+    offset_b: float
+    resolver: float  # rad, electrical
+    k_position: float  # 1/s
+    k_speed: float  # N m s/rad
+    k_total: float  # N m/rad, of the integral
+    k_current: float  # V/A
+    k_voltage: float  # V/(A s), of the integral
+    w_max: float  # rad/s
+    i_max: float  # A
+    set_torque: float  # N m/A, as set in the drive
+    set_flux: float  # Wb
+    set_d: float  # H
+    set_q: float  # H
+    j_m: float  # kg m^2
+    j_o: float
+    viscous_m: float  # N m s/rad
+    viscous_o: float
+    friction_m: float  # N m, in motion
+    friction_o: float
+    static_ratio: float
+    w_stribeck: float  # rad/s
+    cogging: float  # N m
+    cogging_periods: float
+    cogging_phase: float  # rad
+    half_gap: float  # rad
+    stiffness: float  # N m/rad
+    damping: float  # N m s/rad
+    travel_low: float  # rad
+    travel_high: float  # rad
+    bristles_m: float  # N m/rad, stiffness on the motor side; 0: friction sticks without giving
+    bristles_o: float
+    bristle_damping: float  # N m s/rad, at rest
+    heating: float  # 1/W, resistance gained by a steady loss, of that at the start
+    heating_time: float  # s
+    load_gain: float  # actual over recorded load
+    load_offset: float  # N m
 
 
 def constants_of(
@@ -129,10 +200,10 @@ def _loop(motor: Any, k: Any, contact: Any, step: float) -> tuple[Any, Any, Any]
 
     Of ``mu`` shorted turns over a contact ``R_f``; docs/pmsm.md, "Shorted turns".
     """
-    mu = shorted_share(np.abs(k))  # monitoring looks a little below zero
-    some = np.maximum(mu, _LEAST)
+    mu, least = shorted_share(np.abs(k)), 1e-9  # monitoring looks a little below zero
+    some = np.maximum(mu, least)
     inside = mu * (1.0 - 2.0 * mu / 3.0)
     total = contact + inside * motor.resistance
-    rate = total / (np.maximum(inside, _LEAST) * motor.leakage)
+    rate = total / (np.maximum(inside, least) * motor.leakage)
     loss = motor.resistance / some + contact / some**2
     return np.copysign(mu * mu, k) / total, np.exp(-rate * step), np.where(mu > 0.0, loss, 0.0 * mu)

@@ -16,8 +16,10 @@ from ematwin.models.pmsm.channels import (
     in_rotor_frame,
 )
 from ematwin.models.pmsm.parameters import PmsmActuator
+from ematwin.models.pmsm.plausibility import check_phases, check_plausible, laws
+from ematwin.models.pmsm.simulate import simulate
 from ematwin.models.pmsm.unknowns import CONTRASTS, FIXED, aliases, unknowns
-from ematwin.models.servo import ServoModel, tracking_signals
+from ematwin.models.servo import ServoModel, little_motion, tracking_signals
 from ematwin.models.unknown import Alias, Contrast, Unknown
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
@@ -83,8 +85,6 @@ class PmsmModel(ServoModel):
 
     def laws(self, recording: Recording, actuator: Any) -> list[Law]:
         """Phases of a star, the drive's control of the current, sides of the gear, speed."""
-        from ematwin.models.pmsm.laws import laws
-
         return laws(self, recording, actuator)
 
     def equations(
@@ -102,9 +102,8 @@ class PmsmModel(ServoModel):
 
     def excitation(self, recording: Recording, actuator: Any) -> list[str]:
         """Whether the motor turns, and the gap is crossed."""
-        from ematwin.models.pmsm.plausibility import too_little_motion
-
-        return too_little_motion(recording, actuator)
+        said = "one turn: dynamic eccentricity does not show"
+        return little_motion(recording, actuator, 2.0 * np.pi, said)
 
     def compare(
         self, recording: Recording, actuator: Any, *, threads: int | None = None, **settings: Any
@@ -117,22 +116,16 @@ class PmsmModel(ServoModel):
 
     def check_channels(self, recording: Recording) -> None:
         """Command and currents, whole or not at all."""
-        from ematwin.models.pmsm.plausibility import check_phases
-
         check_phases(recording)
         super().check_channels(recording)
 
     def check(self, recording: Recording, actuator: Any) -> list[str]:
         """Units, limits, sides of the gear, voltages, and the start."""
-        from ematwin.models.pmsm.plausibility import check_plausible
-
         self.check_channels(recording)
         return check_plausible(recording, actuator)
 
     def simulated(self, *settings: Any) -> tuple[np.ndarray, dict[str, np.ndarray], float]:
         """The response of the reference model, or of the monitor model."""
-        from ematwin.models.pmsm.simulate import simulate
-
         return simulate(*settings)
 
     def stepped(self, actuator: Any, fidelity: str) -> Any:

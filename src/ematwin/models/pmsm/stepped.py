@@ -18,8 +18,8 @@ from ematwin.models.pmsm.batch import (
     write_reference,
 )
 from ematwin.models.pmsm.channels import phase_values
-from ematwin.models.pmsm.comparison import SETTLED, ticks_of, whole_ticks
-from ematwin.models.pmsm.constants import fields_of
+from ematwin.models.pmsm.comparison import SETTLED
+from ematwin.models.pmsm.constants import Constants, fields_of
 from ematwin.models.pmsm.controller import ControlState, control_step
 from ematwin.models.pmsm.monitor_step import MonitorState, monitor_step, terminal_currents
 from ematwin.models.pmsm.parameters import PmsmActuator
@@ -28,8 +28,7 @@ from ematwin.models.pmsm.reference_step import (
     leg_voltages,
     reference_step,
 )
-from ematwin.models.pmsm.simulate import quanta_of, substeps_of
-from ematwin.models.pmsm.state import Constants
+from ematwin.models.pmsm.simulate import quanta_of
 from ematwin.models.stepped import Stepped, initial_position
 from ematwin.numerics.compile import part
 from ematwin.numerics.scalar import sincos
@@ -45,7 +44,7 @@ _PHASES = part(phase_values)
 def stepped(actuator: PmsmActuator, fidelity: str) -> Stepped:
     """The servo, its drive holding a position, then tick by tick."""
     tick = actuator.controller.current_time
-    substeps = substeps_of(actuator, getattr(actuator.steps, fidelity))
+    substeps = actuator.substeps(getattr(actuator.steps, fidelity))
 
     def constants(candidates: Mapping[str, Any]) -> list[Any]:
         own = fields_of(actuator, candidates, tick / substeps)
@@ -61,7 +60,7 @@ def stepped(actuator: PmsmActuator, fidelity: str) -> Stepped:
         at=(0.0, 0.5),
         constant_count=_START + 1,
         starts=(initial_position(actuator),),
-        held=whole_ticks(actuator, SETTLED),
+        held=actuator.whole_ticks(SETTLED),
         **make(actuator, tick, substeps),
     )
 
@@ -93,7 +92,7 @@ def _resting(ratio: float, loops: int) -> Any:
 
 def _monitor(actuator: PmsmActuator, tick: float, substeps: int) -> dict[str, Any]:
     ratio, dt = actuator.transmission.ratio, tick / substeps
-    speed_ticks, position_ticks = (int(n) for n in ticks_of(actuator))
+    speed_ticks, position_ticks = actuator.ticks
     loops = len(MonitorState._fields)
     applied = loops + len(ControlState._fields)
 
@@ -127,7 +126,7 @@ def _monitor(actuator: PmsmActuator, tick: float, substeps: int) -> dict[str, An
 
 def _reference(actuator: PmsmActuator, tick: float, substeps: int) -> dict[str, Any]:
     ratio, dt = actuator.transmission.ratio, tick / substeps
-    speed_ticks, position_ticks = (int(n) for n in ticks_of(actuator))
+    speed_ticks, position_ticks = actuator.ticks
     of_current, of_motor, of_output = quanta_of(actuator).tolist()
     loops = len(ReferenceState._fields)
     applied = loops + len(ControlState._fields)

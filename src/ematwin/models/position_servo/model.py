@@ -8,7 +8,7 @@ import numpy as np
 
 from ematwin.models.base import Demand, Model, Signal, Values
 from ematwin.models.comparison import Candidates, TraceComparison
-from ematwin.models.position_servo.parameters import PositionServo
+from ematwin.models.position_servo.parameters import PositionServo, aliases, unknowns
 from ematwin.models.position_servo.recorded import (
     CHANNELS,
     check_units,
@@ -19,7 +19,6 @@ from ematwin.models.position_servo.recorded import (
     stretch,
     supply,
 )
-from ematwin.models.position_servo.unknowns import aliases, unknowns
 from ematwin.models.unknown import Alias, Unknown
 from ematwin.numerics.side_by_side import by_candidate
 from ematwin.recordings.recording import Recording

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ematwin.errors import RecordError
-from ematwin.models.position_servo.unknowns import unknowns
+from ematwin.models.position_servo.parameters import unknowns
 from ematwin.recordings.channel import Channel
 from ematwin.recordings.cleaning import runs
 from ematwin.recordings.recording import Recording

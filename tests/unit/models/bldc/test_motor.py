@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from ematwin.models.bldc import motor, state
 from ematwin.models.bldc.constants import kernel_constants
 from ematwin.models.bldc.faults import Faults
-from ematwin.models.bldc.pairs import equivalent_phase, pairs_of
+from ematwin.models.bldc.monitor_step import equivalent_phase, pairs_of
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.numerics.compile import plain
 from naive import monitor as naive_monitor

@@ -7,9 +7,7 @@ import pytest
 
 from ematwin.models.pmsm.batch import ANSWERS, monitor_scores
 from ematwin.models.pmsm.channels import to_rotor
-from ematwin.models.pmsm.comparison import ticks_of
-from ematwin.models.pmsm.constants import constants_of
-from ematwin.models.pmsm.state import Constants
+from ematwin.models.pmsm.constants import Constants, constants_of
 from ematwin.numerics.lanes import LANES
 from naive.pmsm import servo
 from pmsm_inputs import ACTUATOR, TICK, healthy, reference, smooth_move
@@ -51,7 +49,7 @@ def monitor(values, command, load, step=ACTUATOR.steps.monitor, actuator=ACTUATO
         answer = np.empty((LANES, 7, command.size))
         monitor_scores(
             constants, command, load, 0, np.array([c.resolver / c.pole_pairs, 0, 0, 0, 0, 0.0]),
-            step, substeps, ticks_of(ACTUATOR), np.array([1.0, 0, 0, 0, 0]),
+            step, substeps, np.array(ACTUATOR.ticks), np.array([1.0, 0, 0, 0, 0]),
             np.zeros((6, command.size)), np.zeros(6), 1, measured, np.empty(LANES), answer,
         )  # fmt: skip
         return dict(zip(ANSWERS, answer[3], strict=True))

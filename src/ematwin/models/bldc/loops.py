@@ -42,7 +42,7 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.models.bldc.truer.state import Truer, TruerState
+from ematwin.models.bldc.state import Truer, TruerState
 from ematwin.numerics.compile import part, plain
 from ematwin.numerics.scalar import clip
 
