@@ -65,11 +65,7 @@ class Comparison(ABC):
         return np.where(np.isfinite(costs), costs, np.inf)
 
     def costs_within(self, candidates: Candidates, count: int, limits: np.ndarray) -> np.ndarray:
-        """The costs (B,), where those above a limit (B,) may be given as infinite.
-
-        A comparison that adds its cost up while it simulates can stop such a candidate early. By
-        default nothing is stopped.
-        """
+        """The costs (B,), where those above a limit (B,) may be infinite: stopped early."""
         return self.costs(candidates, count)
 
     @abstractmethod
@@ -119,10 +115,7 @@ class Comparison(ABC):
         return None
 
     def exact(self, values: Mapping[str, float]) -> dict[str, np.ndarray] | None:
-        """Response of the reference model on the compared channels, (S,) arrays.
-
-        None where the kind has no reference. NaN where it diverged.
-        """
+        """Response of the reference model, (S,) arrays; None without one, NaN where it diverged."""
         return None
 
     def missed(self, values: Mapping[str, float]) -> dict[str, np.ndarray] | None:
@@ -134,10 +127,7 @@ class Comparison(ABC):
         return {name: trace - fast[name][0] for name, trace in exact.items()}
 
     def exact_residuals(self, values: Mapping[str, float]) -> np.ndarray | None:
-        """Weighted residuals (K,) of the reference model at one candidate, as `residuals` gives.
-
-        None where the kind has no reference. NaN where it diverged.
-        """
+        """Weighted residuals (K,) of the reference model, as `residuals` gives; else as `exact`."""
         missed = self.missed(values)
         if missed is None:
             return None
@@ -145,10 +135,7 @@ class Comparison(ABC):
         return np.asarray(self.with_missed(missed).residuals(one, 1)[0])
 
     def with_missed(self, missed: Mapping[str, np.ndarray]) -> "Comparison":
-        """The same comparison, the error of the twin, (S,) arrays, subtracted from the recording.
-
-        Itself where a kind cannot do that.
-        """
+        """With the error of the twin, (S,) arrays, subtracted from the recording; or itself."""
         return self
 
     def noise_weights(self, residuals: np.ndarray) -> np.ndarray:
@@ -156,10 +143,9 @@ class Comparison(ABC):
         return np.ones(residuals.size)
 
     def reweighed(self, residuals: np.ndarray) -> "Comparison":
-        """The same comparison with each channel weighed by the noise that residuals (K,) show.
+        """With each channel weighed by the noise that residuals (K,) at a good point show.
 
-        ``residuals`` belong to a good point. Itself where one channel is compared, whose noise
-        `with_shown_noise` finds.
+        Itself where one channel is compared, whose noise `with_shown_noise` finds.
         """
         return self
 
@@ -168,10 +154,9 @@ class Comparison(ABC):
         return self
 
     def beside(self, others: "Sequence[Comparison]") -> "Comparison":
-        """The same comparison where ``others`` (this one among them) count with it.
+        """The same comparison where ``others`` (this one among them) count with it; or itself.
 
-        A kind whose twin misses the same in each repetition of a motion has fewer `independent`
-        residuals then. Itself by default.
+        A twin that misses the same in each repetition has fewer `independent` residuals.
         """
         return self
 
@@ -215,9 +200,8 @@ class TraceComparison(Comparison):
             )
         self._measured = {name: channels[name] for name in self._noise}
         self._target = self._measured
-        self.scale = float(
-            sum(np.sum((trace / self._noise[n]) ** 2) for n, trace in self._target.items())
-        )
+        squares = (np.sum((trace / self._noise[n]) ** 2) for n, trace in self._target.items())
+        self.scale = float(sum(squares))
         if self.scale == 0.0:
             raise RecordError(
                 f"{recording.name} holds nothing but zeros in {', '.join(self._noise)}: nothing "

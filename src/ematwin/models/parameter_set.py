@@ -208,16 +208,13 @@ class ParameterSet(BaseModel):
     @classmethod
     def shipped(cls) -> dict[str, Path]:
         """Names and files of the sets of this kind that come with ematwin."""
-        files = {path.stem: path for path in sorted(folder_of(cls.__module__).glob("*.toml"))}
-        if "." in cls.__module__:
-            return files
-        # a module in no package may lie beside anything
-        own = re.compile(rf"""^kind\s*=\s*["']{re.escape(cls.kind)}["']""", re.MULTILINE)
-        return {
-            name: path
-            for name, path in files.items()
-            if own.search(path.read_text(encoding="utf-8", errors="replace"))
-        }
+        files = sorted(folder_of(cls.__module__).glob("*.toml"))
+        if "." not in cls.__module__:  # a module in no package may lie beside anything
+            own = re.compile(rf"""^kind\s*=\s*["']{re.escape(cls.kind)}["']""", re.MULTILINE)
+            files = [
+                f for f in files if own.search(f.read_text(encoding="utf-8", errors="replace"))
+            ]
+        return {path.stem: path for path in files}
 
     def changed(self, values: dict[str, float]) -> Self:
         """A variant with some values replaced, e.g. ``{"motor.resistance": 2.3}``, in SI.
@@ -301,8 +298,9 @@ class ParameterSet(BaseModel):
     def to_frame(self) -> Any:
         """A pandas DataFrame with a row for each parameter, by its place; needs pandas."""
         names = ("place", "value", "unit", "meaning", "source")
-        rows = (dict(zip(names, row, strict=True)) for row in self.parameters())
-        return frame_of_rows(rows, "place")
+        return frame_of_rows(
+            (dict(zip(names, row, strict=True)) for row in self.parameters()), "place"
+        )
 
     to_dataframe = to_frame
 
@@ -330,13 +328,7 @@ class ParameterSet(BaseModel):
     def varied(self, candidates: Mapping[str, Any], fixed: Collection[str] = ()) -> Self:
         """The variant that candidates ask for by place, (B,) values each; itself if they name none.
 
-        ``fixed`` are places that cannot differ between candidates; what else candidates hold is
-        left alone.
-
-        Raises
-        ------
-        InputError
-            If a fixed parameter is named.
+        `InputError` for places that are ``fixed``; what else candidates hold is left alone.
         """
         places = {name: values for name, values in candidates.items() if "." in name}
         for place in fixed:
@@ -363,9 +355,7 @@ class ParameterSet(BaseModel):
         Tolerances of the kind are not repeated.
         """
         given = sources or {}
-        table: dict[str, Any] = {
-            "kind": self.kind, "name": self.name, "description": self.description,
-        }  # fmt: skip
+        table: dict[str, Any] = dict(kind=self.kind, name=self.name, description=self.description)
         for place, value, unit, _, source in self.parameters():
             section, name = place.split(".")
             entry = {"value": value, "unit": unit, "source": given.get(place, source)}

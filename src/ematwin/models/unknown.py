@@ -177,9 +177,8 @@ class Unknown:
 
     def physical_value(self, actuator: Any, value: float) -> PhysicalValue:
         """Physical value on an actuator."""
-        if self.physical is None:
-            now, healthy = value, self.healthy
-        else:
+        now, healthy = value, self.healthy
+        if self.physical is not None:
             now, healthy = self.physical(actuator, value), self.physical(actuator, self.healthy)
         unit = self.unit if self.physical_unit is None else self.physical_unit
         return PhysicalValue(
@@ -271,13 +270,10 @@ def physical_values(
 ) -> list[PhysicalValue]:
     """Physical values, on an actuator, of the unknowns that have a value."""
     rows = []
-    for one in unknowns:
-        if one.name not in values:
-            continue
+    for one in (one for one in unknowns if one.name in values):
         row = one.physical_value(actuator, values[one.name])
         if one.direction_of is not None and values.get(one.direction_of) == 0.0:
-            without = f"{row.meaning} (no meaning without {one.direction_of})"
-            row = row._replace(meaning=without)
+            row = row._replace(meaning=f"{row.meaning} (no meaning without {one.direction_of})")
         rows.append(row)
     return rows
 
@@ -290,6 +286,5 @@ def no_unknown(name: str, actuator: Any, unknowns: Sequence[Unknown]) -> InputEr
     hint = f"Did you mean {close[0]}? " if close else ""
     return InputError(
         f"Unknown fault {name!r}. {hint}The faults are {', '.join(known)}; parameters are named "
-        "by their place, such as "
-        f"{places[0]}."
+        f"by their place, such as {places[0]}."
     )

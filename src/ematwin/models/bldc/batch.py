@@ -64,26 +64,19 @@ def at(values, place):
 
 @loop
 def reference_trace(k, command, load, state, c, dt, substeps, decimation, truer, more):
-    """Simulate the reference model from a state on.
+    """((G - 1) // decimation, 15) trace of the reference model, columns as in `REFERENCE_COLUMNS`.
+
+    Samples are those after the start; a current or voltage is the mean over the interval that ends
+    at its sample.
 
     Parameters
     ----------
     k : (8,) array, fault vector
-    command, load : (G,) arrays, output command (rad) and load (N m) on the motor shaft, on a
-        uniform grid; straight lines between its points
-    state : (11,) array, the fields of `ReferenceState`; holds the last state afterwards, so that
-        a long simulation can go on from there
-    c : Constants
-    dt : float, step, s
-    substeps : int, steps from one grid point to the next
-    decimation : int, grid intervals from one sample to the next
-    truer : Truer, constants of the truer forms
-    more : (19,) array, the fields of `TruerState`, kept like ``state``
-
-    Returns
-    -------
-    ((G - 1) // decimation, 15) array, columns as in `REFERENCE_COLUMNS`, the samples after the
-        start; a current or voltage is the mean over the interval that ends at its sample
+    command, load : (G,) arrays on a uniform grid, rad and N m on the motor shaft; straight lines
+    state : (11,) array, the fields of `ReferenceState`; and ``more`` (19,), those of `TruerState`.
+        Both hold the last state afterwards, so that a long simulation can go on from there
+    dt : step, s; ``substeps`` from one grid point to the next
+    decimation : grid intervals from one sample to the next
     """
     fault = fault_state(k, c.half_gap)
     rows, more_rows = state.reshape(-1, 1), more.reshape(-1, 1)
@@ -121,15 +114,11 @@ def reference_trace(k, command, load, state, c, dt, substeps, decimation, truer,
 
 @loop
 def monitor_trace(k, command, load, state, c, dt, substeps, decimation, loops):
-    """Simulate the monitor model; arguments as in `reference_trace`.
+    """((G - 1) // decimation, 6) trace of the monitor model, columns as in `MONITOR_COLUMNS`.
 
-    ``state`` (7,) holds the fields of `MonitorState`; ``loops`` is None where shorted turns are
-    missing, or (4,), the fields of `Loops`, kept like ``state``: numba compiles the cases apart.
-
-    Returns
-    -------
-    ((G - 1) // decimation, 6) array, columns as in `MONITOR_COLUMNS`; the current is signed, the
-        power is electrical, into the motor
+    As `reference_trace`. ``state`` (7,) holds the fields of `MonitorState`; ``loops`` is None where
+    shorted turns are missing, or (4,), the fields of `Loops`: numba compiles the cases apart. The
+    current is signed, the power electrical, into the motor.
     """
     fault = fault_state(k, c.half_gap)
     pairs = pairs_of(fault, c)
@@ -178,29 +167,23 @@ def monitor_scores(
     ----------
     k : (B, 8) array, fault vectors; B a multiple of `LANES`
     commands, loads : (S,) arrays at the samples of the record, on the motor shaft; straight lines
-        between
-    starts : (N,) integer array, the sample at which each stretch begins
-    samples : int, of each stretch
-    states : (N, 7) array, the fields of `MonitorState` at the first sample of each
-    c : Constants that all candidates share
+    starts : (N,) samples at which the stretches begin, of ``samples`` each
+    states : (N, 7) array, the fields of `MonitorState` there
     by_candidate : None; or (B, 35) array, the fields of `Constants` of each candidate, in place of
-        ``c``. numba compiles the two cases apart, so that shared constants stay scalars
-    dt : float, step, s
-    substeps : int, steps from one sample to the next
+        ``c``, which all share. numba compiles the cases apart, so that these stay scalars
+    dt : step, s; ``substeps`` from one sample to the next
     taps : (N, 7) array, low-pass ``b0 b1 b2 a1 a2`` and its state ``z1 z2`` at each start
     rectify : bool, compare the magnitude of the current
     targets, weights : (S,) arrays, filtered current of the record (A) and weight of each sample
     costs : (N, B) array, filled with sum(weight (target - filtered current)^2) of the samples after
         the first; infinite where a candidate diverged or has passed its limit
-    responses : (N, B, K) array, filled with every ceil(samples/K)-th sample of the filtered
-        currents; K is 0 to keep none
+    responses : (N, B, K) array, filled with every ceil(samples/K)-th filtered current; K may be 0
     power : None; or a pair: (N, 2) array, state of the low-pass of the electrical power at each
         start, and (N, B, K) array, filled with as many samples of the power, W
-    limits : (B,) array, costs above which a candidate is not wanted. Costs only rise with the
-        samples, so that it is simulated only until that shows, unless responses are kept. The other
-        costs are the same bit for bit, whatever the limits
+    limits : (B,) costs above which a candidate is not wanted. Costs only rise, so that it is
+        simulated only until that shows, unless responses are kept; others are the same bit for bit
     loops : None where shorted turns are missing; or (N, 4) array, the fields of `Loops` at the
-        first sample of each stretch. numba compiles the two cases apart
+        first sample of each stretch
     """
     wide_vectors()
     keep = responses.shape[2] > 0

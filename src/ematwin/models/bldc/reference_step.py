@@ -34,8 +34,6 @@ from ematwin.numerics.friction import advance_mobile, loaded_friction
 from ematwin.numerics.lugre import advance_on_bristles, fading, sliding_torque
 from ematwin.numerics.scalar import clip, lag
 
-_HALF = 1e-12  # of the supply across the pair: a drive of 0 would mean that a leg is off
-
 
 class ReferenceState(NamedTuple):
     """State of the reference model, and its energies since the start."""
@@ -106,7 +104,7 @@ def drive(state, more, command, kappas, fault, c, truer, dt):
     )  # fmt: skip
     modulated = left_of_voltage(voltage[0], i_pair, truer) / now.v_supply
     share = modulated if truer.current_gain > 0.0 else pair_sign
-    share = _HALF if share == 0.0 else share
+    share = 1e-12 if share == 0.0 else share  # 0 would mean that a leg is off
     g_a, g_b, g_c = g_a * share, g_b * share, g_c * share
 
     e_a, e_b, e_c = kappa_a * state.w_m, kappa_b * state.w_m, kappa_c * state.w_m

@@ -14,7 +14,6 @@ from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 
 COMPARED = ("voltage", "position_error")
-_MISSED = 0.02  # share of a channel's spread that the twin leaves, and that weighs its residuals
 
 
 class LinearAxisModel(Model):
@@ -37,8 +36,6 @@ class LinearAxisModel(Model):
     command = "reference"
     disturbance = "pulses"
     needs = ("voltage", "position")
-    # the fit takes up part of what the twin misses (docs/linear-axis.md)
-    model_error = 2.5
     nominal: ClassVar[Mapping[str, float]] = {
         "carriage.mass": 1.25,
         "friction.coulomb": 1.5,
@@ -131,11 +128,8 @@ class LinearAxisModel(Model):
 
     def noise(self, actuator: Any, recording: Recording) -> dict[str, float]:
         """Usual residual of voltage (V) and position error (m): 2 % of their spread."""
-        return {
-            name: _MISSED * float(recording.channels[name].std()) or 1.0
-            for name in COMPARED
-            if name in recording.channels
-        }
+        known = (name for name in COMPARED if name in recording.channels)
+        return {name: 0.02 * float(recording.channels[name].std()) or 1.0 for name in known}
 
     def compare(
         self, recording: Recording, actuator: Any, *, threads: int | None = None, **settings: Any

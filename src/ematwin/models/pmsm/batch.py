@@ -72,7 +72,10 @@ def read_by_drive(
 
 @loop
 def reference_trace(command, load, state, control, c, dt, substeps, ticks, quanta, every, count):
-    """Simulate the reference model from a state on.
+    """(ceil(count/every), 20) trace of the reference model, columns as in `REFERENCE_COLUMNS`.
+
+    Currents, voltages and positions are as the drive reads and commands them, the others as they
+    are; voltages at the terminals are means over the tick before, against the middle of the link.
 
     Parameters
     ----------
@@ -81,19 +84,11 @@ def reference_trace(command, load, state, control, c, dt, substeps, ticks, quant
     state : (15,) array, the fields of `ReferenceState`
     control : (12,) array, the fields of `ControlState` and the voltages at the terminals in the
         tick before; both hold the last ones afterwards
-    c : Constants, for the step
     dt, substeps : step (s), and how many make a tick
     ticks : (2,) integer array, ticks of the speed and the position loop
     quanta : (3,) array, steps of current converters (A), of motor and output encoder (rad on the
         motor shaft); 0 for perfect ones
-    every : int, ticks from one sample to the next
-    count : int, ticks that are simulated: K + 1 to the end, K where a later call goes on
-
-    Returns
-    -------
-    (ceil(count/every), 20) array, columns as in `REFERENCE_COLUMNS`; currents, voltages and
-    positions as the drive reads and commands them, the others as they are; of the voltages at the
-    terminals the mean over the tick before, against the middle of the link (zero at first)
+    every, count : ticks from one sample to the next, and in all: K where a later call goes on
     """
     rows, control_rows = state.reshape(-1, 1), control.reshape(-1, 1)
     now, loops = read_reference(rows, 0), loops_of(control_rows, 0)
@@ -158,15 +153,14 @@ def monitor_scores(
     constants : (B, 65) array, the fields of `Constants`; B a multiple of `LANES`
     command, load : (P + K + 1,) arrays, at the ticks of the current loops, rad and N m on the
         motor shaft; the load runs in straight lines between
-    before : int, P, ticks that settle the start and are not compared; whole samples of all loops
+    before : P ticks that settle the start and are not compared; whole samples of all loops
     start : (6,) array, angle of the motor as read (rad), its speed (rad/s), angle and speed of the
         output, i_d and i_q (A); with a ``before`` the motor stands where the output does
-    dt, substeps : step (s), and how many make a tick
-    ticks : (2,) integer array, ticks of the speed and the position loop
+    dt, substeps, ticks : as of `reference_trace`
     taps : (5,) array, low-pass ``b0 b1 b2 a1 a2``
     target : (6, ceil((K + 1)/every)) array, the filtered recording, rows as in `ANSWERS`
     weight : (6,) array, of the squares of the differences
-    every : int, ticks from one compared sample to the next
+    every : ticks from one compared sample to the next
     measured : bool, v_q and v_d are not those commanded, but at the terminals, the mean over the
         tick before
     costs : (B,) array, filled with the weighted sums of squares

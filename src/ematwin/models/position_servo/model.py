@@ -23,9 +23,6 @@ from ematwin.models.unknown import Alias, Unknown
 from ematwin.numerics.side_by_side import by_candidate
 from ematwin.recordings.recording import Recording
 
-_READ = 0.004
-_LATE = 0.003  # s, by which reads and goals on a bus come sooner or later
-
 
 class PositionServoModel(Model):
     """Position of a geared DC servo with its controller inside; docs/position-servo.md."""
@@ -62,9 +59,10 @@ class PositionServoModel(Model):
         """Standard deviation of each sample of the position, (S,) rad."""
         false = stretch(recording, actuator).false
         moved = smooth(recording, false, 0, len(recording))
+        read, late = 0.004, 0.003  # rad; s, by which reads and goals on a bus come sooner or later
         # time that a target at its speed limit loses to a late goal stays lost until the goal turns
-        lost = _LATE * actuator.controller.speed_limit * limited(recording, actuator)
-        noise = np.sqrt(_READ**2 + (_LATE * moved.speed) ** 2 + lost**2)
+        lost = late * actuator.controller.speed_limit * limited(recording, actuator)
+        noise = np.sqrt(read**2 + (late * moved.speed) ** 2 + lost**2)
         # at rest, or hunting within its play, it is off by one error: all samples count as one
         for a, b in rests(moved.position, actuator.gear.backlash, recording.interval):
             noise[a:b] *= math.sqrt(b - a)

@@ -16,8 +16,6 @@ from pydantic import model_validator
 from ematwin.models.parameter_set import ParameterSet, Section, quantity
 from ematwin.models.unknown import Alias, Unknown, multiple
 
-_ZERO = 0.005  # rad, by which the zero of an encoder may move between recordings
-
 
 class ServoController(Section):
     """The firmware between the goal and the motor."""
@@ -149,7 +147,8 @@ def unknowns(actuator: PositionServo) -> tuple[Unknown, ...]:
         Unknown("delay", "", "delay of the goal, as a multiple of the healthy one",
                 1.0, 1.0, 5.0, logarithmic=True, physical_unit="ms",
                 physical=lambda a, k: 1e3 * a.controller.delay * k),
-        Unknown("offset", "rad", "zero of the encoder", 0.0, -0.3, 0.3, "nuisance", spread=_ZERO),
+        # by so much it may move between recordings
+        Unknown("offset", "rad", "zero of the encoder", 0.0, -0.3, 0.3, "nuisance", spread=0.005),
     )  # fmt: skip
 
 
