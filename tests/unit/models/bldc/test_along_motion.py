@@ -286,10 +286,3 @@ def test_shapes_along_a_motion_are_those_of_the_naive_windings():
     slow = 2.0 * np.array([windings.kappa(x) for x in turned]) / actuator.motor.emf_constant
     shapes = motion.shapes(actuator.emf, actuator.torque_ripple)[::40]
     np.testing.assert_allclose(shapes, slow, atol=1e-6)
-
-
-def test_a_motion_needs_both_positions():
-    record = recorded(another_actuator.Structure(), PLAIN, 0.05)
-    assert along_motion.has_motion(record)
-    left = {name: x for name, x in record.channels.items() if name != "output_position"}
-    assert not along_motion.has_motion(type(record)(record.time, left, units=record.units))

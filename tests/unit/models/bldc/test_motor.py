@@ -27,11 +27,6 @@ def fault(**values):
 
 
 @given(angles)
-def test_trapezoid_is_that_of_the_naive_version(theta):
-    assert motor.trapezoid(theta) == pytest.approx(naive_motor.trapezoid(theta), abs=1e-9)
-
-
-@given(angles)
 def test_trapezoid_is_a_clipped_triangle_odd_and_a_sixth_turn_periodic(theta):
     f = motor.trapezoid(theta)
     triangle = 6.0 / math.pi * math.asin(math.sin(theta))

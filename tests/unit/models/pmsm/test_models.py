@@ -1,7 +1,5 @@
 """Reference and monitor model against the naive servo, which has coils and no closed forms."""
 
-import math
-
 import numpy as np
 import pytest
 
@@ -132,11 +130,3 @@ def test_monitor_with_bristles_is_the_reference_with_them():
         print(f"{name}: {gap:.2f} %, without bristles {without[name]:.2f} %")
         assert gap < 1.0, f"{name} differs by {gap:.2f} %"
         assert without[name] > 1.5 * gap
-
-
-def test_the_case_with_a_short_draws_a_current_worth_the_name():
-    command, load = motion()
-    drawn = reference(ACTUATOR, healthy(short_b=0.8), command, load)["loop_b"]
-    assert np.abs(drawn).max() > 0.5
-    # by 0.27 of the turns: the loop itself carries four times as much
-    assert np.abs(drawn).max() / (0.3 * math.sqrt(0.8)) > 2.0
