@@ -330,8 +330,8 @@ class Model(ABC):
     def simulate(
         self, actuator: Any, scenario: Scenario, values: Values, **options: Any
     ) -> Recording:
-        """The response to a scenario; ``options`` as in `ematwin.models.simulated.of_twin`."""
-        from ematwin.models.simulated import of_twin
+        """The response to a scenario; ``options`` as in `ematwin.models.simulating.of_twin`."""
+        from ematwin.models.simulating import of_twin
 
         return of_twin(self, actuator, scenario, values, **options)
 

@@ -23,6 +23,20 @@ class Steps(Section):
     monitor: float = quantity("s", "step of the monitor model", exact=True, gt=0)
 
 
+class TwinSteps(Section):
+    """Fixed step of the twin."""
+
+    twin: float = quantity("s", "step of the twin, at most", exact=True, gt=0)
+
+    def check(self, least: float, longest: float, why: str) -> None:
+        """Raise ValueError unless the step lies between two limits, s."""
+        if not least <= self.twin <= longest:
+            raise ValueError(
+                f"steps.twin must lie between {least:g} and {longest:.3g} s, {why}, received "
+                f"{self.twin:.3g} s; change it"
+            )
+
+
 class ServoParameters(ParameterSet):
     """A parameter set whose models can follow their steps."""
 

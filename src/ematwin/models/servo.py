@@ -13,7 +13,7 @@ import numpy as np
 from ematwin.errors import InputError, ParameterError, RecordError
 from ematwin.models.base import Candidates, Law, Model, Progress, Signal, Values
 from ematwin.models.scenario import Scenario
-from ematwin.models.simulated import recording_of
+from ematwin.models.simulating import recording_of
 from ematwin.models.unknown import Unknown
 from ematwin.recordings.channel import Channel, Derivation
 from ematwin.recordings.noise import Noise

@@ -8,11 +8,7 @@ import numpy as np
 
 from ematwin.errors import RecordError
 from ematwin.models.ball_screw.parameters import FIXED, BallScrew
-from ematwin.models.ball_screw.step import (
-    BallScrewConstants,
-    ball_screw_at_rest,
-    ball_screw_traces,
-)
+from ematwin.models.ball_screw.step import BallScrewConstants, ball_screw_at_rest, ball_screw_traces
 from ematwin.models.stepped import Stepped, stepped_of
 from ematwin.numerics.compile import plain
 

@@ -31,12 +31,7 @@ from ematwin.models.bldc.loops import started
 from ematwin.models.bldc.motor import KEPT_5, KEPT_7, SINE
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import balanced
-from ematwin.models.bldc.reference_step import (
-    ReferenceState,
-    all_emf_constants,
-    drive,
-    more_after,
-)
+from ematwin.models.bldc.reference_step import ReferenceState, all_emf_constants, drive, more_after
 from ematwin.models.bldc.simulate import INPUT_INTERVAL, TimeGrid, phases_of
 from ematwin.models.bldc.state import TruerState, fault_state
 from ematwin.models.bldc.unknowns import HELD, UNKNOWNS

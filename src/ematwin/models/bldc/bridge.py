@@ -6,11 +6,7 @@ EMF, so that the bridge, its diodes included, is the same with them and without.
 
 from typing import NamedTuple
 
-from ematwin.models.bldc.inverter import (
-    advance_phase,
-    share_until_blocked,
-    terminal_voltages,
-)
+from ematwin.models.bldc.inverter import advance_phase, share_until_blocked, terminal_voltages
 from ematwin.models.bldc.motor import loop_answer, phase_inductance
 from ematwin.numerics.compile import part, step
 from ematwin.numerics.scalar import clip

@@ -13,6 +13,7 @@ from typing import Self
 
 import numpy as np
 
+from ematwin.models.bldc import unknowns as table
 from ematwin.models.bldc.channels import PHASES, phase_currents
 from ematwin.models.bldc.constants import constants_by_candidate, kernel_constants
 from ematwin.models.bldc.envelope import equivalent_current
@@ -27,14 +28,6 @@ from ematwin.models.bldc.stretches import (
     initial_state,
     recorded_power,
     scores,
-)
-from ematwin.models.bldc.unknowns import (
-    HELD,
-    MODEL_ERROR,
-    POWER,
-    REFERENCE_ALONE,
-    SENSOR,
-    UNKNOWNS,
 )
 from ematwin.models.bldc.zeros import counted, turned
 from ematwin.models.comparison import Candidates, Comparison, Placed
@@ -77,7 +70,7 @@ class BldcComparison(Comparison):
 
     kept: int  # samples of a response, at most
     _stands_for = 1  # samples as recorded, each sample
-    model_error, has_reference = MODEL_ERROR, True
+    model_error, has_reference = table.MODEL_ERROR, True
     power: Power | None = None  # where it counts as evidence
     _filtered_power: PowerStretches | None = None
     _missed: Mapping[str, np.ndarray] | None = None
@@ -109,9 +102,9 @@ class BldcComparison(Comparison):
         current = None if self.rectify else float(self.current[0])
         self.state = initial_state(recording, actuator, current)
         self.constants = kernel_constants(actuator)
-        self.ignores = frozenset(POWER if actuator.integrates else (*POWER, HELD))
+        self.ignores = frozenset(table.POWER if actuator.integrates else (*table.POWER, table.HELD))
         self.unseen = frozenset(
-            place for place, *_ in actuator.parameters() if place.startswith(REFERENCE_ALONE)
+            place for place, *_ in actuator.parameters() if place.startswith(table.REFERENCE_ALONE)
         )
         self.threads = threads or cores()
         self._filter(low_pass or LowPass())
@@ -171,7 +164,7 @@ class BldcComparison(Comparison):
         other = copy.copy(self)
         other.power = power
         unseen = {"voltage_drop"} if power.by_phases else set()
-        other.ignores = self.ignores - set(POWER) | unseen
+        other.ignores = self.ignores - set(table.POWER) | unseen
         other._filter_power()
         return other
 
@@ -380,10 +373,10 @@ class BldcComparison(Comparison):
 
     def batch(self, candidates: Candidates, count: int) -> Batch:
         """Candidates as the kernel takes them."""
-        faults = np.empty((count, len(UNKNOWNS)))
-        for n, one in enumerate(UNKNOWNS):
+        faults = np.empty((count, len(table.UNKNOWNS)))
+        for n, one in enumerate(table.UNKNOWNS):
             faults[:, n] = candidates.get(one.name, one.healthy)
-        sensor = {name: candidates[name] for name in SENSOR if name in candidates}
+        sensor = {name: candidates[name] for name in table.SENSOR if name in candidates}
         return Batch(faults, constants_by_candidate(self.actuator, candidates, count), sensor)
 
     def run(

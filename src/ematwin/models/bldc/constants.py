@@ -32,10 +32,7 @@ _STATED = {
 
 
 def kernel_constants(
-    actuator: BldcActuator,
-    load_gain: Any = 1.0,
-    load_offset: Any = 0.0,
-    load_delay: Any = 0.0,
+    actuator: BldcActuator, load_gain: Any = 1.0, load_offset: Any = 0.0, load_delay: Any = 0.0
 ) -> Constants:
     """Constants of the equations in docs/models.md, SI, phase values, on the motor shaft.
 

@@ -41,13 +41,7 @@ def projected(currents: np.ndarray, theta_e: np.ndarray) -> np.ndarray:
 
 
 def current_envelope(record: Recording) -> np.ndarray:
-    """(S,) array, A, never negative: envelope of the phases, or magnitude of ``current``.
-
-    Raises
-    ------
-    RecordError
-        If it has neither.
-    """
+    """(S,) array, A, never negative: envelope of the phases, or magnitude of ``current``."""
     currents = phase_currents(record)
     if currents is not None:
         return np.asarray(0.5 * np.abs(currents).sum(axis=1))

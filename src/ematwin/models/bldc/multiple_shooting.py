@@ -15,12 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from ematwin.models.bldc.comparison import BldcComparison
-from ematwin.models.bldc.stretches import (
-    PowerStretches,
-    Stretches,
-    initial_state,
-    with_speeds,
-)
+from ematwin.models.bldc.stretches import PowerStretches, Stretches, initial_state, with_speeds
 from ematwin.models.comparison import Candidates, Comparison
 from ematwin.numerics.signals import filtered
 from ematwin.recordings.recording import Recording

@@ -23,16 +23,7 @@ from typing import Self
 
 from pydantic import model_validator
 
-from ematwin.models.bldc.sections import (
-    Cogging,
-    Compliance,
-    CurrentLoop,
-    Eccentricity,
-    Emf,
-    Encoder,
-    ShortedTurns,
-    SpeedLoop,
-)
+from ematwin.models.bldc import sections as form
 from ematwin.models.bldc.stability import check_current_loop, check_speed_loop
 from ematwin.models.parameter_set import Section, quantity
 from ematwin.models.sections import (
@@ -142,26 +133,26 @@ class BldcActuator(ServoParameters):
     controller: Controller
     transmission: Transmission
     steps: Steps
-    shorted_turns: ShortedTurns | None = None
-    eccentricity: Eccentricity | None = None
-    emf: Emf | None = None
-    cogging: Cogging | None = None
-    speed_loop: SpeedLoop | None = None
-    current_loop: CurrentLoop | None = None
-    compliance: Compliance | None = None
+    shorted_turns: form.ShortedTurns | None = None
+    eccentricity: form.Eccentricity | None = None
+    emf: form.Emf | None = None
+    cogging: form.Cogging | None = None
+    speed_loop: form.SpeedLoop | None = None
+    current_loop: form.CurrentLoop | None = None
+    compliance: form.Compliance | None = None
     torque_ripple: TorqueRipple | None = None
     presliding: StribeckPresliding | None = None
     winding_heat: WindingHeat | None = None
     supply: Supply | None = None
-    encoder: Encoder | None = None
+    encoder: form.Encoder | None = None
 
     @property
-    def contact(self) -> Compliance:
+    def contact(self) -> form.Compliance:
         """Stiffness and damping between motor and output: of the gear, else of its contact."""
         gear = self.transmission
         if self.compliance is not None:
             return self.compliance
-        return Compliance.model_construct(
+        return form.Compliance.model_construct(
             stiffness=gear.contact_stiffness, damping=gear.contact_damping
         )
 

@@ -21,11 +21,7 @@ from ematwin.models.bldc.bridge import (
     phase_constants,
 )
 from ematwin.models.bldc.inverter import gate_signals, hysteresis, pair_current
-from ematwin.models.bldc.loops import (
-    advance_current_loop,
-    advance_speed_loop,
-    left_of_voltage,
-)
+from ematwin.models.bldc.loops import advance_current_loop, advance_speed_loop, left_of_voltage
 from ematwin.models.bldc.motor import cogging_torque, hall_sector, split_short, truer_emf_constants
 from ematwin.models.bldc.state import TruerState
 from ematwin.numerics.backlash import contact_torque, stop_at_ends

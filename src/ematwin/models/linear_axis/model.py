@@ -8,6 +8,7 @@ import numpy as np
 from ematwin.models.base import Demand, Law, Model, Signal, Values
 from ematwin.models.comparison import Candidates
 from ematwin.models.linear_axis.parameters import FIXED, LinearAxis
+from ematwin.models.linear_axis.plausibility import check_signals, controller_law, missing_motion
 from ematwin.models.unknown import Alias, Contrast, Unknown, multiple
 from ematwin.recordings.channel import Channel, Derivation
 from ematwin.recordings.noise import Noise
@@ -142,21 +143,15 @@ class LinearAxisModel(Model):
 
     def check(self, recording: Recording, actuator: Any) -> list[str]:
         """Sampling, units, signs, and whether the recorded controller is the stated one."""
-        from ematwin.models.linear_axis.plausibility import check_signals
-
         self.check_channels(recording)
         return check_signals(recording, actuator)
 
     def laws(self, recording: Recording, actuator: Any) -> list[Law]:
         """The controller gives the voltage that its inputs ask for."""
-        from ematwin.models.linear_axis.plausibility import controller_law
-
         return [controller_law(recording, actuator)]
 
     def excitation(self, recording: Recording, actuator: Any) -> list[str]:
         """It has to move both ways."""
-        from ematwin.models.linear_axis.plausibility import missing_motion
-
         return missing_motion(recording)
 
     def rate_of(self, actuator: Any) -> float:

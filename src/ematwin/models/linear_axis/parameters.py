@@ -17,6 +17,7 @@ import numpy as np
 from pydantic import model_validator
 
 from ematwin.models.parameter_set import ParameterSet, Section, quantity
+from ematwin.models.sections import TwinSteps
 from ematwin.numerics.linear_algebra import exponential, largest_share, spectral_radius
 
 # These set the grid of steps, which a batch shares: they cannot differ between candidates.
@@ -72,12 +73,6 @@ class AxisController(Section):
     )
 
 
-class AxisSteps(Section):
-    """Fixed step of the model."""
-
-    twin: float = quantity("s", "step of the model, at most", exact=True, gt=0)
-
-
 class LinearAxis(ParameterSet):
     """One linear axis, all values in SI, at the carriage."""
 
@@ -88,16 +83,11 @@ class LinearAxis(ParameterSet):
     friction: AxisFriction
     drive: AxisDrive
     controller: AxisController
-    steps: AxisSteps
+    steps: TwinSteps
 
     @model_validator(mode="after")
     def _step_resolves_the_controller(self) -> Self:
-        sample_time = self.controller.sample_time
-        if not 1e-6 <= self.steps.twin <= sample_time:
-            raise ValueError(
-                f"steps.twin must lie between 1e-6 s and the sample time of {sample_time:.3g} s, "
-                f"received {self.steps.twin:.3g} s; change it"
-            )
+        self.steps.check(1e-6, self.controller.sample_time, "the sample time")
         return self
 
     @model_validator(mode="after")

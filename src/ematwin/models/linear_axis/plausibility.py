@@ -7,7 +7,6 @@ import numpy as np
 from ematwin.errors import RecordError
 from ematwin.models.base import Law
 from ematwin.models.linear_axis.parameters import LinearAxis
-from ematwin.models.linear_axis.twin import check_interval
 from ematwin.models.plausibility import check_enough, check_travel_of
 from ematwin.recordings.recording import Recording
 
@@ -42,6 +41,17 @@ def check_signals(recording: Recording, actuator: LinearAxis) -> list[str]:
             "travel; one of the two has another unit, sign or origin."
         )
     return _check_controller(recording, actuator)
+
+
+def check_interval(actuator: LinearAxis, recording: Recording) -> None:
+    """Raise `RecordError` unless a recording is sampled with the controller."""
+    sample_time = actuator.controller.sample_time
+    if abs(recording.interval - sample_time) > 0.01 * sample_time:
+        raise RecordError(
+            f"{recording.name} is sampled every {recording.interval:.6g} s and the controller of "
+            f"{actuator.name} every {sample_time:.6g} s; the twin needs one sample for each update "
+            "of the controller. Record at that rate, or correct controller.sample_time."
+        )
 
 
 def controller_voltage(recording: Recording, actuator: LinearAxis) -> np.ndarray:

@@ -8,6 +8,7 @@ import numpy as np
 
 from ematwin.errors import RecordError
 from ematwin.models.linear_axis.parameters import FIXED, LinearAxis
+from ematwin.models.linear_axis.plausibility import check_interval
 from ematwin.models.linear_axis.step import AxisConstants, AxisState, axis_at_rest, axis_traces
 from ematwin.models.stepped import Stepped, stepped_of
 from ematwin.recordings.recording import Recording
@@ -148,14 +149,3 @@ def _traces(
         threads=threads,
     )  # fmt: skip
     return found["voltage"], found["position"]
-
-
-def check_interval(actuator: LinearAxis, recording: Recording) -> None:
-    """Raise `RecordError` unless a recording is sampled with the controller."""
-    sample_time = actuator.controller.sample_time
-    if abs(recording.interval - sample_time) > 0.01 * sample_time:
-        raise RecordError(
-            f"{recording.name} is sampled every {recording.interval:.6g} s and the controller of "
-            f"{actuator.name} every {sample_time:.6g} s; the twin needs one sample for each update "
-            "of the controller. Record at that rate, or correct controller.sample_time."
-        )

@@ -8,21 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ematwin.models.pmsm import unknowns as law
 from ematwin.models.pmsm.parameters import PmsmActuator
-from ematwin.models.pmsm.unknowns import (
-    CONNECTOR,
-    FIXED,
-    backlash_factor,
-    direction,
-    flux_left,
-    friction_factor,
-    gain_factor,
-    resolver_offset,
-    sensor_gain,
-    sensor_offset,
-    shorted_share,
-    unknowns,
-)
 from ematwin.numerics.side_by_side import by_candidate
 
 
@@ -109,8 +96,8 @@ def constants_of(
 
 def fields_of(actuator: PmsmActuator, candidates: Mapping[str, Any], step: float) -> Constants:
     """The same as numbers, or (B,) arrays where candidates differ."""
-    own = actuator.varied(candidates, FIXED)
-    k = {one.name: one.healthy for one in unknowns(actuator)}
+    own = actuator.varied(candidates, law.FIXED)
+    k = {one.name: one.healthy for one in law.unknowns(actuator)}
     if "short_resistance" not in candidates:  # its healthy value is a parameter
         k["short_resistance"] = own.motor.short_resistance
     k.update({name: candidates[name] for name in k if name in candidates})
@@ -123,24 +110,24 @@ def _constants(actuator: PmsmActuator, k: Mapping[str, Any], step: float) -> Con
     loops = [_loop(motor, k[f"short_{x}"], k["short_resistance"], step) for x in "abc"]
     static = motor.gap_share * k["static_eccentricity"]
     dynamic = motor.gap_share * k["dynamic_eccentricity"]
-    static_at = direction(k["static_direction"])
-    dynamic_at = direction(k["dynamic_direction"])
-    friction = friction_factor(k["friction"])
+    static_at = law.direction(k["static_direction"])
+    dynamic_at = law.direction(k["dynamic_direction"])
+    friction = law.friction_factor(k["friction"])
     return Constants(
         pole_pairs=float(motor.pole_pairs),
         resistance=motor.resistance,
         l_d=motor.inductance_d,
         l_q=motor.inductance_q,
-        k_e=motor.pole_pairs * motor.flux * flux_left(k["demagnetisation"]),
+        k_e=motor.pole_pairs * motor.flux * law.flux_left(k["demagnetisation"]),
         h_5=motor.harmonic_5,
         h_7=motor.harmonic_7,
         static_x=static * np.cos(static_at),
         static_y=static * np.sin(static_at),
         dynamic_x=dynamic * np.cos(dynamic_at),
         dynamic_y=dynamic * np.sin(dynamic_at),
-        added_a=CONNECTOR * motor.resistance * k["connector_a"],
-        added_b=CONNECTOR * motor.resistance * k["connector_b"],
-        added_c=CONNECTOR * motor.resistance * k["connector_c"],
+        added_a=law.CONNECTOR * motor.resistance * k["connector_a"],
+        added_b=law.CONNECTOR * motor.resistance * k["connector_b"],
+        added_c=law.CONNECTOR * motor.resistance * k["connector_c"],
         loop_a=loops[0][0],
         loop_b=loops[1][0],
         loop_c=loops[2][0],
@@ -153,12 +140,12 @@ def _constants(actuator: PmsmActuator, k: Mapping[str, Any], step: float) -> Con
         v_supply=drive.supply_voltage,
         v_leg=drive.supply_voltage * drive.dead_time / control.current_time + drive.device_drop,
         knee=drive.knee_current,
-        gain_a=sensor_gain(k["sensor_gain_a"]),
-        gain_b=sensor_gain(k["sensor_gain_b"]),
-        offset_a=sensor_offset(k["sensor_offset_a"], control.current_limit),
-        offset_b=sensor_offset(k["sensor_offset_b"], control.current_limit),
-        resolver=resolver_offset(k["resolver_offset"]),
-        k_position=control.position_gain * gain_factor(k["gain"]),
+        gain_a=law.sensor_gain(k["sensor_gain_a"]),
+        gain_b=law.sensor_gain(k["sensor_gain_b"]),
+        offset_a=law.sensor_offset(k["sensor_offset_a"], control.current_limit),
+        offset_b=law.sensor_offset(k["sensor_offset_b"], control.current_limit),
+        resolver=law.resolver_offset(k["resolver_offset"]),
+        k_position=control.position_gain * law.gain_factor(k["gain"]),
         k_speed=control.speed_gain,
         k_total=control.speed_integral,
         k_current=control.current_gain,
@@ -180,7 +167,7 @@ def _constants(actuator: PmsmActuator, k: Mapping[str, Any], step: float) -> Con
         cogging=motor.cogging_torque,
         cogging_periods=float(motor.cogging_periods),
         cogging_phase=motor.cogging_phase,
-        half_gap=0.5 * gear.backlash * backlash_factor(k["backlash"]),
+        half_gap=0.5 * gear.backlash * law.backlash_factor(k["backlash"]),
         stiffness=gear.stiffness,
         damping=gear.damping,
         travel_low=gear.travel_low * gear.ratio,
@@ -200,7 +187,7 @@ def _loop(motor: Any, k: Any, contact: Any, step: float) -> tuple[Any, Any, Any]
 
     Of ``mu`` shorted turns over a contact ``R_f``; docs/pmsm.md, "Shorted turns".
     """
-    mu, least = shorted_share(np.abs(k)), 1e-9  # monitoring looks a little below zero
+    mu, least = law.shorted_share(np.abs(k)), 1e-9  # monitoring looks a little below zero
     some = np.maximum(mu, least)
     inside = mu * (1.0 - 2.0 * mu / 3.0)
     total = contact + inside * motor.resistance

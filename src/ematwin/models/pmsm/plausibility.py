@@ -50,13 +50,7 @@ def check_phases(recording: Recording) -> None:
 
 
 def check_plausible(recording: Recording, actuator: PmsmActuator) -> list[str]:
-    """Sentences on doubts about a recording.
-
-    Raises
-    ------
-    RecordError
-        If it cannot be identified from, with the reason and the likely cause.
-    """
+    """Sentences on doubts about a recording; `RecordError` if it cannot be identified from."""
     check_agreement(recording, actuator)
     control, supply = actuator.controller, actuator.drive.supply_voltage
     for names, limit, unit, most in (

@@ -14,6 +14,7 @@ from typing import Self
 from pydantic import model_validator
 
 from ematwin.models.parameter_set import ParameterSet, Section, quantity
+from ematwin.models.sections import TwinSteps
 from ematwin.models.unknown import Alias, Unknown, multiple
 
 
@@ -88,12 +89,6 @@ class ServoArm(Section):
     torque: float = quantity("N*m", "constant torque against positive motion", exact=True)
 
 
-class ServoSteps(Section):
-    """Fixed step of the twin."""
-
-    twin: float = quantity("s", "step of the twin, at most", exact=True, gt=0)
-
-
 class PositionServo(ParameterSet):
     """One position servo, all values in SI, on the output shaft."""
 
@@ -105,17 +100,13 @@ class PositionServo(ParameterSet):
     gear: ServoGear
     friction: ServoFriction
     arm: ServoArm
-    steps: ServoSteps
+    steps: TwinSteps
 
     @model_validator(mode="after")
     def _step_resolves_the_loop(self) -> Self:
         stiffness = self.controller.gain * self.motor.stall_torque
         longest = 0.5 * (self.gear.inertia / stiffness) ** 0.5
-        if not 1e-5 <= self.steps.twin <= longest:
-            raise ValueError(
-                f"steps.twin must lie between 1e-5 s and {longest:.2g} s, a half over the "
-                f"frequency of the position loop, received {self.steps.twin:.2g} s; change it"
-            )
+        self.steps.check(1e-5, longest, "a half over the frequency of the position loop")
         return self
 
     @model_validator(mode="after")
