@@ -29,14 +29,13 @@ def _law(name: str, k: Any) -> Any:
 
 UNKNOWNS = (
     _fault("friction", "dynamic dry friction on the motor shaft", "N m",
-           lambda a, k: dry_friction(a) * _law("friction_factor", k), slack=0.1),
+           lambda a, k: dry_friction(a) * _law("friction_factor", k)),
     # the misfit has separate minima for a small, a middling and a large gap
     _fault("backlash", "backlash on the motor shaft", "rad",
-           lambda a, k: a.transmission.backlash * _law("backlash_factor", k), valleys=3,
-           slack=0.005),
+           lambda a, k: a.transmission.backlash * _law("backlash_factor", k), valleys=3),
     *(
         _fault(f"short_{x}", f"shorted turns in phase {x}", "turns",
-               lambda a, k: (n := a.motor.turns_per_phase) - n * _law("turns_left", k), slack=0.05)
+               lambda a, k: (n := a.motor.turns_per_phase) - n * _law("turns_left", k))
         for x in "abc"
     ),
     _fault("eccentricity", "rotor offset over air gap", "", None),

@@ -78,18 +78,18 @@ FIXED = (
 
 UNKNOWNS = (
     _fault("friction", "dry friction on the motor shaft", "N m",
-           lambda a, k: dry_friction(a) * friction_factor(k), slack=0.1),
+           lambda a, k: dry_friction(a) * friction_factor(k)),
     _fault("backlash", "backlash on the motor shaft", "rad",
-           lambda a, k: a.transmission.backlash * backlash_factor(k), slack=0.02),
+           lambda a, k: a.transmission.backlash * backlash_factor(k)),
     _fault("gain", "proportional position gain", "1/s",
            lambda a, k: a.controller.position_gain * gain_factor(k), 0.5),
     *(
         _fault(f"short_{x}", f"shorted turns of phase {x}", "%",
-               lambda a, k: 100.0 * shorted_share(np.maximum(k, 0.0)), slack=0.05)
+               lambda a, k: 100.0 * shorted_share(np.maximum(k, 0.0)))
         for x in "abc"
     ),
     _fault("demagnetisation", "flux of the magnets", "Wb",
-           lambda a, k: a.motor.flux * flux_left(k), slack=0.02),
+           lambda a, k: a.motor.flux * flux_left(k)),
     _fault("static_eccentricity", "offset of the bore over the air gap", "", None),
     _fault("static_direction", "direction of the offset of the bore", "deg",
            lambda a, k: np.degrees(direction(k)), 0.5, direction_of="static_eccentricity"),
@@ -98,7 +98,7 @@ UNKNOWNS = (
            lambda a, k: np.degrees(direction(k)), 0.5, direction_of="dynamic_eccentricity"),
     *(
         _fault(f"connector_{x}", f"resistance in the connector of phase {x}", "ohm",
-               lambda a, k: CONNECTOR * a.motor.resistance * k, slack=0.02)
+               lambda a, k: CONNECTOR * a.motor.resistance * k)
         for x in "abc"
     ),
     *(
