@@ -3,7 +3,6 @@
 import numpy as np
 
 from ematwin.models.pmsm.batch import REFERENCE_COLUMNS, reference_trace
-from ematwin.models.pmsm.comparison import ticks_of
 from ematwin.models.pmsm.parameters import PmsmActuator
 from ematwin.models.pmsm.simulate import quanta_of, reference_states
 
@@ -31,7 +30,7 @@ def reference(actuator, values, command, load, *, substeps=20, perfect=True, eve
     quanta = np.zeros(3) if perfect else quanta_of(actuator)
     trace = reference_trace(
         np.asarray(command, float), np.asarray(load, float), state, control, c, step, substeps,
-        ticks_of(actuator), quanta, every, len(command),
+        np.array(actuator.ticks), quanta, every, len(command),
     )  # fmt: skip
     return dict(zip(REFERENCE_COLUMNS, trace.T, strict=True))
 

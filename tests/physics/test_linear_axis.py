@@ -8,8 +8,7 @@ from scipy.integrate import solve_ivp
 from scipy.signal import cont2discrete
 
 import ematwin
-from ematwin.models.linear_axis.parameters import LinearAxis
-from ematwin.models.linear_axis.stability import loop_radius
+from ematwin.models.linear_axis.parameters import LinearAxis, loop_radius
 from ematwin.models.linear_axis.step import AxisState, axis_step
 from ematwin.models.linear_axis.twin import axis_constants, closed_loop, open_loop, substeps_of
 from ematwin.recordings.recording import Recording

@@ -88,13 +88,6 @@ def test_values_of_a_healthy_actuator_reproduce_the_healthy_trace_bit_for_bit(mo
         same(healthy, simulate(model, faults=faults))
 
 
-@pytest.mark.parametrize("model", MODELS)
-def test_a_mapping_an_object_and_a_vector_of_the_same_faults_are_one_trace(model):
-    traces = [simulate(model, faults=given) for given in (MIXED, Faults.of(MIXED))]
-    same(*traces)
-    same(traces[0], simulate(model, faults=np.array(list((HEALTHY_VALUES | MIXED).values()))))
-
-
 SWING = Scenario(
     name="swing", duration=0.2, command=[Chirp(amplitude=0.005, f_start=5.0, f_end=25.0)]
 )

@@ -19,7 +19,6 @@ from ematwin.models.bldc.constants import kernel_constants, truer_constants
 from ematwin.models.bldc.faults import Faults
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.state import fault_state
-from ematwin.models.bldc.truer import motor as truer_motor
 from ematwin.numerics.compile import plain
 
 SPEED = 400.0  # rad/s: an electrical turn in 7.9 ms, back-EMF at 60 % of the supply
@@ -41,7 +40,7 @@ gate_signals, hysteresis, pair_current = (
     plain(one) for one in (inverter.gate_signals, inverter.hysteresis, inverter.pair_current)
 )
 emf_constants, hall_sector, truer_emf_constants = (
-    plain(one) for one in (motor.emf_constants, motor.hall_sector, truer_motor.truer_emf_constants)
+    plain(one) for one in (motor.emf_constants, motor.hall_sector, motor.truer_emf_constants)
 )
 
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from ematwin.models.pmsm.batch import reference_trace
-from ematwin.models.pmsm.comparison import ticks_of
 from ematwin.models.pmsm.simulate import reference_states
 from pmsm_inputs import ACTUATOR, SMOOTH, TICK, healthy, reference, smooth_move
 from unit.models.pmsm.test_models import CASES, monitor, motion
@@ -30,7 +29,7 @@ def test_a_locked_rotor_takes_the_current_of_its_resistance_and_time_constant():
     control[6] = control[8] = volts  # integral of q, pending beta: at angle zero q is beta
     trace = reference_trace(
         np.zeros(count // 100), np.zeros(count // 100), state, control, c, step, 100,
-        ticks_of(ACTUATOR), np.zeros(3), 1, count // 100,
+        np.array(ACTUATOR.ticks), np.zeros(3), 1, count // 100,
     )  # fmt: skip
     time = np.arange(count // 100) * 100 * step
     wanted = (

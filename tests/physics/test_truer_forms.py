@@ -15,13 +15,10 @@ from ematwin.models.bldc.channels import phase_currents
 from ematwin.models.bldc.constants import kernel_constants, truer_constants
 from ematwin.models.bldc.envelope import signed_current
 from ematwin.models.bldc.faults import FAULTS, Faults, error_percent
-from ematwin.models.bldc.motor import gap_factors
+from ematwin.models.bldc.motor import cogging_torque, gap_factors, loop_answer, truer_shapes
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.simulate import reference_answer
-from ematwin.models.bldc.state import fault_state
-from ematwin.models.bldc.truer.motor import cogging_torque, truer_shapes
-from ematwin.models.bldc.truer.shorted_turns import loop_answer
-from ematwin.models.bldc.truer.state import TruerState
+from ematwin.models.bldc.state import TruerState, fault_state
 from ematwin.models.registry import load_actuator
 from ematwin.models.scenario import Scenario, Step
 from ematwin.models.simulating import simulate

@@ -61,7 +61,7 @@ def test_the_kernel_gets_the_parameters_on_the_motor_shaft():
         ({"steps.twin": 0.021}, "0.02 s"),
         ({"drive.response_time": 0.006}, "0.003 s"),
         ({"controller.sample_time": 0.005}, "0.0025 s"),
-        ({"steps.twin": 1e-7}, "between 1e-6 and"),
+        ({"steps.twin": 1e-7}, "between 1e-06 and"),
     ],
 )
 def test_a_step_that_does_not_resolve_lag_and_sampling_is_refused(change, longest):

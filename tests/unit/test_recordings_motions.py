@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from ematwin.errors import EmatwinError, RecordError
-from ematwin.models.ball_screw.plausibility import check_spans
+from ematwin.models.ball_screw.comparison import check_signals
 from ematwin.models.reading import read
 from ematwin.recordings.recording import Recording
 from refusals import refusal_of
@@ -217,7 +217,7 @@ def test_a_motion_of_few_samples_is_refused(tmp_path):
 def test_a_size_that_no_actuator_has_names_the_likely_unit(tmp_path, name, factor, said):
     columns = table(**{name: factor * table()[name]})
     motion = read_motions(saved(tmp_path / "bench.parquet", columns))[0]
-    assert said in refusal(lambda: check_spans(motion))
+    assert said in refusal(lambda: check_signals(motion))
 
 
 def test_a_table_without_rows_is_refused(tmp_path):

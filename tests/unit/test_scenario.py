@@ -86,11 +86,6 @@ def test_components_add_up():
     assert (load == 5.0).all()
 
 
-def test_without_a_load_there_is_none():
-    _, load = Scenario(duration=2, command=[Step(value=0.1)]).histories(T)
-    assert not load.any()
-
-
 def test_shipped_scenarios_stay_within_the_travel_of_the_shipped_actuator():
     assert {"default", "ramp", "sine", "step"} <= set(shipped_scenarios())
     for name in shipped_scenarios():

@@ -21,8 +21,18 @@ import numpy as np
 from ematwin.errors import InputError, RecordError
 from ematwin.models.channels_agree import Law
 from ematwin.models.comparison import Candidates, Comparison, TraceComparison
-from ematwin.models.monitoring import Monitoring, Reported, Statistic
-from ematwin.models.optional import Demand, Equation, Form, OtherForm, Signal, Study
+from ematwin.models.optional import (
+    Demand,
+    Equation,
+    Form,
+    Monitoring,
+    OtherForm,
+    Reported,
+    Signal,
+    Statistic,
+    Study,
+    Values,
+)
 from ematwin.models.parameter_set import ParameterSet, not_searchable
 from ematwin.models.scenario import Scenario, shipped_scenarios
 from ematwin.models.unknown import (
@@ -44,7 +54,6 @@ __all__ = (
     "Progress", "Reported", "Signal", "Statistic", "Study", "Values",
 )  # fmt: skip
 
-Values = Mapping[str, float]
 Progress = Callable[[float], None]
 
 
@@ -145,8 +154,8 @@ class Model(ABC):
     @property
     def outputs(self) -> tuple[str, ...]:
         """Channels that are compared: those that are not commanded, nor a load, nor time."""
-        inputs = {"time", self.command, self.load}
-        return tuple(channel.name for channel in self.channels if channel.name not in inputs)
+        others = {"time", *self.inputs}
+        return tuple(channel.name for channel in self.channels if channel.name not in others)
 
     @property
     def disturbed(self) -> str:
@@ -168,6 +177,11 @@ class Model(ABC):
         """The command and `needs`, each as a group of alternatives."""
         needs = (((need,),) if isinstance(need, str) else need for need in self.needs)
         return (((self.command,),), *needs)
+
+    @property
+    def inputs(self) -> list[str]:
+        """The command and, if there is one, the load."""
+        return [name for name in (self.command, self.load) if name is not None]
 
     def channel(self, name: str) -> Channel:
         """A channel by name."""
@@ -207,10 +221,10 @@ class Model(ABC):
             If a name is unknown or a value lies outside its bounds.
         """
         known = {one.name: one for one in self.unknowns(actuator)}
-        values = {name: one.healthy for name, one in known.items()}
+        values = self.healthy(actuator)
         for name, value in dict(given or {}).items():
             if name not in known:
-                raise no_unknown(name, actuator, self.unknowns(actuator))
+                raise no_unknown(name, actuator, tuple(known.values()))
             values[name] = known[name].check(value)
         return values
 
@@ -316,8 +330,8 @@ class Model(ABC):
     def simulate(
         self, actuator: Any, scenario: Scenario, values: Values, **options: Any
     ) -> Recording:
-        """The response to a scenario; ``options`` as in `ematwin.models.simulated.of_twin`."""
-        from ematwin.models.simulated import of_twin
+        """The response to a scenario; ``options`` as in `ematwin.models.simulating.of_twin`."""
+        from ematwin.models.simulating import of_twin
 
         return of_twin(self, actuator, scenario, values, **options)
 
@@ -365,20 +379,19 @@ class Model(ABC):
     def summary(self, recording: Recording, actuator: Any) -> dict[str, float]:
         """Numbers that sum up a recording: RMS and largest magnitude of each compared channel."""
         found = {}
-        for name, values in recording.channels.items():
-            if name in self.outputs:
-                found[f"{name}_rms"] = float(np.sqrt(np.mean(values**2)))
-                found[f"{name}_peak"] = float(np.abs(values).max())
+        for name in (name for name in recording.channels if name in self.outputs):
+            values = recording.channels[name]
+            found[f"{name}_rms"] = float(np.sqrt(np.mean(values**2)))
+            found[f"{name}_peak"] = float(np.abs(values).max())
         return found
 
     def signals(self, recording: Recording, actuator: Any) -> list[Signal]:
         """Traces for a page, the most important first: each compared channel."""
+        known = recording.channels.keys() & set(self.outputs)
         return [
             Signal(
-                channel.meaning[:1].upper() + channel.meaning[1:],
-                channel.unit,
-                recording.channels[channel.name],
+                one.meaning[:1].upper() + one.meaning[1:], one.unit, recording.channels[one.name]
             )
-            for channel in self.channels
-            if channel.name in self.outputs and channel.name in recording.channels
+            for one in self.channels
+            if one.name in known
         ]

@@ -30,44 +30,27 @@ if TYPE_CHECKING:
     from ematwin.models.base import Model
 
 LATEST = 0.02  # s: later than the filter of any sensor and the cycle of any field bus
-_OF_RECORD = 0.05  # of the recording: the longest lateness looked for
-_FALSE = 0.02  # of the samples do not count: false reads, ends, corners of a command
-_IN_MS = 300.0  # times the interval of a kind's simulations: less may be a slow logger
-_EXPLAINS = 0.5  # a delay leaves at most so much of what is left without it, RMS: 1/4 of its power
-_APART = 0.1  # and standing still no more than this, where a channel that moves is sound
-_GAIN = 0.3  # a gain may be so far off 1: faults of sensors reach 0.2, and a law sees two of them
-_DEAD = 0.3  # correlation with what the others make of it: a third dead phase leaves the others 0.5
+_APART = 0.1  # of what is left, at most, where a channel that moves is sound
 _FEWEST = 8  # equal samples: a converter that rounds repeats a value now and then
-_SHORTEST = 100  # samples: of fewer nothing can be said
-_LONG = 0.1  # of the recording: standing still for so long shows without a law
 _MOVES = 0.1  # of its range: the command moves
-_NEAR = 20  # samples
-_BY_CHANCE = 4.0  # standard deviations of a correlation of white noise, 1 / sqrt(S)
 
 
 @dataclass(frozen=True)
 class Law:
-    """What channels of one recording satisfy whatever the faults.
+    """What channels of one recording satisfy whatever the faults."""
 
-    Parameters
-    ----------
-    text : says what does not hold, e.g. "the phase currents do not add up to zero"
-    channels : arrays (S,) by name, or (n, S) where a channel counts in several ways; of these the
-        first is the channel
-    left : residual of the law for such arrays, (S,), a constant where it holds; or (1 + m, S): the
-        residual and m shapes that faults may leave, in any multiples
-    slack : RMS of what actuators may leave besides, in the unit of ``left``
-    most : RMS from which the law is broken though no channel explains it; infinite if causes that
-        are not recorded may break it
-    play : range of the residual while a sound channel stands still or reverses; a delay that
-        changes it by less is none
-    """
-
-    text: str
+    text: str  # what does not hold, e.g. "the phase currents do not add up to zero"
+    # (S,) by name, or (n, S) where a channel counts in several ways; the first is the channel
     channels: Mapping[str, np.ndarray]
+    # residual of the law for such arrays, (S,), a constant where it holds; or (1 + m, S): the
+    # residual and m shapes that faults may leave, in any multiples
     left: Callable[[Mapping[str, np.ndarray]], np.ndarray]
-    slack: float
+    slack: float  # RMS of what actuators may leave besides, in the unit of ``left``
+    # RMS from which the law is broken though no channel explains it; infinite if causes that are
+    # not recorded may break it
     most: float = np.inf
+    # range of the residual while a sound channel stands still or reverses; a delay that changes it
+    # by less is none
     play: float = 0.0
 
 
@@ -97,7 +80,7 @@ def _check_unit_of_time(model: "Model", recording: Recording) -> None:
     ratio = recording.interval * model.sample_rate
     time = recording.provenance.get("columns", {}).get("time")
     stated = not isinstance(time, dict) or time.get("unit_from") != "assumed"
-    if ratio > _IN_MS and not stated:
+    if ratio > 300.0 and not stated:  # less may be a slow logger
         raise RecordError(
             f"{recording.name} has a sample every {recording.interval:.4g} s, {ratio:.0f} times "
             f"the {1e3 / model.sample_rate:.3g} ms of the kind {model.kind}, and nobody stated the "
@@ -113,7 +96,7 @@ def contradictions(
     By the channel, or by several where the cause may be any of them.
     """
     command = recording.channels[model.command]
-    if len(recording) < _SHORTEST or not np.ptp(command) > 0.0:
+    if len(recording) < 100 or not np.ptp(command) > 0.0:  # of fewer nothing can be said
         return {}
     laws = model.laws(recording, actuator)
     needed = {name for group in model.required for part in group for name in part}
@@ -151,7 +134,7 @@ def _unmoved(model: "Model", recording: Recording, name: str, must_move: bool) -
     """
     command, values = recording.channels[model.command], recording.channels[name]
     first, last = max(_repeats(values), key=lambda ends: ends[1] - ends[0], default=(0, 0))
-    if last - first <= _LONG * values.size:
+    if last - first <= 0.1 * values.size:  # longer shows without a law
         return ""
     if np.ptp(command[first:last]) <= _MOVES * np.ptp(command):
         return ""
@@ -168,10 +151,11 @@ def _is_noise(values: np.ndarray) -> bool:
     """Whether values (S,) are white noise: no two of them are alike for being close in time."""
     about = values - values.mean()
     power = float(about @ about)
-    if values.size <= 10 * _NEAR or power == 0.0:
+    if values.size <= 200 or power == 0.0:
         return False
-    alike = [abs(float(about[lag:] @ about[:-lag])) for lag in range(1, _NEAR + 1)]
-    return max(alike) < _BY_CHANCE / np.sqrt(values.size) * power
+    alike = [abs(float(about[lag:] @ about[:-lag])) for lag in range(1, 21)]
+    # four standard deviations of a correlation of white noise
+    return max(alike) < 4.0 / np.sqrt(values.size) * power
 
 
 class _Trial:
@@ -201,15 +185,15 @@ class _Trial:
                 return (name,), _still(self._model, self._recording, name, held, where, siblings)
         follows = {name: self._follows(name) for name in self._law.channels}
         linear = {name: one for name, one in follows.items() if one is not None}
-        least = min(
-            (self._left(self._whole, {name: 1.0 / np.clip(gain, 1.0 - _GAIN, 1.0 + _GAIN)})
-             for name, (gain, _) in linear.items()),
-            default=self._plain,
-        )  # fmt: skip
+        # a gain may be off by 0.3: faults of sensors reach 0.2, and a law sees two of them
+        gains = {name: 1.0 / np.clip(gain, 0.7, 1.3) for name, (gain, _) in linear.items()}
+        each = (self._left(self._whole, {name: times}) for name, times in gains.items())
+        least = min(each, default=self._plain)
         if least <= self._law.slack:
             return (), ""
         late, lag = self._latest()
-        explains = lag and self._left(self._early(lag), {}, late, lag) <= _EXPLAINS * least
+        # of its power a quarter at most is left
+        explains = lag and self._left(self._early(lag), {}, late, lag) <= 0.5 * least
         if explains and self._moved(late, lag) > self._law.play:
             return (late,), (
                 f"{late} is {1e3 * lag * self._recording.interval:.2g} ms late: {self._law.text}, "
@@ -217,7 +201,8 @@ class _Trial:
                 "clock."
             )
         names = tuple(self._law.channels)
-        dead = tuple(key for key, (_, alike) in linear.items() if alike < _DEAD)
+        # a third dead phase leaves the others a correlation of 0.5
+        dead = tuple(key for key, (_, alike) in linear.items() if alike < 0.3)
         if len(linear) == len(names) and len(dead) == 1:
             others = listed([key for key in names if key not in dead])
             return dead, (
@@ -235,11 +220,7 @@ class _Trial:
         return np.atleast_2d(self._law.channels[name])[0]
 
     def _left(
-        self,
-        samples: np.ndarray,
-        times: Mapping[str, float] = {},
-        late: str = "",
-        lag: int = 0,
+        self, samples: np.ndarray, times: Mapping[str, float] = {}, late: str = "", lag: int = 0
     ) -> float:
         """RMS of the residual at some samples, without noise, shapes and a few false reads.
 
@@ -255,7 +236,7 @@ class _Trial:
         for _ in range(2):
             best = np.linalg.lstsq(shapes[kept], rows[0, kept], rcond=None)[0]
             rest = np.abs(rows[0] - shapes @ best)
-            kept = rest <= np.quantile(rest, [1.0 - _FALSE])[0]
+            kept = rest <= np.quantile(rest, [0.98])[0]  # false reads, ends, corners of a command
         rest = rest[kept]
         return float(np.sqrt(max(0.0, np.mean(rest**2) - self._noise**2)))
 
@@ -309,7 +290,7 @@ class _Trial:
     def _latest(self) -> tuple[str, int]:
         """The channel and the delay, in samples, with which least is left; 0 if there is none."""
         recording = self._recording
-        most = int(min(LATEST * recording.sample_rate, _OF_RECORD * len(recording)))
+        most = int(min(LATEST * recording.sample_rate, 0.05 * len(recording)))
         if most < 1:
             return "", 0
         here = self._early(most)
@@ -332,13 +313,9 @@ def _repeats(values: np.ndarray) -> list[tuple[int, int]]:
 
 
 def _still(
-    model: "Model",
-    recording: Recording,
-    name: str,
-    held: float,
-    stretches: Sequence[tuple[int, int]],
-    others: Sequence[str],
-) -> str:
+    model: "Model", recording: Recording, name: str, held: float,
+    stretches: Sequence[tuple[int, int]], others: Sequence[str],
+) -> str:  # fmt: skip
     """The sentence on a channel that stands still in some stretches, or throughout."""
     unit = recording.units.get(name, model.channel(name).unit)
     when = ""

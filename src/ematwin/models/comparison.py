@@ -22,62 +22,37 @@ Candidates = Mapping[str, np.ndarray]
 
 
 class Placed(NamedTuple):
-    """A recording counted from where an answer shows its rotor to stand.
+    """A recording counted from where an answer shows its rotor to stand."""
 
-    Attributes
-    ----------
-    recording : Recording; None where no place explains it
-    said : a sentence on the result
-    """
-
-    recording: Recording | None
-    said: str
+    recording: Recording | None  # None where no place explains it
+    said: str  # a sentence on the result
 
 
 class Comparison(ABC):
-    """A recording prepared for comparing candidates with it.
-
-    Attributes
-    ----------
-    recording : Recording
-    actuator : of the twin
-    scale : float, the cost of a twin that does not answer at all
-    statistics : numbers that were measured on the recording beside the comparison, by name
-    length : float, s, of the stretches that are compared each from its recorded state; None where
-        the recording is compared as a whole
-    noise : float, standard deviation that one independent residual is expected to have: the unit in
-        which a prior counts beside the residuals
-    independent : float, how many independent residuals there are
-    expected_misfit : float, root of the cost over the scale that the noise alone leaves, or what
-        the twin is known to miss
-    recorded_noise : float, the same for the noise that was measured on the recording, where
-        ``expected_misfit`` does not hold it
-    whitened : whether residuals are in standard deviations of the noise
-    evidence : how many of the residuals, the last ones, are of further channels that count where
-        intervals are formed (`with_evidence`); in their standard deviations
-    ignores : names of nuisances of the kind without effect on the compared channels
-    model_error : float, factor on standard errors for the error of the twin (`Model.model_error`)
-    has_reference : whether the kind has a reference to correct the answers by (`missed`)
-    unseen : names of parameters on which only the reference depends, and not the fast model
-    unplaced : whether only an answer can show from where the recording counts (`placed`)
-    """
+    """A recording prepared for comparing candidates with it."""
 
     recording: Recording
-    actuator: Any
-    scale: float
-    statistics: Mapping[str, float] = {}
-    length: float | None = None
+    actuator: Any  # of the twin
+    scale: float  # the cost of a twin that does not answer at all
+    statistics: Mapping[str, float] = {}  # measured on the recording beside the comparison
+    length: float | None = None  # s, of stretches that are each compared from their recorded state
+    # standard deviation that one independent residual is expected to have: the unit in which a
+    # prior counts beside the residuals; and how many of these there are
     noise: float = 1.0
     independent: float = 1.0
+    # root of the cost over the scale that the noise alone leaves, or what the twin is known to
+    # miss; and the same for the noise that was measured on the recording, where that lacks it
     expected_misfit: float = 0.0
     recorded_noise: float = 0.0
-    whitened: bool = False
+    whitened: bool = False  # residuals are in standard deviations of the noise
+    # how many of the residuals, the last ones, are of further channels that count where intervals
+    # are formed (`with_evidence`); in their standard deviations
     evidence: int = 0
-    ignores: frozenset[str] = frozenset()
-    model_error: float = 1.0
-    has_reference: bool = False
-    unseen: frozenset[str] = frozenset()
-    unplaced: bool = False
+    ignores: frozenset[str] = frozenset()  # nuisances without effect on the compared channels
+    model_error: float = 1.0  # factor on standard errors (`Model.model_error`)
+    has_reference: bool = False  # to correct the answers by (`missed`)
+    unseen: frozenset[str] = frozenset()  # parameters on which only the reference depends
+    unplaced: bool = False  # only an answer can show from where the recording counts (`placed`)
 
     @abstractmethod
     def residuals(self, candidates: Candidates, count: int) -> np.ndarray:
@@ -90,11 +65,7 @@ class Comparison(ABC):
         return np.where(np.isfinite(costs), costs, np.inf)
 
     def costs_within(self, candidates: Candidates, count: int, limits: np.ndarray) -> np.ndarray:
-        """The costs (B,), where those above a limit (B,) may be given as infinite.
-
-        A comparison that adds its cost up while it simulates can stop such a candidate early. By
-        default nothing is stopped.
-        """
+        """The costs (B,), where those above a limit (B,) may be infinite: stopped early."""
         return self.costs(candidates, count)
 
     @abstractmethod
@@ -144,10 +115,7 @@ class Comparison(ABC):
         return None
 
     def exact(self, values: Mapping[str, float]) -> dict[str, np.ndarray] | None:
-        """Response of the reference model on the compared channels, (S,) arrays.
-
-        None where the kind has no reference. NaN where it diverged.
-        """
+        """Response of the reference model, (S,) arrays; None without one, NaN where it diverged."""
         return None
 
     def missed(self, values: Mapping[str, float]) -> dict[str, np.ndarray] | None:
@@ -159,10 +127,7 @@ class Comparison(ABC):
         return {name: trace - fast[name][0] for name, trace in exact.items()}
 
     def exact_residuals(self, values: Mapping[str, float]) -> np.ndarray | None:
-        """Weighted residuals (K,) of the reference model at one candidate, as `residuals` gives.
-
-        None where the kind has no reference. NaN where it diverged.
-        """
+        """Weighted residuals (K,) of the reference model, as `residuals` gives; else as `exact`."""
         missed = self.missed(values)
         if missed is None:
             return None
@@ -170,10 +135,7 @@ class Comparison(ABC):
         return np.asarray(self.with_missed(missed).residuals(one, 1)[0])
 
     def with_missed(self, missed: Mapping[str, np.ndarray]) -> "Comparison":
-        """The same comparison, the error of the twin, (S,) arrays, subtracted from the recording.
-
-        Itself where a kind cannot do that.
-        """
+        """With the error of the twin, (S,) arrays, subtracted from the recording; or itself."""
         return self
 
     def noise_weights(self, residuals: np.ndarray) -> np.ndarray:
@@ -181,10 +143,9 @@ class Comparison(ABC):
         return np.ones(residuals.size)
 
     def reweighed(self, residuals: np.ndarray) -> "Comparison":
-        """The same comparison with each channel weighed by the noise that residuals (K,) show.
+        """With each channel weighed by the noise that residuals (K,) at a good point show.
 
-        ``residuals`` belong to a good point. Itself where one channel is compared, whose noise
-        `with_shown_noise` finds.
+        Itself where one channel is compared, whose noise `with_shown_noise` finds.
         """
         return self
 
@@ -193,10 +154,9 @@ class Comparison(ABC):
         return self
 
     def beside(self, others: "Sequence[Comparison]") -> "Comparison":
-        """The same comparison where ``others`` (this one among them) count with it.
+        """The same comparison where ``others`` (this one among them) count with it; or itself.
 
-        A kind whose twin misses the same in each repetition of a motion has fewer `independent`
-        residuals then. Itself by default.
+        A twin that misses the same in each repetition has fewer `independent` residuals.
         """
         return self
 
@@ -219,30 +179,20 @@ def correlation_time(residual: np.ndarray) -> float:
 class TraceComparison(Comparison):
     """Residuals of whole traces, each channel weighed by its noise.
 
-    Parameters
-    ----------
-    model : gives ``respond`` and ``noise``
-    recording, actuator
-    prepared : by channel, (S,) arrays: the recording's side where it is not as recorded
+    ``prepared`` holds, by channel, the recording's side (S,) where it is not as recorded.
     """
 
     whitened = True
 
     def __init__(
-        self,
-        model: Any,
-        recording: Recording,
-        actuator: Any,
+        self, model: Any, recording: Recording, actuator: Any,
         prepared: Mapping[str, np.ndarray] | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self._model, self.model_error = model, model.model_error
         self.recording, self.actuator = recording, actuator
         channels = {**recording.channels, **(prepared or {})}
-        self._noise = {
-            name: noise
-            for name, noise in model.noise(actuator, recording).items()
-            if name in channels
-        }
+        stated = model.noise(actuator, recording)
+        self._noise = {name: noise for name, noise in stated.items() if name in channels}
         if not self._noise:
             raise RecordError(
                 f"{recording.name} has none of the channels that are compared "
@@ -250,9 +200,8 @@ class TraceComparison(Comparison):
             )
         self._measured = {name: channels[name] for name in self._noise}
         self._target = self._measured
-        self.scale = float(
-            sum(np.sum((trace / self._noise[n]) ** 2) for n, trace in self._target.items())
-        )
+        squares = (np.sum((trace / self._noise[n]) ** 2) for n, trace in self._target.items())
+        self.scale = float(sum(squares))
         if self.scale == 0.0:
             raise RecordError(
                 f"{recording.name} holds nothing but zeros in {', '.join(self._noise)}: nothing "

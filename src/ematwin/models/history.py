@@ -4,6 +4,7 @@ A command or load is the sum of such parts (`ematwin.models.scenario`).
 """
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -16,16 +17,11 @@ from ematwin.recordings.formats.base import open_file
 from ematwin.recordings.units import beside, unit_factor, unit_in_name
 from ematwin.validation import one_sentence
 
-_TIMES = ("time", "start", "stop", "duration")  # of components
-_KINDS_OF_HISTORY = ("rad", "N*m", "m", "N", "rad/s", "m/s", "V", "A")  # of a recorded column
-
 
 def _unit(si_unit: str) -> Any:
     def convert(value: Any) -> Any:
-        if not isinstance(value, str):
-            return value
         try:
-            return parse_quantity(value, si_unit, "it")
+            return parse_quantity(value, si_unit, "it") if isinstance(value, str) else value
         except ParameterError as error:
             raise ValueError(str(error)) from None
 
@@ -55,8 +51,9 @@ class Component(BaseModel):
 
     def stretched(self, factor: float) -> Self:
         """The component with all its times multiplied by a factor; frequencies stay."""
-        times = {name: value for name, value in self if name in _TIMES and value is not None}
-        return self.model_copy(update={name: factor * value for name, value in times.items()})
+        times = ("time", "start", "stop", "duration")
+        given = {name: value for name, value in self if name in times and value is not None}
+        return self.model_copy(update={name: factor * value for name, value in given.items()})
 
     def at(self, time: np.ndarray) -> np.ndarray:
         """Values at times (s) from the start of the scenario."""
@@ -171,9 +168,8 @@ class Profile(Component):
         """Times (s) and values (SI) of the points, from the file where there is one."""
         if self.file is None or self.column is None:
             return np.asarray(self.time, dtype=float), np.asarray(self.value, dtype=float)
-        columns = recorded_columns(
-            self.file, {"time": ("s",), self.column: _KINDS_OF_HISTORY}, optional={}
-        )
+        units = ("rad", "N*m", "m", "N", "rad/s", "m/s", "V", "A")
+        columns = recorded_columns(self.file, {"time": ("s",), self.column: units}, {})
         return columns["time"] - columns["time"][0], columns[self.column]
 
     def at(self, time: np.ndarray) -> np.ndarray:  # noqa: D102
@@ -207,19 +203,7 @@ def recorded_columns(
 ) -> dict[str, np.ndarray]:
     """Named columns of a file in SI; their unit stands in the file or in their name.
 
-    Parameters
-    ----------
-    path : any file that `ematwin.read` knows
-    kinds, optional : name of a column to its possible SI units
-
-    Raises
-    ------
-    ParameterError
-        If a column is missing or its unit is of another kind.
-    RecordError
-        If it holds no numbers.
-    FileError
-        If the file cannot be read.
+    ``kinds`` and ``optional`` give the possible SI units of each column.
     """
     with open_file(path) as file:
         found: dict[str, str] = {}
@@ -254,10 +238,8 @@ def _factor(unit: str, kinds: tuple[str, ...], what: str) -> float:
     if not unit:
         return 1.0
     for kind in kinds:
-        try:
+        with suppress(RecordError):
             return unit_factor(unit, kind, what)
-        except RecordError:
-            continue
     raise ParameterError(
         f"{what} must have a unit of the kind {' or '.join(kinds)}; received {unit!r}. Correct it."
     )

@@ -1,4 +1,4 @@
-"""Optional parts of a kind of actuator, for test commands, figures, studies and unstated forms.
+"""Optional parts of a kind of actuator: for test commands, figures, studies, forms and populations.
 
 Each is a small object that a `Model` holds or gives; without it the kind is treated as any other.
 """
@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
 from ematwin.recordings.recording import Recording
@@ -21,35 +22,21 @@ FIRST_SAMPLE = "first_sample"  # s, of `Recording.first_sample`, among values by
 
 @dataclass(frozen=True)
 class Signal:
-    """A trace for a figure.
-
-    Parameters
-    ----------
-    title, unit : of the panel
-    values : (S,) array
-    reference : (S,) array or None, the commanded trace
-    """
+    """A trace for a figure."""
 
     title: str
     unit: str
-    values: np.ndarray
-    reference: np.ndarray | None = None
+    values: np.ndarray  # (S,)
+    reference: np.ndarray | None = None  # (S,), the commanded trace
 
 
 class Demand(NamedTuple):
-    """Demand of a motion on an actuator, which a test may limit: the largest magnitude.
+    """Demand of a motion on an actuator, which a test may limit: the largest magnitude."""
 
-    Parameters
-    ----------
-    name, unit : str; of travel, speed, current, load or what else the kind can be strained by
-    channels : of those that a recording has, the largest counts
-    is_rate : of the channel's change with time
-    """
-
-    name: str
+    name: str  # of travel, speed, current, load or what else the kind can be strained by
     unit: str
-    channels: tuple[str, ...]
-    is_rate: bool = False
+    channels: tuple[str, ...]  # of those that a recording has, the largest counts
+    is_rate: bool = False  # of the channel's change with time
 
     def size(self, recording: Recording) -> float | None:
         """The largest magnitude in a recording, SI; None without such a channel."""
@@ -60,39 +47,23 @@ class Demand(NamedTuple):
 
 
 class OtherForm(NamedTuple):
-    """A form of a fault that an actuator's file leaves out, and that may pass for another fault.
+    """A form of a fault that an actuator's file leaves out, and that may pass for another fault."""
 
-    Parameters
-    ----------
-    actuator : with the form
-    meaning : str, such as "an eccentricity that is fixed in space"
-    setting : str, the setting of the file that states it
-    names : of its faults
-    mistaken : names of the faults that may be called in its place
-    starts : values by name, some of parameters by place, from which a descent may set out
-    """
-
-    actuator: ParameterSet
-    meaning: str
-    setting: str
-    names: tuple[str, ...]
-    mistaken: frozenset[str]
-    starts: tuple[Values, ...]
+    actuator: ParameterSet  # with the form
+    meaning: str  # such as "an eccentricity that is fixed in space"
+    setting: str  # of the file that states it
+    names: tuple[str, ...]  # of its faults
+    mistaken: frozenset[str]  # names of the faults that may be called in its place
+    starts: tuple[Values, ...]  # by name, some by place, from which a descent may set out
 
 
 @dataclass(frozen=True)
 class Study:
-    """Cases for studies of search methods, and the measure of an error.
+    """Cases for studies of search methods, and the measure of an error."""
 
-    Parameters
-    ----------
-    noisy : whether a simulation has the noise of usual sensors where none is asked for
-    severities : by name, least and largest severity of a random fault, as shares of the way from
-        healthy to a bound
-    severity : the same for a fault that is not named
-    """
-
-    noisy: bool = False
+    noisy: bool = False  # a simulation has the noise of usual sensors where none is asked for
+    # least and largest severity of a random fault, shares of the way from healthy to a bound, by
+    # name; and of a fault that is not named
     severities: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     severity: tuple[float, float] = (0.1, 0.9)
 
@@ -128,71 +99,118 @@ class Study:
 
 
 class Form(NamedTuple):
-    """A form that a file may leave out and that healthy recordings may show.
+    """A form that a file may leave out and that healthy recordings may show."""
 
-    Parameters
-    ----------
-    name : str, such as "cogging"
-    is_stated : tells whether the file of an actuator has it
-    places : of its parameters
-    starts : gives values by place, each a whole section, from which a fit may set out; an actuator
-        is given as it is known so far
-    said : describes the found form, such as "cogging of 1.1 mN m, 12 a turn"
-    fitted : places that are fitted
-    alternatives : gives values by place that are chosen from a list, such as sample times
-    """
-
-    name: str
-    is_stated: Callable[[Any], bool]
-    places: tuple[str, ...]
+    name: str  # such as "cogging"
+    is_stated: Callable[[Any], bool]  # in the file of an actuator
+    places: tuple[str, ...]  # of its parameters
+    # values by place, each a whole section, from which a fit may set out; of an actuator as it is
+    # known so far
     starts: Callable[[Any], Sequence[Values]]
-    said: Callable[[Any], str]
-    fitted: tuple[str, ...] = ()
+    said: Callable[[Any], str]  # of the found form, such as "cogging of 1.1 mN m, 12 a turn"
+    fitted: tuple[str, ...] = ()  # places
+    # values by place that are chosen from a list, such as sample times
     alternatives: Callable[[Any], Sequence[Values]] = lambda actuator: ()
 
 
 class Equation(NamedTuple):
-    """Equation of a part of an actuator along a recorded motion, and its forms.
+    """Equation of a part of an actuator along a recorded motion, and its forms."""
 
-    Parameters
-    ----------
-    name : str, such as "controller"
-    left : gives what an actuator leaves of the recording, (K,) array in the order of time, with
-        faults, load and sensors by name, as they usually are if not named
-    size : float, norm of the trace to be explained, in the same unit
-    least : gives the share of it that noise and the error of the model leave of an actuator
-    fitted : places that are fitted whatever the forms
-    forms : that are looked for
-    unknowns : names of faults, load and sensors that matter to it
-    rests : name of the equation on whose estimates it rests; "" if on none
-    at : gives it for values of the unknowns, where it rests on another
-    together : each gives values by place of one form after the other, some with `FIRST_SAMPLE`, to
-        be chosen together, such as times of two loops, which may pass for one another; tried in
-        turn while more than noise is left
-    first_samples : gives instants at which loops may sample first: those in one sample time, evenly
-        spaced, and in each that follows until all loops sample as before
-    alike : gives the share of it that the equation's own error leaves, alike throughout: standard
-        errors count it once, however many samples there are
-    changes : gives how the residual (K,) changes with load, sensors or timing that may pass for a
-        form, by name
-    each : gives what each of several actuators leaves, by a kind that answers for many at once, in
-        the time of one; None where ``left`` serves
-    near : gives the same equation corrected by the reference model at an actuator; None where no
-        reference corrects it
-    """
-
-    name: str
+    name: str  # such as "controller"
+    # what an actuator leaves of the recording, (K,) in the order of time, with faults, load and
+    # sensors by name, as they usually are if not named
     left: Callable[[ParameterSet, Values], np.ndarray]
-    size: float
-    least: Callable[[ParameterSet], float]
-    fitted: tuple[str, ...]
-    forms: tuple[Form, ...]
-    unknowns: tuple[str, ...] = ()
-    rests: str = ""
-    at: Callable[[Values], "Equation"] | None = None
+    size: float  # norm of the trace to be explained, in the same unit
+    least: Callable[[ParameterSet], float]  # share of it that noise and the model's error leave
+    fitted: tuple[str, ...]  # places that are fitted whatever the forms
+    forms: tuple[Form, ...]  # that are looked for
+    unknowns: tuple[str, ...] = ()  # names of faults, load and sensors that matter to it
+    rests: str = ""  # name of the equation on whose estimates it rests
+    at: Callable[[Values], "Equation"] | None = None  # it, for values of these unknowns
+    # values by place of one form after the other, some with `FIRST_SAMPLE`, to be chosen together,
+    # as times of two loops may pass for one another; tried while more than noise is left
     together: Sequence[Choices] = ()
+    # instants at which loops may sample first: those in one sample time, evenly spaced, and in each
+    # that follows until all loops sample as before
     first_samples: Callable[[Any], Sequence[Sequence[float]]] = lambda actuator: ()
+    # share of it that the equation's own error leaves, alike throughout: it counts once in standard
+    # errors, however many samples there are
     alike: Callable[[ParameterSet], float] = lambda actuator: 0.0
+    # how the residual (K,) changes with load, sensors or timing that may pass for a form, by name
     changes: Callable[[ParameterSet], Mapping[str, np.ndarray]] = lambda actuator: {}
+    # what each of several actuators leaves, in the time of one
     each: Callable[[Sequence[ParameterSet]], Sequence[np.ndarray]] | None = None
-    near: "Callable[[ParameterSet], Equation] | None" = None
+    near: "Callable[[ParameterSet], Equation] | None" = None  # it, corrected by the reference there
+
+
+# What a healthy population uses: `calibrate` learns the scatter of features between healthy runs of
+# kinds such as the ball screw, and `detect` compares a run with them.
+
+
+@dataclass(frozen=True)
+class Reported:
+    """A quantity that is reported where a healthy population judges."""
+
+    name: str  # of an unknown, or of a statistic that the model derives from features
+    unit: str  # of ``scale`` times the value; "x" for a multiple of the healthy mean
+    meaning: str
+    logarithmic: bool = False  # the population is one of logarithms and the unit is "x"
+    scale: float = 1.0  # shown value over SI value
+    named: str = ""  # fault that a raised value names
+    least: float = math.inf  # SI or logarithm: no healthy run is so far from the others
+    either: bool = False  # a lowered value names it as well
+
+
+@dataclass(frozen=True)
+class Statistic:
+    """A number that a comparison measures beside the values, such as noise shared by sensors."""
+
+    name: str  # in `Comparison.statistics`
+    unit: str  # SI
+    changed: str  # sentence on a recording whose value is unlike the healthy ones
+    advice: str  # a sentence on why that may be
+
+
+@dataclass(frozen=True)
+class Monitoring:
+    """Reported quantities, features and statistics of a kind; a kind overrides the methods."""
+
+    covariate: str | None = None  # name of the nuisance on which healthy features depend
+    statistics: tuple[Statistic, ...] = ()  # that comparisons measure beside the values
+    short: Mapping[str, str] = field(default_factory=dict)  # channels in features, where shorter
+
+    def reported(self, model: Any, actuator: Any) -> tuple[Reported, ...]:
+        """Reported quantities; by default each fault as it is searched."""
+        return tuple(
+            Reported(
+                one.name, one.unit, one.meaning, named=one.name, either=one.lower < one.healthy
+            )
+            for one in model.faults(actuator)
+            if one.direction_of is None
+        )
+
+    def settling_time(self, actuator: Any) -> float:
+        """Seconds from a change of the command until its transient has died out."""
+        return 0.0
+
+    def compare(
+        self, model: Any, recording: Recording, actuator: Any, settling_time: float
+    ) -> Comparison:
+        """A recording prepared for the population.
+
+        A kind whose preparation depends on steady motion takes ``settling_time`` (s) of the
+        calibration.
+        """
+        compared: Comparison = model.compare(recording, actuator)
+        return compared
+
+    @staticmethod
+    def of(model: Any) -> "Monitoring":
+        """The one of a kind that is judged by a healthy population."""
+        found = model.monitoring
+        assert isinstance(found, Monitoring), f"{model.kind} has no healthy population"
+        return found
+
+    def derived(self, features: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Reported quantities that are no unknowns, (N,) by name, from features (N,) by name."""
+        return {}

@@ -27,7 +27,6 @@ _ON_OPTIONS = (
     "Sections that may be left out: without one, what it describes is not there, or has its simple",
     "form. To have it, remove the comment signs and put in your values.",
 )
-_NEEDED = ("value", "unit", "source")  # of each parameter in a file
 
 
 def unit_of(field: FieldInfo) -> str:
@@ -71,9 +70,9 @@ def _as_written(leaf: Mapping[str, Any], before: Mapping[str, Any]) -> dict[str,
     """Value and unit of an entry as they stood in a file, if they still mean the same."""
     if not {"value", "unit"} <= before.keys():
         return {}
-    if to_si(before["value"], before["unit"], leaf["unit"], "it") != leaf["value"]:
-        return {}
-    return {"value": before["value"], "unit": before["unit"]}
+    value, unit = before["value"], before["unit"]
+    same = to_si(value, unit, leaf["unit"], "it") == leaf["value"]
+    return {"value": value, "unit": unit} if same else {}
 
 
 def _comment(text: str) -> str:
@@ -81,120 +80,95 @@ def _comment(text: str) -> str:
 
 
 class Read(NamedTuple):
-    """A parameter file as it was read.
+    """A parameter file as it was read."""
 
-    Parameters
-    ----------
-    values : as the class of the actuator validates them, SI
-    sources, tolerances : by place
-    problems : place and sentence of each
-    unread : places whose value is not known, which is no second problem
-    """
-
-    values: dict[str, Any]
-    sources: dict[str, str]
+    values: dict[str, Any]  # as the class of the actuator validates them, SI
+    sources: dict[str, str]  # by place
     tolerances: dict[str, float]
-    problems: list[tuple[str, str]]
-    unread: set[str]
+    problems: list[tuple[str, str]]  # place and sentence
+    unread: set[str]  # places whose value is not known, which is no second problem
 
 
 def read_table(kind: Any, table: Mapping[str, Any], what: str) -> Read:
     """The content of a parameter file for a class of actuators; ``what`` names it in messages."""
     found = Read({}, {}, {}, [], set())
     given = {key: entry for key, entry in table.items() if key != "kind"}
-    for key, entry in _corrected(given, kind.model_fields, "", what, found.problems):
+    for key, entry in _corrected(given, kind.model_fields, "", what, found):
         section = kind.section(key)
         if section is None or not isinstance(entry, dict):
             found.values[key] = entry
             continue
-        values = found.values[key] = {}
-        fields = section.model_fields
-        for name, leaf in _corrected(entry, fields, f"{key}.", what, found.problems):
+        values, fields = found.values.setdefault(key, {}), section.model_fields
+        for name, leaf in _corrected(entry, fields, f"{key}.", what, found):
             if name not in fields:
                 values[name] = leaf
                 continue
             place = f"{key}.{name}"
-            read = _read_entry(leaf, fields[name], place, what)
-            found.problems.extend((place, text) for text in read.problems)
-            if read.value is None:
+            value = _read_entry(leaf, fields[name], place, what, found)
+            if value is None:
                 found.unread.add(place)
             else:
-                values[name] = read.value
-            if read.source is not None:
-                found.sources[place] = read.source
-            if read.tolerance is not None:
-                found.tolerances[place] = read.tolerance
+                values[name] = value
     return found
 
 
 def _corrected(
-    table: Mapping[str, Any], known: Any, prefix: str, what: str, problems: list[tuple[str, str]]
+    table: Mapping[str, Any], known: Any, prefix: str, what: str, found: Read
 ) -> list[tuple[str, Any]]:
     """Names and entries of a table, each misspelt name put right and noted as a problem."""
-    meant, found = misspelt(table, known), []
-    for given, entry in table.items():
-        name = meant.get(given, given)
-        if name != given:
-            wrong = f"{prefix}{given}"
-            problems.append((wrong, unknown_name(wrong, what, f"{prefix}{name}")))
-        found.append((name, entry))
-    return found
+    meant = misspelt(table, known)
+    for given, name in meant.items():
+        wrong = f"{prefix}{given}"
+        found.problems.append((wrong, unknown_name(wrong, what, f"{prefix}{name}")))
+    return [(meant.get(given, given), entry) for given, entry in table.items()]
 
 
-class _Entry(NamedTuple):
-    """A parameter as a file gives it; None where it is missing or wrong."""
+def _read_entry(leaf: Any, field: FieldInfo, place: str, what: str, found: Read) -> float | None:
+    """The value of ``{ value, unit, source }``, SI; None where it is missing or wrong.
 
-    value: float | None  # SI
-    source: str | None
-    tolerance: float | None
-    problems: list[str]  # a sentence each
+    Source, tolerance and all that is wrong with it are noted.
+    """
 
+    def wrong(text: str) -> None:
+        found.problems.append((place, text))
 
-def _read_entry(leaf: Any, field: FieldInfo, place: str, what: str) -> _Entry:
-    """Value, source and tolerance of ``{ value, unit, source }``, and all that is wrong with it."""
-    if not isinstance(leaf, dict):
-        return _Entry(None, None, None, [_incomplete(place, leaf)])
-    known = (*_NEEDED, "tolerance")
-    meant = misspelt(leaf, known)
-    problems = [
-        unknown_name(f"{place}.{key}", what, f"{place}.{meant[key]}" if key in meant else "")
-        for key in leaf
-        if key not in known
-    ]
-    given = {meant.get(key, key): one for key, one in leaf.items()}
-    if not given.keys() >= set(_NEEDED):
-        problems.append(_incomplete(place, leaf))
-    value = source = tolerance = None
-    if "value" in given:
-        number = given["value"]
-        if isinstance(number, bool) or not isinstance(number, int | float):
-            problems.append(f"{place} must be a number, received {number!r}; correct it.")
-        elif "unit" in given:
-            try:
-                value = to_si(number, given["unit"], unit_of(field), place)
-            except ParameterError as error:
-                problems.append(str(error))
-    if "source" in given:
-        if isinstance(given["source"], str) and given["source"].strip():
-            source = given["source"]
-        else:
-            problems.append(
-                f"{place} must name the source of its value, received "
-                f"{given['source']!r}; say where it comes from."
-            )
-    if "tolerance" in given:
-        try:
-            tolerance = tolerance_of(given["tolerance"], field, place)
-        except ParameterError as error:
-            problems.append(str(error))
-    return _Entry(value, source, tolerance, problems)
-
-
-def _incomplete(place: str, leaf: Any) -> str:
-    return (
-        f"{place} must be {{ value = ..., unit = ..., source = ... }}, "
-        f"received {shortened(leaf)}; complete it."
-    )
+    needed = ("value", "unit", "source")
+    known = (*needed, "tolerance")
+    entry = leaf if isinstance(leaf, dict) else {}
+    meant = misspelt(entry, known)
+    for key in entry:
+        if key not in known:
+            right = f"{place}.{meant[key]}" if key in meant else ""
+            wrong(unknown_name(f"{place}.{key}", what, right))
+    given = {meant.get(key, key): one for key, one in entry.items()}
+    if not given.keys() >= set(needed):
+        wrong(
+            f"{place} must be {{ value = ..., unit = ..., source = ... }}, "
+            f"received {shortened(leaf)}; complete it."
+        )
+    number: Any = given.get("value")
+    value = None
+    try:
+        if "value" in given and (isinstance(number, bool) or not isinstance(number, int | float)):
+            wrong(f"{place} must be a number, received {number!r}; correct it.")
+        elif "value" in given and "unit" in given:
+            value = to_si(number, given["unit"], unit_of(field), place)
+    except ParameterError as error:
+        wrong(str(error))
+    source = given.get("source", "unknown")
+    if not isinstance(source, str) or not source.strip():
+        wrong(
+            f"{place} must name the source of its value, received {source!r}; say where it comes "
+            "from."
+        )
+    elif "source" in given:
+        found.sources[place] = source
+    try:
+        if "tolerance" in given:
+            found.tolerances[place] = tolerance_of(given["tolerance"], field, place)
+    except ParameterError as error:
+        wrong(str(error))
+    return value
 
 
 def tolerance_of(given: Any, field: FieldInfo, place: str) -> float:
@@ -247,11 +221,7 @@ def _left_out(actuator: Any) -> list[str]:
             continue
         lines += ["", f"# [{key}]", _comment((section.__doc__ or "").partition("\n")[0])]
         for name, field in section.model_fields.items():
-            leaf: dict[str, Any] = {
-                "value": section.example[name],
-                "unit": unit_of(field),
-                "source": "...",
-            }
+            leaf = {"value": section.example[name], "unit": unit_of(field), "source": "..."}
             inner = ", ".join(f"{part} = {_toml(one)}" for part, one in leaf.items())
             said = f"{field.description}{_reach(actuator, f'{key}.{name}')}"
             lines.append(_comment(f"{name} = {{{inner}}}  # {said}"))

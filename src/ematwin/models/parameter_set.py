@@ -155,15 +155,15 @@ class ParameterSet(BaseModel):
         if isinstance(name_or_path, cls):
             return name_or_path
         if isinstance(name_or_path, ParameterSet):
-            raise cls._wrong_kind(name_or_path.name, name_or_path.kind)
+            raise cls._wrong_kind(name_or_path.kind, name_or_path.name)
         return cls.from_dict(parameter_table(name_or_path, cls.shipped()), str(name_or_path))
 
     @classmethod
     def from_dict(cls, table: dict[str, Any], what: str = "actuator") -> Self:
         """An actuator from the content of a parameter file: values, units and sources."""
         kind = table.get("kind", UNNAMED_KIND)
-        if kind != cls.kind and kind not in cls.former_kinds:
-            raise cls._wrong_kind(what, kind)
+        if kind not in (cls.kind, *cls.former_kinds):
+            raise cls._wrong_kind(kind, what)
         own = {key: entry for key, entry in table.items() if key not in cls.beside}
         read = read_table(cls, own, what)
         problems = read.problems
@@ -175,6 +175,13 @@ class ParameterSet(BaseModel):
             raise all_at_once(cls._in_order(problems), what)
         actuator._sources, actuator._tolerances = read.sources, read.tolerances
         return actuator
+
+    @classmethod
+    def _wrong_kind(cls, kind: object, what: str) -> ParameterError:
+        return ParameterError(
+            f"{what} describes an actuator of the kind {kind!r} where one of the kind "
+            f"{cls.kind!r} is needed; give another file."
+        )
 
     @classmethod
     @cache
@@ -199,25 +206,15 @@ class ParameterSet(BaseModel):
         return [text for _, text in sorted(problems, key=lambda one: rank.get(one[0], 0))]
 
     @classmethod
-    def _wrong_kind(cls, what: str, kind: object) -> ParameterError:
-        return ParameterError(
-            f"{what} describes an actuator of the kind {kind!r} where one of the kind "
-            f"{cls.kind!r} is needed; give another file."
-        )
-
-    @classmethod
     def shipped(cls) -> dict[str, Path]:
         """Names and files of the sets of this kind that come with ematwin."""
-        files = {path.stem: path for path in sorted(folder_of(cls.__module__).glob("*.toml"))}
-        if "." in cls.__module__:
-            return files
-        # a module in no package may lie beside anything
-        own = re.compile(rf"""^kind\s*=\s*["']{re.escape(cls.kind)}["']""", re.MULTILINE)
-        return {
-            name: path
-            for name, path in files.items()
-            if own.search(path.read_text(encoding="utf-8", errors="replace"))
-        }
+        files = sorted(folder_of(cls.__module__).glob("*.toml"))
+        if "." not in cls.__module__:  # a module in no package may lie beside anything
+            own = re.compile(rf"""^kind\s*=\s*["']{re.escape(cls.kind)}["']""", re.MULTILINE)
+            files = [
+                f for f in files if own.search(f.read_text(encoding="utf-8", errors="replace"))
+            ]
+        return {path.stem: path for path in files}
 
     def changed(self, values: dict[str, float]) -> Self:
         """A variant with some values replaced, e.g. ``{"motor.resistance": 2.3}``, in SI.
@@ -280,9 +277,11 @@ class ParameterSet(BaseModel):
     def parameters(self) -> Iterator[tuple[str, float, str, str, str]]:
         """Yield place, value, SI unit, meaning and source of each parameter."""
         for key, section in self:
-            if isinstance(section, Section):
-                for name, field in type(section).model_fields.items():
-                    yield self._row(f"{key}.{name}", getattr(section, name), field)
+            names = type(section).model_fields if isinstance(section, Section) else ()
+            for place in (f"{key}.{name}" for name in names):
+                row = self.parameter(place)
+                assert row is not None
+                yield row
 
     def parameter(self, place: str) -> tuple[str, float, str, str, str] | None:
         """The same of one parameter; None if there is none at this place."""
@@ -290,17 +289,18 @@ class ParameterSet(BaseModel):
         section = getattr(self, key, None)
         if not isinstance(section, Section) or name not in type(section).model_fields:
             return None
-        return self._row(place, getattr(section, name), type(section).model_fields[name])
-
-    def _row(self, place: str, value: float, field: FieldInfo) -> tuple[str, float, str, str, str]:
-        source = self._sources.get(place, "set by the user")
-        return place, value, unit_of(field), str(field.description), source
+        field, source = (
+            type(section).model_fields[name],
+            self._sources.get(place, "set by the user"),
+        )
+        return place, getattr(section, name), unit_of(field), str(field.description), source
 
     def to_frame(self) -> Any:
         """A pandas DataFrame with a row for each parameter, by its place; needs pandas."""
         names = ("place", "value", "unit", "meaning", "source")
-        rows = (dict(zip(names, row, strict=True)) for row in self.parameters())
-        return frame_of_rows(rows, "place")
+        return frame_of_rows(
+            (dict(zip(names, row, strict=True)) for row in self.parameters()), "place"
+        )
 
     to_dataframe = to_frame
 
@@ -320,25 +320,15 @@ class ParameterSet(BaseModel):
         for place, value in values.items():
             section, _, name = place.partition(".")
             sections.setdefault(section, {})[name] = value
-        variant = self.model_copy(
-            update={
-                key: getattr(self, key).model_copy(update=changed)
-                for key, changed in sections.items()
-            }
-        )
+        own = {key: getattr(self, key).model_copy(update=new) for key, new in sections.items()}
+        variant = self.model_copy(update=own)
         variant.__dict__.pop("fingerprint", None)  # of the values from before
         return variant
 
     def varied(self, candidates: Mapping[str, Any], fixed: Collection[str] = ()) -> Self:
         """The variant that candidates ask for by place, (B,) values each; itself if they name none.
 
-        ``fixed`` are places that cannot differ between candidates; what else candidates hold is
-        left alone.
-
-        Raises
-        ------
-        InputError
-            If a fixed parameter is named.
+        `InputError` for places that are ``fixed``; what else candidates hold is left alone.
         """
         places = {name: values for name, values in candidates.items() if "." in name}
         for place in fixed:
@@ -365,9 +355,7 @@ class ParameterSet(BaseModel):
         Tolerances of the kind are not repeated.
         """
         given = sources or {}
-        table: dict[str, Any] = {
-            "kind": self.kind, "name": self.name, "description": self.description,
-        }  # fmt: skip
+        table: dict[str, Any] = dict(kind=self.kind, name=self.name, description=self.description)
         for place, value, unit, _, source in self.parameters():
             section, name = place.split(".")
             entry = {"value": value, "unit": unit, "source": given.get(place, source)}

@@ -9,27 +9,17 @@ from itertools import pairwise
 
 import numpy as np
 
-_LEAST = 12  # samples of a steady phase; shorter ones belong to the transient before
 _SAME = 0.02  # of the largest commanded speed: differences below are none
-_STEADY = 0.1  # of the largest commanded speed: a steady phase varies by less
 _EQUAL_PARTS = 8
 
 
 @dataclass(frozen=True)
 class Phase:
-    """A part of a recording.
+    """A part of a recording."""
 
-    Attributes
-    ----------
-    name : e.g. "out", "rest", "back", numbered where one comes again
-    steady : whether the transient is over
-    moving : whether the command moves
-    samples : slice of its samples
-    """
-
-    name: str
-    steady: bool
-    moving: bool
+    name: str  # e.g. "out", "rest", "back", numbered where one comes again
+    steady: bool  # the transient is over
+    moving: bool  # the command moves
     samples: slice
 
     @property
@@ -39,13 +29,9 @@ class Phase:
 
 
 def phases(command: np.ndarray, interval: float, settling_time: float) -> list[Phase]:
-    """The phases of a command.
+    """The phases of a command (S,), sampled each ``interval`` s.
 
-    Parameters
-    ----------
-    command : (S,) array
-    interval : float, s, from one sample to the next
-    settling_time : float, s, from a change of the commanded speed to steady motion
+    ``settling_time`` is from a change of the commanded speed to steady motion, s.
     """
     speed = np.diff(command, prepend=command[0])
     speed[0] = speed[1]
@@ -66,13 +52,13 @@ def phases(command: np.ndarray, interval: float, settling_time: float) -> list[P
         seen[kind] = seen.get(kind, 0) + 1
         name = kind if seen[kind] == 1 else f"{kind} {seen[kind]}"
         cut = min(first + settle, end)
-        if end - cut < _LEAST:
+        if end - cut < 12:  # samples; shorter steady phases belong to the transient before
             cut = end
         found.append(Phase(name, False, moving, slice(int(first), int(cut))))
         if cut < end:
             found.append(Phase(name, True, moving, slice(int(cut), int(end))))
     steady = [speed[phase.samples] for phase in found if phase.steady]
-    if not steady or max(float(np.ptp(part)) for part in steady) > _STEADY * largest:
+    if not steady or max(float(np.ptp(part)) for part in steady) > 0.1 * largest:
         return _equal_parts(command.size)  # a sine: its speed never stays
     return found
 

@@ -98,8 +98,7 @@ def _read(path: Any, model: Model, entries: Mapping[str, Entry]) -> tuple[Record
     columns = {name: values(entry.channel, entry.unit) for name, entry in entries.items()}
     try:
         found = read_file(
-            path, model.channels, {"columns": columns}, needs=model.required,
-            inputs=[name for name in (model.command, model.load) if name is not None],
+            path, model.channels, {"columns": columns}, needs=model.required, inputs=model.inputs,
             gaps="longest", split=True,
         )  # fmt: skip
     except EmatwinError as error:
@@ -113,37 +112,26 @@ def _find_units(draft: Draft, model: Model, recording: Recording | None, actuato
     ``recording`` was read with SI for open units; None where it cannot be read.
     """
     needed = {name for group in model.required for part in group for name in part} | {"time"}
-    open_ones = [name for name, entry in draft.entries.items() if entry.is_open]
-    left = {
-        name: _of_usual_size(draft.found[draft.entries[name].channel], draft.channels[name])
-        for name in open_ones
-    }
+    shown = {n: draft.found[entry.channel] for n, entry in draft.entries.items() if entry.is_open}
+    left = {name: _of_usual_size(one, draft.channels[name]) for name, one in shown.items()}
     refusals: dict[tuple[str, str], str] = {}
     if recording is not None:
         left = _not_refused(left, model, recording, actuator, refusals)
-    for name in open_ones:
-        entry = draft.entries[name]
-        one = draft.found[entry.channel]
-        entry = _closed(entry, one, draft.channels[name], left[name], refusals)
+    for name, one in shown.items():
+        entry = _closed(draft.entries[name], one, draft.channels[name], left[name], refusals)
         draft.entries[name] = entry
         if entry.is_open:
-            several = " or ".join(entry.units)
-            draft.questions.append(
-                Question(
-                    f"The unit of “{one.name}” ({name}) is stated nowhere, and {several} are "
-                    "equally plausible.",
-                    needed=name in needed,
-                )
+            sentence = (
+                f"The unit of “{one.name}” ({name}) is stated nowhere, and "
+                f"{' or '.join(entry.units)} are equally plausible."
             )
+            draft.questions.append(Question(sentence, needed=name in needed))
 
 
 def _not_refused(
-    left: Mapping[str, list[str]],
-    model: Model,
-    recording: Recording,
-    actuator: Any,
+    left: Mapping[str, list[str]], model: Model, recording: Recording, actuator: Any,
     refusals: dict[tuple[str, str], str],
-) -> dict[str, list[str]]:
+) -> dict[str, list[str]]:  # fmt: skip
     """The units of all combinations that the kind accepts; those it refuses are noted."""
     if len(list(islice(_combinations(left), _MOST_TRIES + 1))) > _MOST_TRIES:
         return dict(left)
@@ -227,12 +215,9 @@ def _combinations(left: Mapping[str, list[str]]) -> Iterator[dict[str, str]]:
     for name, units in left.items():
         stem = name[:-2] if name[-2:] in ("_a", "_b", "_c", "_d", "_q") else name
         groups.setdefault((stem, tuple(units)), []).append(name)
-    for choice in product(*(key[1] for key in groups)):
-        yield {
-            name: unit
-            for members, unit in zip(groups.values(), choice, strict=True)
-            for name in members
-        }
+    for choice in product(*(units for _, units in groups)):
+        chosen = zip(groups.values(), choice, strict=True)
+        yield {name: unit for members, unit in chosen for name in members}
 
 
 def _in_units(recording: Recording, units: Mapping[str, str], channels: Channels) -> Recording:
@@ -253,12 +238,9 @@ def _in_units(recording: Recording, units: Mapping[str, str], channels: Channels
 
 
 def _closed(
-    entry: Entry,
-    one: Surveyed,
-    channel: Channel,
-    units: list[str],
+    entry: Entry, one: Surveyed, channel: Channel, units: list[str],
     refusals: Mapping[tuple[str, str], str],
-) -> Entry:
+) -> Entry:  # fmt: skip
     """The entry with its unit, where one is left, and why."""
     size = _size(one, channel)
 

@@ -27,13 +27,9 @@ Paths = list[str] | list[Path] | list[str | Path] | tuple[str | Path, ...]
 class Frame(Protocol):
     """A table of pandas, which is optional; distinct from a list of paths."""
 
-    @property
-    def columns(self) -> Any: ...  # noqa: D102
-
-    @property
-    def index(self) -> Any: ...  # noqa: D102
-
-    def to_numpy(self) -> Any: ...  # noqa: D102
+    columns: Any
+    index: Any
+    to_numpy: Any
 
 
 class Options(TypedDict, total=False):
@@ -130,18 +126,10 @@ def read(
     for n, file in enumerate(files):
         try:
             found += read_file(
-                file,
-                model.channels,
-                channel_map,
-                needs=model.required,
-                inputs=[name for name in (model.command, model.load) if name is not None],
-                own=actuator is None,
-                resample_to=resample_to,
-                gaps=gaps,
-                split=split,
-                where=where,
+                file, model.channels, channel_map, needs=model.required, inputs=model.inputs,
+                own=actuator is None, resample_to=resample_to, gaps=gaps, split=split, where=where,
                 progress=_share(progress, n, len(files)),
-            )
+            )  # fmt: skip
         except MissingChannelError as error:
             kinds = _kinds_of(file, None) if columns is None else []
             if not kinds:
@@ -155,9 +143,8 @@ def read(
     if len(found) > 1:
         what = path if isinstance(path, str | Path) else "The DataFrame"
         raise RecordError(
-            f"{what} holds {len(found)} motions "
-            "that fit the choice. Narrow it to one, or read them with split=True, which gives a "
-            "recording for each."
+            f"{what} holds {len(found)} motions that fit the choice. Narrow it to one, or read "
+            "them with split=True, which gives a recording for each."
         )
     return found[0]
 

@@ -18,24 +18,18 @@ from ematwin.models.parameter_file import parameter_file
 from ematwin.models.parameter_set import UNNAMED_KIND, ParameterSet
 from ematwin.validation import load_toml
 
-ENTRY_POINTS = "ematwin.models"
 DEFAULT_KIND = UNNAMED_KIND
-
-
 # Ours by kind, which is also the name of the folder but for hyphens.
 _OURS = ("bldc", "ball-screw", "linear-axis", "pmsm", "position-servo")
 _STATED = "fmu"  # each file of this kind states what it is, so that it has no sets, no channels
+_REGISTERED: dict[str, Model] = {}  # of this process, by kind
+_BROKEN: dict[str, str] = {}  # sentences by the name of the entry point
 
 
 def _own(kind: str) -> Model:
     """One of ours, which is loaded without the others."""
-    module = import_module(f"ematwin.models.{kind.replace('-', '_')}.model")
-    found: Model = module.MODEL
+    found: Model = import_module(f"ematwin.models.{kind.replace('-', '_')}.model").MODEL
     return found
-
-
-_REGISTERED: dict[str, Model] = {}  # of this process, by kind
-_BROKEN: dict[str, str] = {}  # sentences by the name of the entry point
 
 
 def register_model(model: Model) -> None:
@@ -79,7 +73,7 @@ def models() -> dict[str, Model]:
     """All kinds by name, ours first; kinds that cannot be loaded are in `broken_kinds`."""
     found: dict[str, Model] = {kind: _own(kind) for kind in _OURS} | _REGISTERED
     _BROKEN.clear()
-    for point in entry_points(group=ENTRY_POINTS):
+    for point in entry_points(group="ematwin.models"):
         try:
             loaded = point.load()
             model = loaded() if isinstance(loaded, type) else loaded
@@ -122,17 +116,15 @@ def model_of(actuator: Any) -> Model:
             return model
     if kind in _BROKEN:
         raise ParameterError(_BROKEN[kind])
-    raise ParameterError(
-        _and_broken(
-            f"There is no kind of actuator {kind!r}; choose one of "
-            f"{', '.join([*models(), _STATED])}."
-        )
+    raise _no_kind(kind, "There")
+
+
+def _no_kind(kind: object, there: str) -> ParameterError:
+    """The error that names all kinds, and those broken ones that may be meant."""
+    said = (
+        f"{there} is no kind of actuator {kind!r}; choose one of {', '.join([*models(), _STATED])}."
     )
-
-
-def _and_broken(sentence: str) -> str:
-    """A sentence on something not found, with sentences on broken kinds that it may belong to."""
-    return " ".join([sentence, *broken_kinds()])
+    return ParameterError(" ".join([said, *broken_kinds()]))
 
 
 def shipped_actuators() -> dict[str, Path]:
@@ -186,37 +178,30 @@ def _table(name_or_path: str | Path) -> dict[str, Any]:
     if not Path(name_or_path).suffix and str(name_or_path) not in shipped:
         close = difflib.get_close_matches(str(name_or_path), shipped, n=1)
         hint = f" Did you mean {close[0]}?" if close else ""
-        raise ParameterError(
-            _and_broken(
-                f"There is no actuator {str(name_or_path)!r}.{hint} Shipped: {', '.join(shipped)}; "
-                "or give the path of a TOML file (ending in .toml)."
-            )
+        said = (
+            f"There is no actuator {str(name_or_path)!r}.{hint} Shipped: {', '.join(shipped)}; "
+            "or give the path of a TOML file (ending in .toml)."
         )
+        raise ParameterError(" ".join([said, *broken_kinds()]))
     return load_toml(parameter_file(name_or_path, shipped), "actuator")
 
 
 def _shipped_with_ours(name: str) -> dict[str, Path]:
     """The file of a set that comes with one of our kinds, by its name; nothing if none does."""
-    if Path(name).suffix:
-        return {}
     folders = (Path(__file__).parent / kind.replace("-", "_") for kind in _OURS)
-    file = next((f for folder in folders if (f := folder / f"{name}.toml").is_file()), None)
-    return {} if file is None else {name: file}
+    files = (folder / f"{name}.toml" for folder in folders)
+    found = [] if Path(name).suffix else [file for file in files if file.is_file()]
+    return {name: found[0]} if found else {}
 
 
 def _model(table: dict[str, Any], what: str | Path) -> Model:
     kind = table.get("kind", UNNAMED_KIND)
     try:
-        if not isinstance(kind, str):
-            raise ParameterError("")
-        found = model_of(kind)
+        found = model_of(kind) if isinstance(kind, str) else None
     except ParameterError:
-        if isinstance(kind, str) and kind in _BROKEN:
+        if kind in _BROKEN:
             raise
-        raise ParameterError(
-            _and_broken(
-                f"{what}: there is no kind of actuator {kind!r}; choose one of "
-                f"{', '.join([*models(), _STATED])}."
-            )
-        ) from None
+        found = None
+    if found is None:
+        raise _no_kind(kind, f"{what}: there")
     return found.of_file(table, str(what))

@@ -34,7 +34,6 @@ from ematwin.validation import load_toml, one_sentence
 # users have the parts from here as well
 __all__ = ("Chirp", "Component", "Profile", "Ramp", "Scenario", "Sine", "Step", "shipped_scenarios")
 
-DEFAULT_SCENARIO = "default"
 Units = tuple[str, str]  # of command and load; "" where there is no load
 ROTARY: Units = ("rad", "N*m")
 
@@ -94,7 +93,7 @@ class Scenario(BaseModel):
                     "This kind of actuator comes with no scenario; give one, or put one into the "
                     "folder scenarios beside its model."
                 )
-            name_or_path = DEFAULT_SCENARIO if DEFAULT_SCENARIO in shipped else next(iter(shipped))
+            name_or_path = "default" if "default" in shipped else next(iter(shipped))
         if not isinstance(name_or_path, str | Path):
             raise ParameterError(
                 "A scenario is a Scenario, the name of a shipped one, or the path of a file; "
@@ -123,12 +122,9 @@ class Scenario(BaseModel):
 
     @classmethod
     def from_columns(
-        cls,
-        time: np.ndarray,
-        command: np.ndarray,
-        load: np.ndarray | None = None,
+        cls, time: np.ndarray, command: np.ndarray, load: np.ndarray | None = None,
         name: str = "recorded",
-    ) -> "Scenario":
+    ) -> "Scenario":  # fmt: skip
         """A scenario from recorded columns: time (s), command (rad) and load (N m).
 
         Raises
@@ -139,10 +135,8 @@ class Scenario(BaseModel):
         time = np.asarray(time, dtype=float)
         start = (time - time[:1]).tolist()
         command_parts, load_parts = (
-            []
-            if values is None
-            else [Profile(time=start, value=np.asarray(values, float).tolist())]
-            for values in (command, load)
+            [Profile(time=start, value=np.asarray(one, float).tolist()) for one in given]
+            for given in ([command], [] if load is None else [load])
         )
         return cls(name=name, duration=start[-1], command=command_parts, load=load_parts)
 
@@ -163,8 +157,7 @@ class Scenario(BaseModel):
             )
         except ValueError as error:
             raise ParameterError(f"scenario {self.name}: {error}.") from None
-        changed = {"duration": duration, "command": command, "load": load}
-        return Scenario(**{**dict(self), **changed})
+        return Scenario(**{**dict(self), "duration": duration, "command": command, "load": load})
 
     def save(self, path: str | Path) -> None:
         """Write a TOML file, whole or not at all; numbers are in SI.
@@ -199,18 +192,15 @@ class Scenario(BaseModel):
 def _units_resolved(table: dict[str, Any], folder: Path, what: str, units: Units) -> dict[str, Any]:
     """Amplitudes with units as SI numbers; paths of profiles relative to the scenario file."""
     for history, unit in zip(("command", "load"), units, strict=True):
-        parts = table.get(history, [])
-        if not isinstance(parts, list):
-            continue  # validation will say so
-        for n, part in enumerate(parts):
+        fields = {"value": unit, "amplitude": unit, "rate": f"{unit}/s", "phase": "rad"}
+        parts = table.get(history)
+        for n, part in enumerate(parts if isinstance(parts, list) else ()):
             if not isinstance(part, dict):
-                continue
-            fields = {"value": unit, "amplitude": unit, "rate": f"{unit}/s", "phase": "rad"}
+                continue  # validation will say so
             for name in fields.keys() & part.keys():
                 if isinstance(part[name], str):
-                    part[name] = parse_quantity(
-                        part[name], fields[name], f"{what}: {history}.{n}.{name}"
-                    )
+                    place = f"{what}: {history}.{n}.{name}"
+                    part[name] = parse_quantity(part[name], fields[name], place)
             if isinstance(part.get("file"), str):
                 part["file"] = folder / part["file"]
     return table

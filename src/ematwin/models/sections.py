@@ -15,15 +15,26 @@ from pydantic import model_validator
 from ematwin.errors import ParameterError
 from ematwin.models.parameter_set import ParameterSet, Section, quantity
 
-SHORTEST_STEP = 1e-9  # s: nothing in an actuator is so fast; a shorter one is a slip of the unit
-COPPER = 0.00393  # 1/K at 20 degrees Celsius: change of the resistance of copper (IEC 60028)
-
 
 class Steps(Section):
     """Longest steps of the two models; what lies between two samples is divided evenly."""
 
     reference: float = quantity("s", "step of the reference model", exact=True, gt=0)
     monitor: float = quantity("s", "step of the monitor model", exact=True, gt=0)
+
+
+class TwinSteps(Section):
+    """Fixed step of the twin."""
+
+    twin: float = quantity("s", "step of the twin, at most", exact=True, gt=0)
+
+    def check(self, least: float, longest: float, why: str) -> None:
+        """Raise ValueError unless the step lies between two limits, s."""
+        if not least <= self.twin <= longest:
+            raise ValueError(
+                f"steps.twin must lie between {least:g} and {longest:.3g} s, {why}, received "
+                f"{self.twin:.3g} s; change it"
+            )
 
 
 class ServoParameters(ParameterSet):
@@ -38,16 +49,14 @@ class ServoParameters(ParameterSet):
 
     def check_step(self, model: str, step: float) -> None:
         """Raise `ParameterError` if ``step`` (s) is too long for this actuator, or absurd."""
+        shortest = 1e-9  # s: nothing in an actuator is so fast; less is a slip of the unit
         longest = self.largest_stable_step(model)
-        if SHORTEST_STEP <= step <= longest * (1.0 + 1e-9):
+        if shortest <= step <= longest * (1.0 + 1e-9):
             return
-        advice = (
-            "shorten it or correct the inertias, gains and stiffness"
-            if step > longest
-            else "correct it"
-        )
+        shorten = "shorten it or correct the inertias, gains and stiffness"
+        advice = shorten if step > longest else "correct it"
         raise ParameterError(
-            f"the step of the {model} model must lie between {SHORTEST_STEP:g} and "
+            f"the step of the {model} model must lie between {shortest:g} and "
             f"{longest:.3g} s for this actuator, received {step:.3g} s; {advice}"
         )
 
@@ -94,13 +103,14 @@ class Presliding(Section):
 
     def longest_step(self, motor_inertia: float, output_inertia: float) -> float:
         """Longest step that follows the swing of either mass on its bristles, s."""
-        limits = [
+        damped = (
+            min(motor_inertia, output_inertia) / self.damping if self.damping > 0.0 else math.inf
+        )
+        return min(
             math.sqrt(motor_inertia / self.motor_stiffness),
             math.sqrt(output_inertia / self.output_stiffness),
-        ]
-        if self.damping > 0.0:
-            limits.append(min(motor_inertia, output_inertia) / self.damping)
-        return min(limits)
+            damped,
+        )
 
 
 class StribeckPresliding(Presliding):
@@ -128,8 +138,11 @@ class WindingHeat(Section):
 
     @property
     def gain_per_watt(self) -> Any:
-        """Share of its resistance that the winding gains by a steady loss of 1 W."""
-        return COPPER * self.thermal_resistance
+        """Share of its resistance that the winding gains by a steady loss of 1 W.
+
+        Copper gains 0.00393 for each kelvin at 20 degrees Celsius (IEC 60028).
+        """
+        return 0.00393 * self.thermal_resistance
 
 
 class Supply(Section):

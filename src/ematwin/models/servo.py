@@ -13,23 +13,12 @@ import numpy as np
 from ematwin.errors import InputError, ParameterError, RecordError
 from ematwin.models.base import Candidates, Law, Model, Progress, Signal, Values
 from ematwin.models.scenario import Scenario
-from ematwin.models.simulated import recording_of
+from ematwin.models.simulating import recording_of
 from ematwin.models.unknown import Unknown
 from ematwin.recordings.channel import Channel, Derivation
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 from ematwin.showing.text import apart
-
-_SUM = 0.05  # of the RMS of the phases: their sensors and converters differ by less
-_BROKEN = 0.2  # of it: no gains of sensors leave as much once the best is taken off
-_LOAD_OFFSET = 0.05  # of the dry friction, seen on the output
-_OVERSPEED = 20.0  # times the speed limit: no fault makes a motor so fast
-_BEYOND = 1.02  # times the travel: end stops give a little
-_DEGREES = (10.0, 180.0)  # times the travel: what degrees taken for radians reach (57.3)
-_GAPS = 5.0  # times the healthy gap that a motion should cross
-_SLOTS = (3, 6, 9, 12, 15, 18, 24)  # of usual stators
-_SLOPE = 0.1  # of the RMS of a speed: how far a drive's own may be from the slope of the position
-
 
 COMMAND_AND_LOAD = (
     Channel("command", "rad", "commanded output position", ("cmd", "setpoint"), "output"),
@@ -52,12 +41,7 @@ class ServoModel(Model):
     ) -> tuple[np.ndarray, dict[str, np.ndarray], float]:  # fmt: skip
         """The response from rest: times (S,), all channels (S,) by name, and the step, s.
 
-        Parameters
-        ----------
-        fidelity : "reference" or "monitor"
-        actuator, scenario, values, progress : as of `ematwin.simulate`
-        rate, step : Hz and s; ``step`` at most
-        start : position of the output, rad
+        As of `ematwin.simulate`; ``step`` is the longest, ``start`` the output's position, rad.
         """
 
     def simulate(  # type: ignore[override]  # which options there are, a kind decides
@@ -83,10 +67,9 @@ class ServoModel(Model):
                 f"The {form} model has no {', '.join(lacking)}; take the reference model, or leave "
                 "that out."
             )
+        wanted = {n: x for n, x in channels.items() if n not in self.on_request or n in also}
         return recording_of(
-            self, actuator, scenario, values, time,
-            {n: x for n, x in channels.items() if n not in self.on_request or n in also},
-            noise=noise, seed=seed, fidelity=form,
+            self, actuator, scenario, values, time, wanted, noise=noise, seed=seed, fidelity=form,
             initial_position_rad=float(initial_position), step_s=taken,
         )  # fmt: skip
 
@@ -102,10 +85,6 @@ class ServoModel(Model):
         check_travel(scenario, actuator)
 
 
-def _third(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    return -(one + other)
-
-
 def star_channels(
     quantity: str, unit: str, meaning: str, aliases: Sequence[str], **more: Any
 ) -> tuple[Channel, ...]:
@@ -116,7 +95,7 @@ def star_channels(
     found = []
     for x in "abc":
         sources = tuple(f"{quantity}_{other}" for other in "abc" if other != x)
-        derived = Derivation(f"-({' + '.join(sources)})", sources, _third)
+        derived = Derivation(f"-({' + '.join(sources)})", sources, lambda one, two: -(one + two))
         names = tuple(alias.format(x) for alias in aliases)
         found.append(
             Channel(f"{quantity}_{x}", unit, meaning.format(x), names, derived=derived, **more)
@@ -125,13 +104,9 @@ def star_channels(
 
 
 def normalised_fault(
-    name: str,
-    meaning: str,
-    unit: str,
-    physical: Callable[[Any, Any], Any] | None,
-    healthy: float = 0.0,
-    **more: Any,
-) -> Unknown:
+    name: str, meaning: str, unit: str, physical: Callable[[Any, Any], Any] | None,
+    healthy: float = 0.0, **more: Any,
+) -> Unknown:  # fmt: skip
     """A fault from 0 to 1; ``unit`` of ``physical``, ``more`` as of `Unknown`."""
     return Unknown(
         name, "", meaning, healthy, 0.0, 1.0, physical_unit=unit, physical=physical, **more
@@ -150,8 +125,8 @@ def possible_coggings(pole_pairs: int) -> list[tuple[int, float]]:
     add the number of slots, teeth that differ the number of poles (Zhu and Howe 2000, IEEE Trans.
     Energy Conversion 15(4), 407-412).
     """
-    poles = 2 * pole_pairs
-    cycles = sorted({poles, *_SLOTS, *(math.lcm(slots, poles) for slots in _SLOTS)})
+    poles, usual = 2 * pole_pairs, (3, 6, 9, 12, 15, 18, 24)  # slots of stators
+    cycles = sorted({poles, *usual, *(math.lcm(slots, poles) for slots in usual)})
     return [(each, 0.5 * math.pi * n) for each in cycles for n in range(4)]
 
 
@@ -169,9 +144,9 @@ def load_nuisances(actuator: Any, valleys: int = 1) -> tuple[Unknown, Unknown]:
     """Gain and offset of the recorded load; ``valleys`` as of `Unknown`, for the offset.
 
     Load cells are stated to 1 % of their range and drift by as much with temperature; loads that
-    were computed and not measured are worth 5 %.
+    were computed and not measured are worth 5 %. The offset is 5 % of the dry friction.
     """
-    load = _LOAD_OFFSET * max(dry_friction(actuator), 1e-6) * actuator.transmission.ratio
+    load = 0.05 * max(dry_friction(actuator), 1e-6) * actuator.transmission.ratio
     return (
         nuisance("load_gain", "", "actual over recorded load", 1.0, 0.5, 0.06),
         nuisance("load_offset", "N*m", "load beside the recorded one", 0.0, 40.0 * load, load,
@@ -192,22 +167,30 @@ def tracking_signals(recording: Recording) -> list[Signal]:
 
 
 def star_laws(recording: Recording, phases: Sequence[str], text: str, most: float) -> list[Law]:
-    """Three phases add up to zero (Kirchhoff); ``most`` as a share of their RMS, as of `Law`."""
+    """Three phases add up to zero (Kirchhoff); ``most`` as a share of their RMS, as of `Law`.
+
+    Sensors and converters of phases differ by less than 5 % of it.
+    """
     if not set(phases) <= recording.channels.keys():
         return []
     values = {name: recording.channels[name] for name in phases}
     size = float(np.sqrt(np.mean([one**2 for one in values.values()])))
-
-    def total(taken: Mapping[str, np.ndarray]) -> np.ndarray:
-        return np.asarray(sum(taken.values()))
-
-    return [Law(text, values, total, _SUM * size, most * size)]
+    return [
+        Law(
+            text,
+            values,
+            lambda taken: np.sum(list(taken.values()), axis=0),
+            0.05 * size,
+            most * size,
+        )
+    ]
 
 
 def current_laws(recording: Recording) -> list[Law]:
     """The currents of a star winding add up to zero."""
     names = ("current_a", "current_b", "current_c")
-    return star_laws(recording, names, "the phase currents do not add up to zero", _BROKEN)
+    # no gains of sensors leave a fifth once the best is taken off
+    return star_laws(recording, names, "the phase currents do not add up to zero", 0.2)
 
 
 def motion_laws(model: Model, recording: Recording, actuator: Any) -> list[Law]:
@@ -241,9 +224,10 @@ def motion_laws(model: Model, recording: Recording, actuator: Any) -> list[Law]:
                 speed: channels[speed],
                 position: np.gradient(channels[position], recording.interval),
             }
-            size = float(np.sqrt(np.mean(channels[speed] ** 2)))
+            # a drive's own speed may be off by a tenth
+            slack = 0.1 * float(np.sqrt(np.mean(channels[speed] ** 2)))
             text = f"{speed} is not the slope of {position}"
-            found.append(Law(text, both, lambda taken: np.subtract(*taken.values()), _SLOPE * size))
+            found.append(Law(text, both, lambda taken: np.subtract(*taken.values()), slack))
     return found
 
 
@@ -257,13 +241,7 @@ def check_stops(gear: Any) -> None:
 
 
 def checked_step(actuator: Any, fidelity: str, step: float | None) -> float:
-    """A step of a model, s; the actuator's if not given.
-
-    Raises
-    ------
-    InputError
-        If it is too long for this actuator.
-    """
+    """A step of a model, s, that is not too long for this actuator; its own if not given."""
     chosen = float(getattr(actuator.steps, fidelity) if step is None else step)
     try:
         actuator.check_step(fidelity, chosen)
@@ -308,7 +286,7 @@ def check_motion(recording: Recording, actuator: Any) -> None:
     gear, fastest = actuator.transmission, actuator.controller.speed_limit
     motor = recording.channels.get("motor_position")
     speed = 0.0 if motor is None else float(np.abs(np.diff(motor)).max()) * recording.sample_rate
-    if speed > _OVERSPEED * fastest:
+    if speed > 20.0 * fastest:  # no fault makes a motor so fast
         raise RecordError(
             f"motor_position turns at up to {speed:.4g} rad/s; {actuator.name} limits the speed "
             f"to {fastest:.4g} rad/s. Check its unit and the unit of time, or give unwrap = true "
@@ -319,13 +297,13 @@ def check_motion(recording: Recording, actuator: Any) -> None:
         if values is None:
             continue
         low, high = float(values.min()), float(values.max())
-        if low >= _BEYOND * gear.travel_low and high <= _BEYOND * gear.travel_high:
-            continue
+        if low >= 1.02 * gear.travel_low and high <= 1.02 * gear.travel_high:
+            continue  # end stops give a little
         factor = max(abs(low), abs(high)) / max(-gear.travel_low, gear.travel_high)
         hint = (
             'It looks like degrees (give unit = "deg" in the map), or else like an angle of the '
             'motor side (give side = "motor").'
-            if _DEGREES[0] <= factor <= _DEGREES[1]
+            if 10.0 <= factor <= 180.0  # of degrees taken for radians 57.3
             else "Check its unit, its side of the gear and its offset, or the actuator."
         )
         raise RecordError(
@@ -350,7 +328,7 @@ def little_motion(recording: Recording, actuator: Any, turn: float, said: str) -
             f"The motor turns by {moved} degrees, less than the {needed} of {said}. Record a "
             f"motion of at least {1e3 * turn / gear.ratio:.3g} mrad of the output."
         )
-    if travel < _GAPS * gear.backlash:
+    if travel < 5.0 * gear.backlash:
         found.append(
             f"The motion is {travel / max(gear.backlash, 1e-12):.2g} times the healthy gap: it "
             "hardly crosses it."

@@ -28,41 +28,28 @@ class Stepped(NamedTuple):
 
     ``begin``, ``sample`` and ``advance`` are compiled steps (`ematwin.numerics.compile.step`) on
     constants ``c``, state ``x``, inputs ``u`` and outputs ``y``, (N, 1) arrays of floats.
-
-    Attributes
-    ----------
-    inputs, outputs : names of channels, in the order of ``u`` and ``y``; the command comes first
-    constants : ``candidates -> numbers``, the first entries of ``c``. ``candidates`` hold values of
-        unknowns and starts by name and of parameters by place. It computes with them by operators
-        and functions of numpy alone: an export follows it with values that are not known yet
-    begin : ``(c, u, x)`` fills the state at rest; its values in ``u`` hold while ``held`` samples
-        settle
-    sample : ``(c, x, u, n, y)`` at sample ``n``: the state after it, and its outputs
-    advance : ``(c, x, u)`` over a step
-    interval, substeps : s, from one sample to the next, and steps in it
-    at : of each input, at which share of a step it is taken
-    constant_count, state_count : N of ``c`` and ``x``
-    derive : None, or ``(c)``, which fills the later entries of ``c`` from the first ones
-    starts : what only the start depends on
-    fixed : places of parameters that are not followed: the grid of steps depends on them
-    held : samples for which the start is held before the first one
     """
 
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
+    inputs: tuple[str, ...]  # channels in the order of ``u``; the command comes first
+    outputs: tuple[str, ...]  # channels in the order of ``y``
+    # ``candidates -> numbers``, the first entries of ``c``. ``candidates`` hold values of unknowns
+    # and starts by name and of parameters by place. It computes with them by operators and
+    # functions of numpy alone: an export follows it with values that are not known yet
     constants: Callable[[Mapping[str, Any]], Sequence[Any]]
-    begin: Any
-    sample: Any
-    advance: Any
-    interval: float
-    substeps: int
-    at: tuple[float, ...]
-    constant_count: int
-    state_count: int
-    derive: Any = None
-    starts: tuple[Start, ...] = ()
-    fixed: tuple[str, ...] = ()
-    held: int = 0
+    begin: (
+        Any  # ``(c, u, x)``: state at rest; its values in ``u`` hold while ``held`` samples settle
+    )
+    sample: Any  # ``(c, x, u, n, y)`` at sample ``n``: the state after it, and its outputs
+    advance: Any  # ``(c, x, u)`` over a step
+    interval: float  # s, from one sample to the next
+    substeps: int  # in it
+    at: tuple[float, ...]  # of each input, at which share of a step it is taken
+    constant_count: int  # N of ``c``
+    state_count: int  # N of ``x``
+    derive: Any = None  # ``(c)``: fills the later entries of ``c`` from the first ones
+    starts: tuple[Start, ...] = ()  # what only the start depends on
+    fixed: tuple[str, ...] = ()  # places that are not followed: the grid of steps depends on them
+    held: int = 0  # samples for which the start is held before the first one
 
 
 def initial_position(actuator: Any) -> Start:
@@ -75,14 +62,9 @@ def initial_position(actuator: Any) -> Start:
 
 
 def stepped_of(
-    traces: Any,
-    rest: Any,
-    constants: Callable[[Mapping[str, Any]], Sequence[Any]],
-    *,
-    inputs: tuple[str, ...],
-    interval: float,
-    substeps: int,
-) -> Stepped:
+    traces: Any, rest: Any, constants: Callable[[Mapping[str, Any]], Sequence[Any]], *,
+    inputs: tuple[str, ...], interval: float, substeps: int,
+) -> Stepped:  # fmt: skip
     """The twin of an `ematwin.numerics.lanes.Traces`, from a state at rest.
 
     ``rest`` is a step ``(command, c) -> state``; the others are as of `Stepped`.

@@ -17,21 +17,15 @@ from ematwin.errors import InputError
 from ematwin.showing import markup
 from ematwin.showing.text import said
 
-_FACTOR = 3.0  # a nominal parameter may be so much smaller or larger than its file says
-_REACH = 4.0  # standard deviations of its prior that it may be off in any case
-
 Role = Literal["fault", "nominal", "nuisance", "symptom"]
 
 
 class PhysicalValue(NamedTuple):
-    """Physical value of an unknown on an actuator.
-
-    ``normalised`` is the value as it is searched; ``value`` and ``healthy`` are in ``unit``.
-    """
+    """Physical value of an unknown on an actuator."""
 
     name: str
-    normalised: float
-    value: float
+    normalised: float  # as it is searched
+    value: float  # in ``unit``
     healthy: float
     unit: str
     meaning: str
@@ -43,32 +37,23 @@ class PhysicalValue(NamedTuple):
 
 
 class Alias(NamedTuple):
-    """A direction in which the answer of a twin does not change.
-
-    A change of ``pivot`` by one has the effect of the changes ``same`` of others, by name; of
-    logarithms where an unknown is logarithmic. A pivot that is ``held`` stays at the mean of its
-    prior while the others are fitted, and only widens their intervals.
-
-    A pivot that ``multiplies`` changes the others by shares of their values: what is healthy stays
-    so whatever the pivot is, and it tells nothing of which faults are there.
-    """
+    """A direction in which the answer of a twin does not change."""
 
     pivot: str
-    same: dict[str, float]
-    held: bool = True
+    same: dict[str, float]  # changes of others by name that have the effect of its change by one
+    held: bool = True  # at the mean of its prior while others are fitted: it widens their intervals
+    # it changes the others by shares of their values: what is healthy stays so, and the pivot shows
+    # nothing of which faults are there
     multiplies: bool = False
 
 
 class Contrast(NamedTuple):
-    """A combination of faults that tells more than each for itself.
-
-    ``weights`` are by name; ``ambiguity`` is a sentence on what else may be its cause, or "".
-    """
+    """A combination of faults that tells more than each for itself."""
 
     name: str
-    weights: dict[str, float]
+    weights: dict[str, float]  # by name
     meaning: str
-    ambiguity: str = ""
+    ambiguity: str = ""  # a sentence on other causes
 
 
 def table_of(rows: Sequence[PhysicalValue], marked: Container[str] | None = None) -> str:
@@ -192,9 +177,8 @@ class Unknown:
 
     def physical_value(self, actuator: Any, value: float) -> PhysicalValue:
         """Physical value on an actuator."""
-        if self.physical is None:
-            now, healthy = value, self.healthy
-        else:
+        now, healthy = value, self.healthy
+        if self.physical is not None:
             now, healthy = self.physical(actuator, value), self.physical(actuator, self.healthy)
         unit = self.unit if self.physical_unit is None else self.physical_unit
         return PhysicalValue(
@@ -260,10 +244,12 @@ def of_parameter(
     """
     _, value, unit, meaning, _ = actuator.parameter(place)
     low, high = actuator.limits(place)
+    # three times smaller or larger than its file says, and four deviations of its prior in any case
+    least, deviations = 3.0, 4.0
     if value > 0.0 and deviation is None:
         tolerance = actuator.tolerance(place)
         usual = factor or 1.0 if tolerance is None else math.sqrt(1.0 + tolerance)
-        reach = max(_FACTOR, usual**_REACH)
+        reach = max(least, usual**deviations)
         lower = max(value / reach, low)
         upper = min(value * reach, high)
         if not lower < upper:
@@ -272,7 +258,7 @@ def of_parameter(
             place, unit, meaning, value, lower, upper, "nominal",
             spread=None if factor is None else math.log(factor), logarithmic=True,
         )  # fmt: skip
-    reach = _FACTOR * (abs(value) or 1.0) if deviation is None else _REACH * deviation
+    reach = least * (abs(value) or 1.0) if deviation is None else deviations * deviation
     return Unknown(
         place, unit, meaning, value, max(value - reach, low), min(value + reach, high), "nominal",
         spread=deviation,
@@ -284,13 +270,10 @@ def physical_values(
 ) -> list[PhysicalValue]:
     """Physical values, on an actuator, of the unknowns that have a value."""
     rows = []
-    for one in unknowns:
-        if one.name not in values:
-            continue
+    for one in (one for one in unknowns if one.name in values):
         row = one.physical_value(actuator, values[one.name])
         if one.direction_of is not None and values.get(one.direction_of) == 0.0:
-            without = f"{row.meaning} (no meaning without {one.direction_of})"
-            row = row._replace(meaning=without)
+            row = row._replace(meaning=f"{row.meaning} (no meaning without {one.direction_of})")
         rows.append(row)
     return rows
 
@@ -303,6 +286,5 @@ def no_unknown(name: str, actuator: Any, unknowns: Sequence[Unknown]) -> InputEr
     hint = f"Did you mean {close[0]}? " if close else ""
     return InputError(
         f"Unknown fault {name!r}. {hint}The faults are {', '.join(known)}; parameters are named "
-        "by their place, such as "
-        f"{places[0]}."
+        f"by their place, such as {places[0]}."
     )

@@ -12,7 +12,7 @@ from ematwin.estimation.rivals import Rival, hints, objections, qualified
 from ematwin.estimation.verdict import Verdict
 from ematwin.models.base import OtherForm
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.truer.rivals import fixed_in_space, other_forms
+from ematwin.models.bldc.unknowns import fixed_in_space, other_forms
 
 PLAIN = BldcActuator.load()
 SHORTS = ("short_a", "short_b", "short_c")

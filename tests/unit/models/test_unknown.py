@@ -29,20 +29,6 @@ def test_the_laws_are_those_of_the_kernel() -> None:
     assert told["eccentricity_phase"] == pytest.approx(np.degrees(angle))
 
 
-@pytest.mark.parametrize("kind", ["bldc", "ball-screw"])
-def test_every_parameter_of_every_kind_is_an_unknown_or_said_to_be_fixed(kind: str) -> None:
-    model = model_of(kind)
-    actuator = model.parameters.load()
-    for place, value, unit, meaning, _ in actuator.parameters():
-        if place in model.fixed:
-            with pytest.raises(InputError, match="cannot be searched"):
-                model.unknown(actuator, place)
-            continue
-        one = model.unknown(actuator, place)
-        assert (one.name, one.unit, one.meaning, one.role) == (place, unit, meaning, "nominal")
-        assert one.lower <= value <= one.upper
-
-
 @pytest.mark.parametrize(
     ("value", "said"),
     [

@@ -14,6 +14,7 @@ from typing import Self
 from pydantic import model_validator
 
 from ematwin.models.parameter_set import ParameterSet, Section, quantity
+from ematwin.models.sections import TwinSteps
 
 # These set the grid of steps, which a batch shares: they cannot differ between candidates.
 FIXED = ("controller.sample_time", "steps.twin")
@@ -62,12 +63,6 @@ class ScrewController(Section):
     )
 
 
-class ScrewSteps(Section):
-    """Fixed step of the model."""
-
-    twin: float = quantity("s", "step of the model", exact=True, gt=0)
-
-
 class BallScrew(ParameterSet):
     """One ball-screw actuator, all values in SI, on the nut unless said otherwise."""
 
@@ -77,14 +72,10 @@ class BallScrew(ParameterSet):
     screw: Screw
     drive: ScrewDrive
     controller: ScrewController
-    steps: ScrewSteps
+    steps: TwinSteps
 
     @model_validator(mode="after")
     def _step_resolves_the_lag(self) -> Self:
         longest = 0.5 * min(self.drive.response_time, self.controller.sample_time)
-        if not 1e-6 <= self.steps.twin <= longest:
-            raise ValueError(
-                f"steps.twin must lie between 1e-6 and {longest:.3g} s, half of the response time "
-                f"or of the sample time, received {self.steps.twin:.3g} s; change it"
-            )
+        self.steps.check(1e-6, longest, "half of the response time or of the sample time")
         return self

@@ -8,32 +8,19 @@ import numpy as np
 
 from ematwin.errors import RecordError
 from ematwin.models.ball_screw.parameters import FIXED, BallScrew
-from ematwin.models.ball_screw.step import (
-    BallScrewConstants,
-    ball_screw_at_rest,
-    ball_screw_traces,
-)
+from ematwin.models.ball_screw.step import BallScrewConstants, ball_screw_at_rest, ball_screw_traces
 from ematwin.models.stepped import Stepped, stepped_of
 from ematwin.numerics.compile import plain
 
 
 def candidate_traces(
-    actuator: BallScrew,
-    set_point: np.ndarray,
-    interval: float,
-    candidates: Mapping[str, Any],
+    actuator: BallScrew, set_point: np.ndarray, interval: float, candidates: Mapping[str, Any],
     count: int,
-) -> dict[str, np.ndarray]:
+) -> dict[str, np.ndarray]:  # fmt: skip
     """Current (A) and position error (m) that the twin answers with, (B, S) arrays.
 
-    Parameters
-    ----------
-    actuator : BallScrew
-    set_point : (S,) array, m
-    interval : float, s
-    candidates : unknowns by name and parameters of the actuator by place, (B,) each; all others
-        are healthy, and a healthy backlash is the parameter of the candidate
-    count : B
+    ``set_point`` (S,) in m and ``interval`` in s; ``candidates`` are unknowns by name and
+    parameters by place, (B,) each. A healthy backlash is the parameter of the candidate.
     """
     update, substeps = steps_of(actuator, interval)
     c = ball_screw_constants(actuator, candidates, update, substeps)

@@ -27,19 +27,13 @@ from ematwin.models.bldc.counts import (
     steps_of,
 )
 from ematwin.models.bldc.envelope import trapezoid_shape
+from ematwin.models.bldc.loops import started
+from ematwin.models.bldc.motor import KEPT_5, KEPT_7, SINE
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import balanced
-from ematwin.models.bldc.reference_step import (
-    ReferenceState,
-    all_emf_constants,
-    drive,
-    more_after,
-)
+from ematwin.models.bldc.reference_step import ReferenceState, all_emf_constants, drive, more_after
 from ematwin.models.bldc.simulate import INPUT_INTERVAL, TimeGrid, phases_of
-from ematwin.models.bldc.state import fault_state
-from ematwin.models.bldc.truer.loops import started
-from ematwin.models.bldc.truer.motor import KEPT_5, KEPT_7, SINE
-from ematwin.models.bldc.truer.state import TruerState
+from ematwin.models.bldc.state import TruerState, fault_state
 from ematwin.models.bldc.unknowns import HELD, UNKNOWNS
 from ematwin.models.bldc.zeros import counted
 from ematwin.models.optional import FIRST_SAMPLE, Values
@@ -49,9 +43,6 @@ from ematwin.numerics.scalar import THIRD_TURN
 from ematwin.numerics.signals import LowPass, white_noise
 from ematwin.recordings.recording import Recording
 
-_LONGEST = 0.4  # s of a recording, of which a controller is simulated
-_FASTER = 1.3  # than the step of the reference: the ripple is another then
-_LONG = 6.3e-6  # s, of steps at most behind a current loop: they leave less than ``LEAST``
 _INSTANT = 1e-10  # s: what is so near is now
 RECENT = 32  # answers that are kept: many of the next differ by a sensor or a mass alone
 LEAST = 0.001  # of the recorded current: what simulators of other make differ by
@@ -90,10 +81,8 @@ def currents_along(k, command, motion, spacing, interval, c, longest, samples, t
     command : (G,) array, rad on the motor shaft; straight lines between points
     motion : (6, G) array, angle and speed of the motor, and angle of the output, on its shaft;
         constants of the EMF of each phase, shares of ``c.k_e``
-    spacing : s, of these points, the first at 0 s
-    interval : s, of the means
+    spacing, interval, longest : s, of these points from 0 s on, of the means, and of a step
     c, truer, more : as of `batch.reference_trace`
-    longest : s, step
     samples : S
     i : (3,) array, A, phase currents at first
     """
@@ -150,28 +139,15 @@ def has_motion(recording: Recording) -> bool:
 class Motion:
     """The motion of a recording, all on the motor shaft.
 
-    Attributes
-    ----------
-    rate : Hz
-    first_sample : s, when sampled loops sample first
-    time : (S,) array, s from its first sample on
-    motor, output : splines of the angles
-    recorded : the angles as they came, (S,) arrays
-    command, load : (S,) arrays, rad and N m
-    currents : (S, 3) array, A
-    share : of the motor in both inertias, by the file
-    counts : steps of the encoders of motor and output, rad on the motor shaft; 0 where of none
-    steps : the same, or steps of counts as noisy as the positions; 0 where they hardly are
-    angles : (S, 3) array, electrical angle of each phase in the middle of its mean
-    trapezoids : (S, 3) array, EMF shapes of a healthy motor by the paper
+    ``motor`` and ``output`` are splines of the angles, ``recorded`` the angles as they came.
     """
 
     def __init__(self, recording: Recording, actuator: BldcActuator) -> None:
         recording = counted(balanced(recording), actuator)
         self.rate, ratio = recording.sample_rate, actuator.transmission.ratio
         inertia = actuator.motor.inertia
-        self.share = inertia / (inertia + actuator.transmission.output_inertia)
-        self.first_sample = recording.first_sample
+        self.share = inertia / (inertia + actuator.transmission.output_inertia)  # of the motor
+        self.first_sample = recording.first_sample  # s, of sampled loops
         self.time = np.arange(len(recording)) / self.rate
         self.command = recording.channels["command"] * ratio
         self.load = recording.channels.get("load", np.zeros(len(recording))) / ratio
@@ -180,6 +156,7 @@ class Motion:
         self.currents, self._pole_pairs = currents, actuator.motor.pole_pairs
         motor = recording.channels["motor_position"]
         output = recording.channels["output_position"] * ratio
+        # steps of encoders, rad, 0 without; and of counts as noisy as the positions
         self.counts = steps_of(recording, actuator)
         self.steps = tuple(
             counts or step_by_noise(position)
@@ -194,7 +171,7 @@ class Motion:
             SmoothingSpline(self.time, position, cutoff if step else math.inf)
             for position, step in zip((motor, output), self.steps, strict=True)
         )
-        # a mean belongs to the middle of its interval
+        # electrical angles (S, 3): a mean belongs to the middle of its interval
         electrical = self._pole_pairs * self.motor(self.time - 0.5 / self.rate)
         self.angles = electrical[:, None] - THIRD_TURN * np.arange(3)
         self.trapezoids = trapezoid_shape(self.angles)
@@ -257,7 +234,7 @@ class Controller:
         self._answer = lru_cache(maxsize=RECENT)(self._simulated)
         self._known: tuple[Any, np.ndarray] | None = None  # EMF along the motion
         rate = motion.rate
-        count = min(len(motion.time), int(_LONGEST * rate) + 1)
+        count = min(len(motion.time), int(0.4 * rate) + 1)  # 0.4 s are simulated
         self._grid = grid = TimeGrid(INPUT_INTERVAL, (count - 0.5) / rate, rate)
         self._states = np.array([
             motion.motor(grid.time), motion.motor(grid.time, 1), motion.output(grid.time),
@@ -274,13 +251,9 @@ class Controller:
         return self._low_pass.apply(signed, self._motion.rate)
 
     def left(
-        self,
-        actuator: Any,
-        values: Values | None = None,
-        *,
-        faster: float = 1.0,
+        self, actuator: Any, values: Values | None = None, *, faster: float = 1.0,
         counts: bool = False,
-    ) -> np.ndarray:
+    ) -> np.ndarray:  # fmt: skip
         """Simulated less recorded current (S - 1,), A; ``faster`` divides the step.
 
         At which instants an encoder is read is not known, nor the motion within a count: the loops
@@ -295,22 +268,16 @@ class Controller:
         return gain * current + offset - self._seen
 
     def _simulated(
-        self,
-        actuator: Any,
-        faults: tuple[float, ...],
-        skew: float,
-        first: float,
-        held: float,
-        faster: float,
-        counts: bool,
-    ) -> np.ndarray:
+        self, actuator: Any, faults: tuple[float, ...], skew: float, first: float, held: float,
+        faster: float, counts: bool,
+    ) -> np.ndarray:  # fmt: skip
         """Simulated equivalent current (S - 1,), A; arguments as of `left`."""
         grid, motion = self._grid, self._motion
         command = np.interp(grid.time + skew, motion.time, motion.command)
         if actuator.current_loop is None:  # a comparator overshoots by the change in a step
             dt = grid.step / max(1, round(faster * grid.step / actuator.steps.reference))
-        else:
-            dt = 1.0 / motion.rate / math.ceil(1.0 / motion.rate / _LONG)
+        else:  # steps of 6.3 us at most leave less than `LEAST`
+            dt = 1.0 / motion.rate / math.ceil(faster / motion.rate / 6.3e-6)
         truer = truer_constants(actuator)
         if truer.motor_step > 0.0 and not counts:
             # rad: counts of such an encoder do not show
@@ -368,7 +335,7 @@ class Controller:
         """
         if actuator.current_loop is not None:
             return LEAST
-        ripple = float(np.linalg.norm(self.left(actuator) - self.left(actuator, faster=_FASTER)))
+        ripple = float(np.linalg.norm(self.left(actuator) - self.left(actuator, faster=1.3)))
         return math.hypot(LEAST, ripple / self.size)
 
 

@@ -21,13 +21,8 @@ from ematwin.numerics.compile import plain
 from ematwin.numerics.scalar import THIRD_TURN
 from ematwin.numerics.signals import LowPass, filtered, white_noise
 
-_SLOW = 200.0  # Hz: below it the acceleration of an encoder's position is known
-_STEEP = 500.0  # Hz, of counts before that: an acceleration's noise grows with f^2
 _STANDS = 0.02  # of the largest speed: nearer to rest friction is not known
-_SETTLES = 0.01  # s after that, for the low-pass
-_SURELY = 0.5  # of the friction of the output: a torque whose sign the template knows
 _CERTAIN = 3.0  # standard deviations of a twist, and of its change
-_SHORTEST, _LONGEST = 8, 200  # samples of a crossing; angle and speed at its begin take two
 
 
 class TorqueBalance:
@@ -38,18 +33,13 @@ class TorqueBalance:
         J_m dw_m/dt + J_o dw_o/dt + b w_m + T_m sgn w_m + T_o sgn w_o + T_load - T_cog
             = sum kappa_k i_k.
 
-    Attributes
-    ----------
-    motion : Motion, smoothed enough for accelerations
-    w_m, w_o : (S,) arrays, speeds of motor and output, rad/s
-    size : float, norm of the recorded current, A
-    slides : (S,) array of bool, samples that count
-    moves_together : (S,) array of bool, where no mass crosses the gap
+    Samples count where both ``slides`` (S,); where ``moves_together`` no mass crosses the gap.
     """
 
     def __init__(self, motion: Motion, slides: np.ndarray | None = None) -> None:
-        motion = motion.smoother(_STEEP)
-        self.motion, self._low_pass = motion, LowPass(_SLOW)
+        motion = motion.smoother(500.0)  # Hz, of counts: an acceleration's noise grows with f^2
+        # below 200 Hz the acceleration of an encoder's position is known
+        self.motion, self._low_pass = motion, LowPass(200.0)
         middle = motion.time - 0.5 / motion.rate
         self._angle = motion.motor(middle)
         self._recorded_load = motion.alike(motion.load)
@@ -74,7 +64,7 @@ class TorqueBalance:
             )  # fmt: skip
             self._dw_m = self._dw_o = share * self._dw_m + (1.0 - share) * self._dw_o
             stands |= ~together
-        settles = np.ones(int(_SETTLES * motion.rate))
+        settles = np.ones(int(0.01 * motion.rate))  # s, for the low-pass
         self.slides = np.convolve(stands, settles)[: len(stands)] == 0
         if slides is not None:
             self.slides = slides
@@ -213,7 +203,8 @@ class Contact:
     def __init__(self, balance: TorqueBalance, actuator: Any, values: Values | None = None) -> None:
         self._balance = balance
         torque, twist = self._elastic(actuator, values), balance.motion.twist()
-        sure = np.abs(torque) > _SURELY * actuator.transmission.friction_torque
+        # torques whose sign the template knows
+        sure = np.abs(torque) > 0.5 * actuator.transmission.friction_torque
         self._pushes = balance.slides & balance.moves_together & sure
         self._gap = actuator.transmission.backlash
         self._pushes[self._pushes] = _rests(
@@ -277,10 +268,6 @@ class Crossing:
     recorded angles are not differentiated. The residual holds white noise of the angle, such as an
     encoder's counts, and white noise of the torque, integrated twice. It is whitened (generalised
     least squares).
-
-    Attributes
-    ----------
-    size : float, norm of the curved part of the recorded angles, in standard deviations
     """
 
     def __init__(
@@ -294,10 +281,11 @@ class Crossing:
             smeared = np.ones(2 * round(motion.rate / motion.cutoff) + 1)
             stands = np.convolve(stands, smeared, "same") > 0.5
         ends = np.flatnonzero(np.diff(np.r_[False, apart & ~stands, False])).reshape(-1, 2)
+        shortest, longest = 8, 200  # samples; angle and speed at the begin take two
         self._spans = [
-            slice(begin, min(begin + _LONGEST, last))
+            slice(begin, min(begin + longest, last))
             for first, last in ends
-            for begin in range(first, last - _SHORTEST, _LONGEST)
+            for begin in range(first, last - shortest, longest)
         ]
         acceleration, noise = self._acceleration(actuator, {}), 0.0
         if of_motor:

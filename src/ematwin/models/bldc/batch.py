@@ -12,18 +12,23 @@ import math
 
 import numpy as np
 
-from ematwin.models.bldc.monitor_step import MonitorState, monitor_step
-from ematwin.models.bldc.pairs import Pairs, pairs_of
+from ematwin.models.bldc.monitor_step import (
+    Loops,
+    MonitorState,
+    Pairs,
+    looped_monitor_step,
+    monitor_step,
+    pairs_of,
+)
 from ematwin.models.bldc.reference_step import ReferenceState, reference_step
 from ematwin.models.bldc.state import (
     HALF_GAP,
     LOAD_DELAY,
     Constants,
     FaultState,
+    TruerState,
     fault_state,
 )
-from ematwin.models.bldc.truer.monitor_step import Loops, looped_monitor_step
-from ematwin.models.bldc.truer.state import TruerState
 from ematwin.numerics.compile import loop, step
 from ematwin.numerics.lanes import LANES, columns, lane_loop, wide_vectors
 from ematwin.numerics.scalar import biquad
@@ -59,26 +64,19 @@ def at(values, place):
 
 @loop
 def reference_trace(k, command, load, state, c, dt, substeps, decimation, truer, more):
-    """Simulate the reference model from a state on.
+    """((G - 1) // decimation, 15) trace of the reference model, columns as in `REFERENCE_COLUMNS`.
+
+    Samples are those after the start; a current or voltage is the mean over the interval that ends
+    at its sample.
 
     Parameters
     ----------
     k : (8,) array, fault vector
-    command, load : (G,) arrays, output command (rad) and load (N m) on the motor shaft, on a
-        uniform grid; straight lines between its points
-    state : (11,) array, the fields of `ReferenceState`; holds the last state afterwards, so that
-        a long simulation can go on from there
-    c : Constants
-    dt : float, step, s
-    substeps : int, steps from one grid point to the next
-    decimation : int, grid intervals from one sample to the next
-    truer : Truer, constants of the truer forms
-    more : (19,) array, the fields of `TruerState`, kept like ``state``
-
-    Returns
-    -------
-    ((G - 1) // decimation, 15) array, columns as in `REFERENCE_COLUMNS`, the samples after the
-        start; a current or voltage is the mean over the interval that ends at its sample
+    command, load : (G,) arrays on a uniform grid, rad and N m on the motor shaft; straight lines
+    state : (11,) array, the fields of `ReferenceState`; and ``more`` (19,), those of `TruerState`.
+        Both hold the last state afterwards, so that a long simulation can go on from there
+    dt : step, s; ``substeps`` from one grid point to the next
+    decimation : grid intervals from one sample to the next
     """
     fault = fault_state(k, c.half_gap)
     rows, more_rows = state.reshape(-1, 1), more.reshape(-1, 1)
@@ -87,14 +85,8 @@ def reference_trace(k, command, load, state, c, dt, substeps, decimation, truer,
     trace = np.empty((samples, 15))
     share = 1.0 / (substeps * decimation)
     for sample in range(samples):
-        sum_a = 0.0
-        sum_b = 0.0
-        sum_c = 0.0
-        sum_va = 0.0
-        sum_vb = 0.0
-        sum_vc = 0.0
-        sum_bus = 0.0
-        sum_vbus = 0.0
+        row = trace[sample]
+        row[:] = 0.0
         for g in range(sample * decimation, (sample + 1) * decimation):
             d_command = (command[g + 1] - command[g]) / substeps
             d_load = (load[g + 1] - load[g]) / substeps
@@ -104,29 +96,17 @@ def reference_trace(k, command, load, state, c, dt, substeps, decimation, truer,
                 now, now_more, i_a, i_b, i_c, supply = reference_step(
                     now, now_more, command_now, load_now, fault, c, truer, dt
                 )
-                sum_a += i_a
-                sum_b += i_b
-                sum_c += i_c
-                sum_va += supply.v_a
-                sum_vb += supply.v_b
-                sum_vc += supply.v_c
-                sum_bus += supply.i_bus
-                sum_vbus += supply.v_bus
-        trace[sample, 0] = sum_a * share
-        trace[sample, 1] = sum_b * share
-        trace[sample, 2] = sum_c * share
-        trace[sample, 3] = now.theta_m
-        trace[sample, 4] = now.w_m
-        trace[sample, 5] = now.theta_o
-        trace[sample, 6] = now.w_o
-        trace[sample, 7] = now.e_electrical
-        trace[sample, 8] = now.e_copper
-        trace[sample, 9] = now.e_mechanical
-        trace[sample, 10] = sum_va * share
-        trace[sample, 11] = sum_vb * share
-        trace[sample, 12] = sum_vc * share
-        trace[sample, 13] = sum_bus * share
-        trace[sample, 14] = sum_vbus * share
+                row[0] += i_a
+                row[1] += i_b
+                row[2] += i_c
+                row[10] += supply.v_a
+                row[11] += supply.v_b
+                row[12] += supply.v_c
+                row[13] += supply.i_bus
+                row[14] += supply.v_bus
+        row *= share
+        row[3], row[4], row[5], row[6] = now.theta_m, now.w_m, now.theta_o, now.w_o
+        row[7], row[8], row[9] = now.e_electrical, now.e_copper, now.e_mechanical
     write_reference(rows, 0, now)
     write_more(more_rows, 0, now_more)
     return trace
@@ -134,15 +114,11 @@ def reference_trace(k, command, load, state, c, dt, substeps, decimation, truer,
 
 @loop
 def monitor_trace(k, command, load, state, c, dt, substeps, decimation, loops):
-    """Simulate the monitor model; arguments as in `reference_trace`.
+    """((G - 1) // decimation, 6) trace of the monitor model, columns as in `MONITOR_COLUMNS`.
 
-    ``state`` (7,) holds the fields of `MonitorState`; ``loops`` is None where shorted turns are
-    missing, or (4,), the fields of `Loops`, kept like ``state``: numba compiles the cases apart.
-
-    Returns
-    -------
-    ((G - 1) // decimation, 6) array, columns as in `MONITOR_COLUMNS`; the current is signed, the
-        power is electrical, into the motor
+    As `reference_trace`. ``state`` (7,) holds the fields of `MonitorState`; ``loops`` is None where
+    shorted turns are missing, or (4,), the fields of `Loops`: numba compiles the cases apart. The
+    current is signed, the power electrical, into the motor.
     """
     fault = fault_state(k, c.half_gap)
     pairs = pairs_of(fault, c)
@@ -171,12 +147,9 @@ def monitor_trace(k, command, load, state, c, dt, substeps, decimation, loops):
                     )
                 total += now.i
                 energy += p_mean
-        trace[sample, 0] = total * share
-        trace[sample, 1] = now.theta_m
-        trace[sample, 2] = now.w_m
-        trace[sample, 3] = now.theta_o
-        trace[sample, 4] = now.w_o
-        trace[sample, 5] = energy * share
+        row = trace[sample]
+        row[0], row[5] = total * share, energy * share
+        row[1], row[2], row[3], row[4] = now.theta_m, now.w_m, now.theta_o, now.w_o
     write_state(rows, 0, now)
     if loops is not None:
         write_loops(loop_rows, 0, now_loops)
@@ -194,29 +167,23 @@ def monitor_scores(
     ----------
     k : (B, 8) array, fault vectors; B a multiple of `LANES`
     commands, loads : (S,) arrays at the samples of the record, on the motor shaft; straight lines
-        between
-    starts : (N,) integer array, the sample at which each stretch begins
-    samples : int, of each stretch
-    states : (N, 7) array, the fields of `MonitorState` at the first sample of each
-    c : Constants that all candidates share
+    starts : (N,) samples at which the stretches begin, of ``samples`` each
+    states : (N, 7) array, the fields of `MonitorState` there
     by_candidate : None; or (B, 35) array, the fields of `Constants` of each candidate, in place of
-        ``c``. numba compiles the two cases apart, so that shared constants stay scalars
-    dt : float, step, s
-    substeps : int, steps from one sample to the next
+        ``c``, which all share. numba compiles the cases apart, so that these stay scalars
+    dt : step, s; ``substeps`` from one sample to the next
     taps : (N, 7) array, low-pass ``b0 b1 b2 a1 a2`` and its state ``z1 z2`` at each start
     rectify : bool, compare the magnitude of the current
     targets, weights : (S,) arrays, filtered current of the record (A) and weight of each sample
     costs : (N, B) array, filled with sum(weight (target - filtered current)^2) of the samples after
         the first; infinite where a candidate diverged or has passed its limit
-    responses : (N, B, K) array, filled with every ceil(samples/K)-th sample of the filtered
-        currents; K is 0 to keep none
+    responses : (N, B, K) array, filled with every ceil(samples/K)-th filtered current; K may be 0
     power : None; or a pair: (N, 2) array, state of the low-pass of the electrical power at each
         start, and (N, B, K) array, filled with as many samples of the power, W
-    limits : (B,) array, costs above which a candidate is not wanted. Costs only rise with the
-        samples, so that it is simulated only until that shows, unless responses are kept. The other
-        costs are the same bit for bit, whatever the limits
+    limits : (B,) costs above which a candidate is not wanted. Costs only rise, so that it is
+        simulated only until that shows, unless responses are kept; others are the same bit for bit
     loops : None where shorted turns are missing; or (N, 4) array, the fields of `Loops` at the
-        first sample of each stretch. numba compiles the two cases apart
+        first sample of each stretch
     """
     wide_vectors()
     keep = responses.shape[2] > 0
@@ -228,20 +195,12 @@ def monitor_scores(
     pairs = new_pairs()
     state = new_state()
     looped = new_loops()
-    total = np.empty(LANES)
-    energy = np.empty(LANES)
-    y1 = np.empty(LANES)
-    y2 = np.empty(LANES)
-    z1 = np.empty(LANES)
-    z2 = np.empty(LANES)
-    cost = np.empty(LANES)
+    total, energy, cost = np.empty(LANES), np.empty(LANES), np.empty(LANES)
+    y1, y2, z1, z2 = np.empty(LANES), np.empty(LANES), np.empty(LANES), np.empty(LANES)
     # the load of each lane, which may be late: by how many samples, and by which part of one
-    late = np.empty(LANES, np.int64)
-    late_part = np.empty(LANES)
-    late_next = np.empty(LANES)
-    late_load = np.empty(LANES)
-    late_end = np.empty(LANES)
-    d_late = np.empty(LANES)
+    late, late_part = np.empty(LANES, np.int64), np.empty(LANES)
+    late_next, late_load = np.empty(LANES), np.empty(LANES)
+    late_end, d_late = np.empty(LANES), np.empty(LANES)
     rate = 1.0 / (dt * substeps)
     left = np.empty(k.shape[0], np.int64)  # the candidates whose cost is still wanted
     segment = samples

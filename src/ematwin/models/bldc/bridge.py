@@ -6,13 +6,8 @@ EMF, so that the bridge, its diodes included, is the same with them and without.
 
 from typing import NamedTuple
 
-from ematwin.models.bldc.inverter import (
-    advance_phase,
-    share_until_blocked,
-    terminal_voltages,
-)
-from ematwin.models.bldc.motor import phase_inductance
-from ematwin.models.bldc.truer.shorted_turns import loop_answer
+from ematwin.models.bldc.inverter import advance_phase, share_until_blocked, terminal_voltages
+from ematwin.models.bldc.motor import loop_answer, phase_inductance
 from ematwin.numerics.compile import part, step
 from ematwin.numerics.scalar import clip
 
@@ -73,9 +68,7 @@ def _conduct(i_a, i_b, i_c, e_a, e_b, e_c, g_a, g_b, g_c, phases, c, dt):
     n_a = i_a + share * (n_a - i_a) if share_a == 1.0 else 0.0
     n_b = i_b + share * (n_b - i_b) if share_b == 1.0 else 0.0
     n_c = i_c + share * (n_c - i_c) if share_c == 1.0 else 0.0
-    m_a = 0.5 * (i_a + n_a)
-    m_b = 0.5 * (i_b + n_b)
-    m_c = 0.5 * (i_c + n_c)
+    m_a, m_b, m_c = 0.5 * (i_a + n_a), 0.5 * (i_b + n_b), 0.5 * (i_c + n_c)
     taken = share * dt * (v_a * m_a + v_b * m_b + v_c * m_c)
     lost = share * dt * (r_a * m_a * m_a + r_b * m_b * m_b + r_c * m_c * m_c)
     # through the upper switches, and back through the upper diodes
@@ -93,9 +86,7 @@ def advance_bridge(i_a, i_b, i_c, e_a, e_b, e_c, g_a, g_b, g_c, phases, c, dt):
     share, n_a, n_b, n_c, taken, lost, supply = _conduct(
         i_a, i_b, i_c, e_a, e_b, e_c, g_a, g_b, g_c, phases, c, dt
     )
-    m_a = 0.5 * (i_a + n_a)
-    m_b = 0.5 * (i_b + n_b)
-    m_c = 0.5 * (i_c + n_c)
+    m_a, m_b, m_c = 0.5 * (i_a + n_a), 0.5 * (i_b + n_b), 0.5 * (i_c + n_c)
     if share < 1.0:  # the rest of the step, with the off leg at zero
         rest = 1.0 - share
         _, p_a, p_b, p_c, more_taken, more_lost, then = _conduct(
@@ -105,8 +96,7 @@ def advance_bridge(i_a, i_b, i_c, e_a, e_b, e_c, g_a, g_b, g_c, phases, c, dt):
         m_b = share * m_b + rest * 0.5 * (n_b + p_b)
         m_c = share * m_c + rest * 0.5 * (n_c + p_c)
         n_a, n_b, n_c = p_a, p_b, p_c
-        taken += more_taken
-        lost += more_lost
+        taken, lost = taken + more_taken, lost + more_lost
         supply = Supply(
             share * supply.v_a + rest * then.v_a,
             share * supply.v_b + rest * then.v_b,

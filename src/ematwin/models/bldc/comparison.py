@@ -13,38 +13,33 @@ from typing import Self
 
 import numpy as np
 
+from ematwin.models.bldc import unknowns as table
 from ematwin.models.bldc.channels import PHASES, phase_currents
 from ematwin.models.bldc.constants import constants_by_candidate, kernel_constants
 from ematwin.models.bldc.envelope import equivalent_current
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import balanced
-from ematwin.models.bldc.power import Power, recorded_power
 from ematwin.models.bldc.stretches import (
     Batch,
+    Power,
     PowerStretches,
     Stretches,
     Twin,
     initial_state,
+    recorded_power,
     scores,
 )
-from ematwin.models.bldc.truer import REFERENCE_ALONE
-from ematwin.models.bldc.unknowns import HELD, MODEL_ERROR, POWER, SENSOR, UNKNOWNS
 from ematwin.models.bldc.zeros import counted, turned
 from ematwin.models.comparison import Candidates, Comparison, Placed
-from ematwin.models.sizes import check_enough, check_moves
+from ematwin.models.plausibility import check_enough, check_moves
 from ematwin.numerics.filters import advanced
 from ematwin.numerics.side_by_side import cores
 from ematwin.numerics.signals import LowPass, SlopeWeighting, filtered, means, white_noise
 from ematwin.recordings.recording import Recording
 
 SMOOTH_CUTOFF = 100.0  # Hz: misfits of currents low-passed there have wide basins
-_TWIN_ERROR = 0.003  # relative misfit of the twin to healthy records of the reference model
-_REFERENCE_ERROR = 0.002  # of the reference model to simulators of other make: 0.0 to 0.18 %
 KEPT = 5_000  # samples of a response: more are thinned, as far as the low-pass allows
 _OVERSAMPLING = 8.0  # rate of kept samples over the cutoff, at least
-_AT_A_TIME = 4_000_000  # samples of answers that are held whole
-_COARSE = 2.0  # times the step, where only the valley is looked for
-_FINE = 0.25  # times the step, where an actuator is learnt
 
 
 class BldcComparison(Comparison):
@@ -64,8 +59,6 @@ class BldcComparison(Comparison):
     current, target : (S,) arrays, A, equivalent current of the recording, as it is and filtered
     weights : (S,) array, s/A
     step, substeps : step of the monitor model (s), and how many make a sampling interval
-    kept : samples of a response that are kept at most
-    power : the electrical power, where it counts as evidence
 
     Raises
     ------
@@ -75,10 +68,10 @@ class BldcComparison(Comparison):
         If it is sampled too slowly for the filter.
     """
 
-    kept: int
+    kept: int  # samples of a response, at most
     _stands_for = 1  # samples as recorded, each sample
-    model_error, has_reference = MODEL_ERROR, True
-    power: Power | None = None
+    model_error, has_reference = table.MODEL_ERROR, True
+    power: Power | None = None  # where it counts as evidence
     _filtered_power: PowerStretches | None = None
     _missed: Mapping[str, np.ndarray] | None = None
     _passed: LowPass | None = None  # by what was missed
@@ -109,9 +102,9 @@ class BldcComparison(Comparison):
         current = None if self.rectify else float(self.current[0])
         self.state = initial_state(recording, actuator, current)
         self.constants = kernel_constants(actuator)
-        self.ignores = frozenset(POWER if actuator.integrates else (*POWER, HELD))
+        self.ignores = frozenset(table.POWER if actuator.integrates else (*table.POWER, table.HELD))
         self.unseen = frozenset(
-            place for place, *_ in actuator.parameters() if place.startswith(REFERENCE_ALONE)
+            place for place, *_ in actuator.parameters() if place.startswith(table.REFERENCE_ALONE)
         )
         self.threads = threads or cores()
         self._filter(low_pass or LowPass())
@@ -171,7 +164,7 @@ class BldcComparison(Comparison):
         other = copy.copy(self)
         other.power = power
         unseen = {"voltage_drop"} if power.by_phases else set()
-        other.ignores = self.ignores - set(POWER) | unseen
+        other.ignores = self.ignores - set(table.POWER) | unseen
         other._filter_power()
         return other
 
@@ -194,7 +187,7 @@ class BldcComparison(Comparison):
     def _coarse(self, low_pass: LowPass, kept: int) -> "BldcComparison":
         """With one sample, of currents and power the mean, for so many as a long step takes."""
         stable = self.actuator.largest_stable_step("monitor")
-        longest = min(_COARSE * self.actuator.steps.monitor, stable)
+        longest = min(2.0 * self.actuator.steps.monitor, stable)
         recording, rate = self.recording, self.recording.sample_rate
         stride = max(1, int(min(longest * rate + 1e-9, rate / (_OVERSAMPLING * low_pass.cutoff))))
         other, some = copy.copy(self), slice(None, None, stride)
@@ -213,7 +206,7 @@ class BldcComparison(Comparison):
 
     def refined(self) -> "BldcComparison":
         """With shorter steps: impacts in a gap that is hardly wider than one are late otherwise."""
-        return copy.copy(self)._stepped(_FINE * self.step)
+        return copy.copy(self)._stepped(0.25 * self.step)
 
     def _stepped(self, longest: float) -> Self:
         """This, with steps of the monitor model of at most ``longest`` seconds."""
@@ -287,7 +280,9 @@ class BldcComparison(Comparison):
         self.scale = float(np.sum(self.weights * self.target**2))
         # behind the low-pass a recording holds so many independent samples
         self.independent = max(1.0, 2.0 * low_pass.cutoff * float(np.ptp(recording.time)))
-        self.expected_misfit = _TWIN_ERROR if self._missed is None else _REFERENCE_ERROR
+        # relative misfit to healthy records of the reference model, and misfit of that to
+        # simulators of other make (0.0 to 0.18 %)
+        self.expected_misfit = 0.003 if self._missed is None else 0.002
         self.noise = self.expected_misfit * math.sqrt(self.scale / self.independent)
         if self._missed is not None:
             self.target = self.target - self._filtered_missed("current")
@@ -310,9 +305,9 @@ class BldcComparison(Comparison):
 
         # what a sensor shows is known of whole answers only: as many at a time as memory allows,
         # and of long ones as many samples as a residual keeps
-        whole, many = replace(self.whole, power=None), count
-        if whole.samples * LANES <= _AT_A_TIME:
-            whole, many = replace(whole, kept=whole.samples), _AT_A_TIME // whole.samples
+        whole, many, most = replace(self.whole, power=None), count, 4_000_000  # samples
+        if whole.samples * LANES <= most:
+            whole, many = replace(whole, kept=whole.samples), most // whole.samples
         parts = (batch.part(slice(n, n + many)) for n in range(0, count, many))
         left = (self.residuals_of(whole, part)[0] for part in parts)
         costs = np.concatenate([np.einsum("bs,bs->b", one, one) for one in left])
@@ -333,15 +328,11 @@ class BldcComparison(Comparison):
         how = f"{'magnitude' if self.rectify else 'signed'}, {self.low_pass.cutoff:g} Hz low-pass"
         return {"current": (f"Equivalent current ({how})", "A")}
 
-    def residuals(self, candidates: Candidates, count: int) -> np.ndarray:
-        """Weighted residuals (B, K): the sum of their squares is the cost."""
-        return self.residuals_over(self.whole, candidates, count)
-
-    def residuals_over(
-        self, stretches: Stretches, candidates: Candidates, count: int
+    def residuals(
+        self, candidates: Candidates, count: int, stretches: Stretches | None = None
     ) -> np.ndarray:
-        """Weighted residuals (B, K) over stretches, the evidence last."""
-        parts = self.residuals_of(stretches, self.batch(candidates, count))
+        """Weighted residuals (B, K), the evidence last; over the whole recording if not given."""
+        parts = self.residuals_of(stretches or self.whole, self.batch(candidates, count))
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 
     def residuals_of(self, stretches: Stretches, batch: Batch) -> list[np.ndarray]:
@@ -382,10 +373,10 @@ class BldcComparison(Comparison):
 
     def batch(self, candidates: Candidates, count: int) -> Batch:
         """Candidates as the kernel takes them."""
-        faults = np.empty((count, len(UNKNOWNS)))
-        for n, one in enumerate(UNKNOWNS):
+        faults = np.empty((count, len(table.UNKNOWNS)))
+        for n, one in enumerate(table.UNKNOWNS):
             faults[:, n] = candidates.get(one.name, one.healthy)
-        sensor = {name: candidates[name] for name in SENSOR if name in candidates}
+        sensor = {name: candidates[name] for name in table.SENSOR if name in candidates}
         return Batch(faults, constants_by_candidate(self.actuator, candidates, count), sensor)
 
     def run(

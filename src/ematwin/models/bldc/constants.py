@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.state import Constants
-from ematwin.models.bldc.truer.state import Truer
+from ematwin.models.bldc.state import Constants, Truer
 from ematwin.models.bldc.unknowns import FIXED, LOAD
 from ematwin.numerics.side_by_side import by_candidate
 
@@ -33,10 +32,7 @@ _STATED = {
 
 
 def kernel_constants(
-    actuator: BldcActuator,
-    load_gain: Any = 1.0,
-    load_offset: Any = 0.0,
-    load_delay: Any = 0.0,
+    actuator: BldcActuator, load_gain: Any = 1.0, load_offset: Any = 0.0, load_delay: Any = 0.0
 ) -> Constants:
     """Constants of the equations in docs/models.md, SI, phase values, on the motor shaft.
 

@@ -19,11 +19,8 @@ from ematwin.numerics.signals import LowPass, white_noise
 from ematwin.recordings.recording import Recording
 
 _FINEST = 2.0 * math.pi / 100_000  # rad on the motor shaft: finer steps leave < 0.1 % of a current
-_CLEAN = 2.0 * math.pi / 1_000_000  # rad: noise of finer steps is none in an acceleration
-_USUAL = 2.0 * math.pi / 10_000  # rad
 CUTOFF = 2000.0  # Hz, of smoothed counts: at 500 Hz, where currents are compared, 0.4 % are lost
 _OFF = 0.05  # of a step, that readings may be off whole ones: digits of a file
-_ELSEWHERE = 0.5 * (math.sqrt(5.0) - 1.0)  # of a step, at which counts begin anew
 
 
 def step_of(position: np.ndarray) -> float:
@@ -50,7 +47,8 @@ def steps_of(recording: Recording, actuator: Any) -> tuple[float, float]:
 def step_by_noise(position: np.ndarray) -> float:
     """Step (rad) of counts as noisy as a position (S,) on the motor shaft; 0 if it hardly is."""
     size = math.sqrt(12.0) * white_noise(position)
-    return size if size > _CLEAN else 0.0
+    # noise of finer steps is none in an acceleration
+    return size if size > 2.0 * math.pi / 1_000_000 else 0.0
 
 
 def said_of_steps(recording: Recording, actuator: Any) -> list[str]:
@@ -68,15 +66,7 @@ class SmoothingSpline:
     """The natural cubic spline of a trace at uniform times, smoothed above a cutoff (Hz) if given.
 
     By Reinsch's equations. `scipy.interpolate` has them for any times; it takes a quarter of a
-    second to import, and 30 times as long for a spline.
-
-    Parameters
-    ----------
-    time, trace : (S,) arrays, s and any unit
-
-    Attributes
-    ----------
-    values : (S,) array, of the spline at these times
+    second to import, and 30 times as long for a spline. ``values`` (S,) are those at its times.
     """
 
     def __init__(self, time: np.ndarray, trace: np.ndarray, cutoff: float = math.inf) -> None:
@@ -131,7 +121,8 @@ def comparable_cutoff(size: float) -> float:
     The noise of such a speed grows with the size, and with f^1.5: coarse counts leave as much below
     this cutoff as 10,000 below the usual one, about 1 % of a current.
     """
-    return LowPass().cutoff * min(1.0, (_USUAL / max(size, _FINEST)) ** (2.0 / 3.0))
+    usual = 2.0 * math.pi / 10_000
+    return LowPass().cutoff * min(1.0, (usual / max(size, _FINEST)) ** (2.0 / 3.0))
 
 
 def recorded_anew(motion: np.ndarray, size: float, counts: bool) -> np.ndarray:
@@ -144,4 +135,5 @@ def recorded_anew(motion: np.ndarray, size: float, counts: bool) -> np.ndarray:
     if not counts:
         noise = np.random.default_rng(0).standard_normal(motion.size)
         return np.asarray(motion + size / math.sqrt(12.0) * noise)
-    return np.asarray(size * (np.floor(motion / size + _ELSEWHERE) + 0.5 - _ELSEWHERE))
+    begin = 0.5 * (math.sqrt(5.0) - 1.0)  # of a step
+    return np.asarray(size * (np.floor(motion / size + begin) + 0.5 - begin))

@@ -18,13 +18,10 @@ import math
 import numpy as np
 
 from ematwin.errors import RecordError
-from ematwin.models.bldc.channels import PHASES
+from ematwin.models.bldc.channels import PHASES, phase_currents
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.numerics.signals import LowPass
 from ematwin.recordings.recording import Recording
-
-_LAGS = 2.0 * np.pi / 3.0 * np.arange(3)
-_AT_ONCE = 65_536  # samples: long records take memory enough
 
 
 def trapezoid_shape(theta_e: np.ndarray) -> np.ndarray:
@@ -35,24 +32,19 @@ def trapezoid_shape(theta_e: np.ndarray) -> np.ndarray:
 
 def projected(currents: np.ndarray, theta_e: np.ndarray) -> np.ndarray:
     """(S,) array, A, phase currents (S, 3) on the EMF shapes at electrical angles (S,), rad."""
-    return np.asarray(0.5 * (currents * trapezoid_shape(theta_e[:, None] - _LAGS)).sum(axis=1))
+    lags, found = 2.0 * np.pi / 3.0 * np.arange(3), np.empty(len(theta_e))
+    for start in range(0, len(theta_e), 65_536):  # long records take memory enough
+        part = slice(start, start + 65_536)
+        shapes = trapezoid_shape(theta_e[part, None] - lags)
+        found[part] = 0.5 * (currents[part] * shapes).sum(axis=1)
+    return found
 
 
 def current_envelope(record: Recording) -> np.ndarray:
-    """(S,) array, A, never negative: envelope of the phases, or magnitude of ``current``.
-
-    Raises
-    ------
-    RecordError
-        If it has neither.
-    """
-    phases = [record.channels[name] for name in PHASES if name in record.channels]
-    if len(phases) == len(PHASES):
-        total = np.abs(phases[0])
-        for phase in phases[1:]:
-            total += np.abs(phase)
-        total *= 0.5
-        return total
+    """(S,) array, A, never negative: envelope of the phases, or magnitude of ``current``."""
+    currents = phase_currents(record)
+    if currents is not None:
+        return np.asarray(0.5 * np.abs(currents).sum(axis=1))
     if record.current is None:
         raise RecordError(
             f"{record.name} has no current; give current_a, current_b and current_c, or current."
@@ -62,16 +54,11 @@ def current_envelope(record: Recording) -> np.ndarray:
 
 def signed_current(record: Recording, pole_pairs: int) -> np.ndarray | None:
     """(S,) array, A, signed equivalent current; None where the record does not determine it."""
-    phases = [record.channels[name] for name in PHASES if name in record.channels]
-    if record.motor_position is not None and len(phases) == len(PHASES):
-        projected = np.zeros(len(record))
-        for start in range(0, len(record), _AT_ONCE):
-            part = slice(start, start + _AT_ONCE)
-            for n, phase in enumerate(phases):
-                theta_e = pole_pairs * record.motor_position[part] - n * 2.0 * math.pi / 3.0
-                projected[part] += 0.5 * phase[part] * trapezoid_shape(theta_e)
-        return projected
-    if not phases and record.current is not None and (record.current < 0.0).any():
+    currents = phase_currents(record)
+    if record.motor_position is not None and currents is not None:
+        return projected(currents, pole_pairs * record.motor_position)
+    no_phases = not any(name in record.channels for name in PHASES)
+    if no_phases and record.current is not None and (record.current < 0.0).any():
         return record.current
     return None
 

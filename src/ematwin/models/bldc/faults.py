@@ -19,8 +19,6 @@ from ematwin.showing.results import frame_of_rows
 
 HEALTHY = np.array([one.healthy for one in UNKNOWNS])
 HEALTHY.flags.writeable = False
-_ECCENTRICITY, _DIRECTION, _GAIN = map(FAULTS.index, ("eccentricity", "eccentricity_phase", "gain"))
-_MAGNITUDES = slice(_DIRECTION)  # friction to eccentricity
 
 # Table 1 of the paper: the ten fault vectors, in its order.
 PAPER_CASES = {
@@ -72,7 +70,12 @@ class Faults:
             return values
         if isinstance(values, Mapping):
             for name in values:
-                check_name(name)
+                if name not in FAULTS:
+                    close = get_close_matches(name, FAULTS, n=1, cutoff=0.5)
+                    hint = f"Did you mean {close[0]}? " if close else ""
+                    raise InputError(
+                        f"Unknown fault {name!r}. {hint}The faults are {', '.join(FAULTS)}."
+                    )
             return cls(**values)
         vector = np.asarray(values, dtype=float)
         if vector.shape != (8,):
@@ -124,14 +127,6 @@ class Faults:
         return f"Faults({', '.join(given)})"
 
 
-def check_name(name: str) -> None:
-    """Raise `InputError` if there is no such fault."""
-    if name not in FAULTS:
-        close = get_close_matches(name, FAULTS, n=1, cutoff=0.5)
-        hint = f"Did you mean {close[0]}? " if close else ""
-        raise InputError(f"Unknown fault {name!r}. {hint}The faults are {', '.join(FAULTS)}.")
-
-
 def error_percent(
     estimated: np.ndarray, injected: np.ndarray, *, wrapped: bool = False
 ) -> np.ndarray:
@@ -151,11 +146,10 @@ def error_percent(
     """
     k_hat = np.asarray(injected)
     gap = np.asarray(estimated) - k_hat
-    turn = gap[..., _DIRECTION]
+    turn = gap[..., 6]
     if wrapped:
         turn = turn - np.round(turn)
-    total = (gap[..., _MAGNITUDES] ** 2).sum(axis=-1)
-    total = total + k_hat[..., _ECCENTRICITY] * turn**2 + gap[..., _GAIN] ** 2
+    total = (gap[..., :6] ** 2).sum(axis=-1) + k_hat[..., 5] * turn**2 + gap[..., 7] ** 2
     return np.asarray(100.0 * np.sqrt(total))
 
 

@@ -21,8 +21,8 @@ def gate_signals(sector, pair_sign):
     """Drive of the legs a, b, c: 1 high, -1 low, 0 off.
 
     In sector s the pair is (a,b) (a,c) (b,c) (b,a) (c,a) (c,b); ``pair_sign`` = 1 puts its first
-    leg high and its second low, -1 the other way round: the bridge always drives both. Between two
-    sectors, up to 6, it is the mean of both pairs by their shares.
+    leg high and its second low, -1 the other way round. Between two sectors, up to 6, it is the
+    mean of both pairs by their shares.
     """
     g_a = clip(1.5 - _sectors_apart(sector, 0.5), -1.0, 1.0)
     g_b = clip(1.5 - _sectors_apart(sector, 2.5), -1.0, 1.0)
@@ -63,6 +63,15 @@ def _free_leg(i, v_open, v_supply, v_diode):
 
 
 @step
+def _star_point(u_a, u_b, u_c, on_a, on_b, on_c, y_a, y_b, y_c):
+    """Voltage of the star point, V, by what conducting legs leave over their inductances."""
+    w_a = y_a if on_a else 0.0
+    w_b = y_b if on_b else 0.0
+    w_c = y_c if on_c else 0.0
+    return (w_a * u_a + w_b * u_b + w_c * u_c) / (w_a + w_b + w_c)
+
+
+@step
 def terminal_voltages(g_a, g_b, g_c, i_a, i_b, i_c, e_a, e_b, e_c, r_a, r_b, r_c,
                       y_a, y_b, y_c, v_supply, v_diode):  # fmt: skip
     """Terminal voltages and star point, V; gives ``v_a, v_b, v_c, v_n, on_a, on_b, on_c``.
@@ -74,16 +83,11 @@ def terminal_voltages(g_a, g_b, g_c, i_a, i_b, i_c, e_a, e_b, e_c, r_a, r_b, r_c
     v_a = 0.5 * (1.0 + g_a) * v_supply
     v_b = 0.5 * (1.0 + g_b) * v_supply
     v_c = 0.5 * (1.0 + g_c) * v_supply
-    on_a = g_a != 0.0
-    on_b = g_b != 0.0
-    on_c = g_c != 0.0
-    w_a = y_a if on_a else 0.0
-    w_b = y_b if on_b else 0.0
-    w_c = y_c if on_c else 0.0
-    u_a = v_a - r_a * i_a - e_a
-    u_b = v_b - r_b * i_b - e_b
-    u_c = v_c - r_c * i_c - e_c
-    v_n = (w_a * u_a + w_b * u_b + w_c * u_c) / (w_a + w_b + w_c)
+    on_a, on_b, on_c = g_a != 0.0, g_b != 0.0, g_c != 0.0
+    v_n = _star_point(
+        v_a - r_a * i_a - e_a, v_b - r_b * i_b - e_b, v_c - r_c * i_c - e_c, on_a, on_b, on_c,
+        y_a, y_b, y_c,
+    )  # fmt: skip
     # the off leg: open-circuit voltage is star point plus its EMF
     f_a, free_a = _free_leg(i_a, v_n + e_a, v_supply, v_diode)
     f_b, free_b = _free_leg(i_b, v_n + e_b, v_supply, v_diode)
@@ -91,17 +95,11 @@ def terminal_voltages(g_a, g_b, g_c, i_a, i_b, i_c, e_a, e_b, e_c, r_a, r_b, r_c
     v_a = v_a if on_a else f_a
     v_b = v_b if on_b else f_b
     v_c = v_c if on_c else f_c
-    on_a = on_a | free_a
-    on_b = on_b | free_b
-    on_c = on_c | free_c
-    w_a = y_a if on_a else 0.0
-    w_b = y_b if on_b else 0.0
-    w_c = y_c if on_c else 0.0
-    v_n = (
-        w_a * (v_a - r_a * i_a - e_a)
-        + w_b * (v_b - r_b * i_b - e_b)
-        + w_c * (v_c - r_c * i_c - e_c)
-    ) / (w_a + w_b + w_c)
+    on_a, on_b, on_c = on_a | free_a, on_b | free_b, on_c | free_c
+    v_n = _star_point(
+        v_a - r_a * i_a - e_a, v_b - r_b * i_b - e_b, v_c - r_c * i_c - e_c, on_a, on_b, on_c,
+        y_a, y_b, y_c,
+    )  # fmt: skip
     return v_a, v_b, v_c, v_n, on_a, on_b, on_c
 
 

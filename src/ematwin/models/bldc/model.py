@@ -5,21 +5,17 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ematwin.models.base import Demand, Equation, Law, OtherForm, Signal, Values
+from ematwin.models.bldc import unknowns as table
 from ematwin.models.bldc.channels import CHANNELS, CURRENTS, ON_REQUEST, PHASES
+from ematwin.models.bldc.envelope import current_envelope, shown_current
 from ematwin.models.bldc.faults import Faults, PaperStudy
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.unknowns import (
-    CONTRASTS,
-    FAULTS,
-    FIXED,
-    MODEL_ERROR,
-    UNKNOWNS,
-    aliases,
-    nuisances,
-)
+from ematwin.models.bldc.plausibility import check_phases, check_plausible
+from ematwin.models.bldc.simulate import simulate
 from ematwin.models.servo import (
     ServoModel,
     current_laws,
+    little_motion,
     motion_laws,
     tracking_signals,
 )
@@ -38,10 +34,10 @@ class BldcModel(ServoModel):
     needs = ((PHASES, ("current",)),)
     sample_rate = 20_000.0
     on_request = ON_REQUEST
-    fixed = FIXED
+    fixed = table.FIXED
     compared_rate = 20_000.0
     # Parameters that a healthy recording may determine, and how far a template may be off.
-    model_error = MODEL_ERROR
+    model_error = table.MODEL_ERROR
     nominal: ClassVar[dict[str, float]] = {
         "motor.emf_constant": 1.1,
         "motor.inertia": 1.3,
@@ -66,27 +62,25 @@ class BldcModel(ServoModel):
 
     def unknowns(self, actuator: Any) -> tuple[Unknown, ...]:
         """The eight components of the paper's fault vector; load and sensors."""
-        return (*UNKNOWNS, *nuisances(actuator))
+        return (*table.UNKNOWNS, *table.nuisances(actuator))
 
     def aliases(self, actuator: Any, values: Values) -> list[Alias]:
         """Scale of all torques, and each fault against the parameter that it multiplies."""
-        return aliases(actuator, values)
+        return table.aliases(actuator, values)
 
     def contrasts(self, actuator: Any) -> tuple[Contrast, ...]:
         """Turns lost by all phases alike, and by each beyond that."""
-        return CONTRASTS
+        return table.CONTRASTS
 
     def other_forms(self, actuator: Any, found: Values) -> tuple[OtherForm, ...]:
         """An offset that is fixed in space, and shorted turns that are a loop."""
-        from ematwin.models.bldc.truer.rivals import other_forms
-
-        return other_forms(actuator, found)
+        return table.other_forms(actuator, found)
 
     def equations(
         self, recording: Recording, actuator: Any, values: Values | None = None
     ) -> tuple[Equation, ...]:
         """Controller and torque balance, where positions of motor and output were recorded."""
-        from ematwin.models.bldc.truer.forms import equations
+        from ematwin.models.bldc.forms import equations
 
         return equations(recording, actuator, values)
 
@@ -95,14 +89,17 @@ class BldcModel(ServoModel):
         return [*current_laws(recording), *motion_laws(self, recording, actuator)]
 
     def excitation(self, recording: Recording, actuator: Any) -> list[str]:
-        """Whether every phase conducts, and the gap is crossed."""
-        from ematwin.models.bldc.plausibility import too_little_motion
+        """Whether every phase conducts, and the gap is crossed.
 
-        return too_little_motion(recording, actuator)
+        Six sectors make a turn of the field. In half of one each pair of phases conducts, and the
+        other half repeats it with the opposite sign.
+        """
+        said = "half an electrical turn: not every pair of phases takes part"
+        return little_motion(recording, actuator, np.pi / actuator.motor.pole_pairs, said)
 
     def as_faults(self, values: Values) -> Faults:
         """Values by name as a fault vector."""
-        return Faults.of({name: values[name] for name in FAULTS if name in values})
+        return Faults.of({name: values[name] for name in table.FAULTS if name in values})
 
     def values_of(self, actuator: Any, given: Any) -> dict[str, float]:
         """Values of all eight from `Faults`, a mapping, a vector (8,), or None for healthy."""
@@ -124,22 +121,16 @@ class BldcModel(ServoModel):
 
     def check_channels(self, recording: Recording) -> None:
         """Command and currents, whole or not at all."""
-        from ematwin.models.bldc.plausibility import check_phases
-
         check_phases(recording)
         super().check_channels(recording)
 
     def check(self, recording: Recording, actuator: Any) -> list[str]:
         """Units, limits, rate, length and wiring."""
-        from ematwin.models.bldc.plausibility import check_plausible
-
         self.check_channels(recording)
         return check_plausible(recording, actuator)
 
     def simulated(self, *settings: Any) -> tuple[np.ndarray, dict[str, np.ndarray], float]:
         """The response of the reference model, or of the monitor model."""
-        from ematwin.models.bldc.simulate import simulate
-
         return simulate(*settings)
 
     def stepped(self, actuator: Any, fidelity: str) -> Any:
@@ -156,8 +147,6 @@ class BldcModel(ServoModel):
 
     def summary(self, recording: Recording, actuator: Any) -> dict[str, float]:
         """RMS and peak of the equivalent current, A."""
-        from ematwin.models.bldc.envelope import current_envelope
-
         envelope = current_envelope(recording)
         return {
             "current_rms": float(np.sqrt(np.mean(envelope**2))),
@@ -166,8 +155,6 @@ class BldcModel(ServoModel):
 
     def signals(self, recording: Recording, actuator: Any) -> list[Signal]:
         """Equivalent current, output position, following error."""
-        from ematwin.models.bldc.envelope import shown_current
-
         current = shown_current(recording, actuator)
         shown = Signal("Equivalent current, 500 Hz low-pass", "A", current)
         return [shown, *tracking_signals(recording)]

@@ -11,16 +11,45 @@ phi its direction (paper, section 6; docs/models.md):
 fully shorted phase finite. The share ``s`` of the offset turns with the rotor (a bent shaft; 1 is
 the paper's form), the rest is fixed in space (a bearing seat), so that each phase keeps its gap;
 this is derived here.
+
+**Shape.** The reference model has in place of the trapezoid f
+
+    f_r = (1 + 3 sqrt(3)/(10 pi) h_5 + 3 sqrt(3)/(14 pi) h_7) ((1 - r) f + r A sin)
+          + h_5 sin(5 .) + h_7 sin(7 .),   A = 2 pi/(3 sqrt(3)).
+
+The factors give each shape the mean of the trapezoid over the 120 degrees in which a phase
+conducts, so that ``r``, ``h_5`` and ``h_7`` change the shape and not the torque constant. Derived
+here. Ripple is alike in all phases and in EMF and torque, as no energy comes from it:
+kappa_k (1 + rho sin(M theta_m + phi_r)). Cogging, T_cog = -A sin(N theta_m + phi_c), does no work
+over a turn: the fundamental of the Fourier series of textbooks.
+
+**Shorted turns as a loop.** A share mu of the turns of a phase is bridged by a contact of
+resistance R_f, through which the loop current i_f leaves the winding. The turns of a phase share
+one flux; with L' = (1 - l) L, and the EMF e of the whole phase:
+
+    v - v_n = R (i - mu i_f) + L di/dt - mu L' di_f/dt + e,
+    R_f i_f = mu R (i - i_f) + mu L' d(i - mu i_f)/dt + mu e,
+    T = (e/omega) (i - mu i_f).
+
+Two-winding form of Vaseghi, Nahid-Mobarakeh, Takorabet and Meibody-Tabar (2008), IEEE IECON,
+1966-1971, with turns that are coupled perfectly, as the self-inductance of the healthy phase has it
+(docs/models.md). For R_f to infinity it is a healthy phase; for R_f to zero the flux of the shorted
+turns hardly changes, and i_f brakes. A loop answers within mu^2 L'/(R_f + mu R), for few turns far
+below any step: both models advance it by backward Euler, i_f <- remains + follows i, with the phase
+current ``i`` at the end of the step.
 """
 
 import math
 
 import numpy as np
 
-from ematwin.numerics.compile import step
-from ematwin.numerics.scalar import ROOT_3, THIRD_TURN, clip, sincos
+from ematwin.numerics.compile import part, step
+from ematwin.numerics.scalar import ROOT_3, THIRD_TURN, clip, fifth, seventh, sincos
 
-_SIXTH_TURN = math.pi / 3.0
+SIXTH_TURN = math.pi / 3.0
+SINE = 2.0 * math.pi / (3.0 * math.sqrt(3.0))
+KEPT_5 = 3.0 * math.sqrt(3.0) / (10.0 * math.pi)
+KEPT_7 = 3.0 * math.sqrt(3.0) / (14.0 * math.pi)
 
 
 @step
@@ -35,7 +64,7 @@ def trapezoid(theta):
 @step
 def hall_sector(theta_e):
     """Sector 0 to 5 of the electrical angle, as a float; sector s spans 30 + 60 s degrees on."""
-    s = np.floor(theta_e / _SIXTH_TURN - 0.5)
+    s = np.floor(theta_e / SIXTH_TURN - 0.5)
     return s - 6.0 * np.floor(s / 6.0)
 
 
@@ -74,3 +103,70 @@ def emf_constants(theta_m, fault, c):
 def phase_inductance(h, inductance, leakage):
     """Inductance of a phase with a share ``h`` of its turns left, H."""
     return (h * h * (1.0 - leakage) + leakage) * inductance
+
+
+@part
+def split_short(h, loops):
+    """Share of turns left, and share in a loop, of a phase with a share ``h`` of sound turns."""
+    shorted = 1.0 - h
+    return h + loops * shorted, loops * shorted
+
+
+@part
+def loop_answer(mu, loop, i, e, resistance, turns_inductance, contact, dt):
+    """Loop current after ``dt``: ``remains`` (A) and the share it ``follows`` of the phase current.
+
+    ``loop`` and ``i`` are the currents before, A; ``e`` is the EMF of the whole phase, V.
+    """
+    linked = mu * turns_inductance
+    inverse = 1.0 / (mu * linked + dt * (contact + mu * resistance))
+    remains = (mu * linked * loop - linked * i + dt * mu * e) * inverse
+    return remains, (linked + dt * mu * resistance) * inverse
+
+
+@part
+def truer_shapes(theta_e, rounding, h_5, h_7):
+    """EMF shapes f_r of the three phases."""
+    if rounding == 0.0 and h_5 == 0.0 and h_7 == 0.0:
+        return (
+            trapezoid(theta_e),
+            trapezoid(theta_e - THIRD_TURN),
+            trapezoid(theta_e - 2.0 * THIRD_TURN),
+        )
+    s, c = sincos(theta_e)
+    s_5, c_5 = s * fifth(s * s), c * fifth(c * c)
+    s_7, c_7 = s * seventh(s * s), -c * seventh(c * c)
+    kept = 1.0 + KEPT_5 * h_5 + KEPT_7 * h_7
+    flat = kept * (1.0 - rounding)
+    # a fifth harmonic runs backwards: 5 (theta - 120 degrees) is 5 theta + 120 degrees
+    sine = kept * rounding * SINE
+    first = sine * s + h_5 * s_5 + h_7 * s_7
+    across = 0.5 * ROOT_3 * (sine * c - h_5 * c_5 + h_7 * c_7)
+    return (
+        flat * trapezoid(theta_e) + first,
+        flat * trapezoid(theta_e - THIRD_TURN) - 0.5 * first - across,
+        flat * trapezoid(theta_e - 2.0 * THIRD_TURN) - 0.5 * first + across,
+    )
+
+
+@part
+def truer_emf_constants(theta_m, h_a, h_b, h_c, fault, c, truer):
+    """kappa_k of the three phases, V s/rad; ``h_k`` is the share of their turns that is left."""
+    gap_a, gap_b, gap_c = gap_factors(theta_m, fault.zeta_cos, fault.zeta_sin, c.turning)
+    f_a, f_b, f_c = truer_shapes(
+        c.pole_pairs * theta_m, truer.rounding, truer.harmonic_5, truer.harmonic_7
+    )
+    k_e = c.k_e
+    if truer.ripple != 0.0:
+        s, _ = sincos(truer.ripple_cycles * theta_m + truer.ripple_phase)
+        k_e *= 1.0 + truer.ripple * s
+    return h_a * k_e * gap_a * f_a, h_b * k_e * gap_b * f_b, h_c * k_e * gap_c * f_c
+
+
+@part
+def cogging_torque(theta_m, truer):
+    """Cogging torque on the rotor, N m."""
+    if truer.cogging == 0.0:
+        return 0.0
+    s, _ = sincos(truer.cogging_cycles * theta_m + truer.cogging_phase)
+    return -truer.cogging * s

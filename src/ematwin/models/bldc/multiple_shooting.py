@@ -15,18 +15,12 @@ from dataclasses import replace
 import numpy as np
 
 from ematwin.models.bldc.comparison import BldcComparison
-from ematwin.models.bldc.stretches import (
-    PowerStretches,
-    Stretches,
-    initial_state,
-    with_speeds,
-)
+from ematwin.models.bldc.stretches import PowerStretches, Stretches, initial_state, with_speeds
 from ematwin.models.comparison import Candidates, Comparison
 from ematwin.numerics.signals import filtered
 from ematwin.recordings.recording import Recording
 
 LENGTH = 0.005  # s; at 10 to 20 ms some twins still stalled within a stretch
-_MOST = 400  # stretches; of a longer recording as many, evenly spread
 
 
 def has_states(recording: Recording) -> bool:
@@ -37,23 +31,17 @@ def has_states(recording: Recording) -> bool:
 class Restarted(Comparison):
     """Misfit of a batch of candidates, as `BldcComparison` gives it, summed over stretches.
 
-    Parameters
-    ----------
-    whole : BldcComparison, of a recording with the positions of motor and output
-    length : float, s
-
-    Attributes
-    ----------
-    length : float, s
-    stretches : Stretches; the low-pass starts each as the recorded current left it
+    ``whole`` is of a recording with both positions; ``length`` of a stretch is in s. The low-pass
+    starts each as the recorded current left it.
     """
 
     def __init__(self, whole: BldcComparison, length: float = LENGTH) -> None:
         size, rate = len(whole.recording), whole.recording.sample_rate
         samples = max(2, round(length * rate))
         starts = np.arange(0, max(1, size - samples), samples)
-        if len(starts) > _MOST:
-            starts = starts[np.linspace(0, len(starts) - 1, _MOST).astype(int)]
+        most = 400  # of a longer recording as many, evenly spread
+        if len(starts) > most:
+            starts = starts[np.linspace(0, len(starts) - 1, most).astype(int)]
         self._whole = whole
         self.recording, self.actuator = whole.recording, whole.actuator
         self.length = self._length = length
@@ -93,7 +81,7 @@ class Restarted(Comparison):
 
     def residuals(self, candidates: Candidates, count: int) -> np.ndarray:
         """Weighted residuals (B, K): the sum of their squares is the cost."""
-        return self._whole.residuals_over(self.stretches, candidates, count)
+        return self._whole.residuals(candidates, count, self.stretches)
 
 
 def _stretches(whole: BldcComparison, starts: np.ndarray, samples: int) -> Stretches:

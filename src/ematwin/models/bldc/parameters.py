@@ -23,16 +23,7 @@ from typing import Self
 
 from pydantic import model_validator
 
-from ematwin.models.bldc.sections import (
-    Cogging,
-    Compliance,
-    CurrentLoop,
-    Eccentricity,
-    Emf,
-    Encoder,
-    ShortedTurns,
-    SpeedLoop,
-)
+from ematwin.models.bldc import sections as form
 from ematwin.models.bldc.stability import check_current_loop, check_speed_loop
 from ematwin.models.parameter_set import Section, quantity
 from ematwin.models.sections import (
@@ -45,10 +36,6 @@ from ematwin.models.sections import (
 )
 from ematwin.models.servo import check_stops
 
-DEFAULT_ACTUATOR = "servo48"
-_UNMOVABLE = 1000.0  # times the inertia of the rotor: no gear is chosen so
-_UNREACHABLE = 100.0  # times the current that the supply can drive: mA taken for A give 1000
-
 
 class Motor(Section):
     """Three-phase trapezoidal brushless motor."""
@@ -58,12 +45,9 @@ class Motor(Section):
     )
     inductance: float = quantity("H", "inductance, phase to phase", tolerance=0.3, gt=0)
     leakage_share: float = quantity(
-        "",
-        "share of the inductance outside the turns; left in a full short",
-        tolerance=0.5,
-        ge=0.001,
-        le=1,
-    )
+        "", "share of the inductance outside the turns; left in a full short", tolerance=0.5,
+        ge=0.001, le=1,
+    )  # fmt: skip
     emf_constant: float = quantity(
         "V*s/rad", "back-EMF constant, phase to phase", tolerance=0.06, drift=0.05, gt=0
     )
@@ -114,11 +98,9 @@ class Transmission(Section):
         "kg*m^2", "output inertia reflected to the motor", tolerance=0.6, gt=0
     )
     friction_torque: float = quantity(
-        "N*m",
-        "dynamic dry friction of the output side, reflected to the motor",
-        tolerance=0.6,
+        "N*m", "dynamic dry friction of the output side, reflected to the motor", tolerance=0.6,
         ge=0,
-    )
+    )  # fmt: skip
     static_ratio: float = quantity("", "static over dynamic friction", tolerance=0.4, ge=1)
     efficiency_opposing: float = quantity(
         "", "efficiency against an opposing load", tolerance=0.06, gt=0, le=1
@@ -144,33 +126,33 @@ class BldcActuator(ServoParameters):
 
     kind = "bldc"
     former_kinds = ("rotary",)
-    default = DEFAULT_ACTUATOR
+    default = "servo48"
 
     motor: Motor
     drive: Drive
     controller: Controller
     transmission: Transmission
     steps: Steps
-    shorted_turns: ShortedTurns | None = None
-    eccentricity: Eccentricity | None = None
-    emf: Emf | None = None
-    cogging: Cogging | None = None
-    speed_loop: SpeedLoop | None = None
-    current_loop: CurrentLoop | None = None
-    compliance: Compliance | None = None
+    shorted_turns: form.ShortedTurns | None = None
+    eccentricity: form.Eccentricity | None = None
+    emf: form.Emf | None = None
+    cogging: form.Cogging | None = None
+    speed_loop: form.SpeedLoop | None = None
+    current_loop: form.CurrentLoop | None = None
+    compliance: form.Compliance | None = None
     torque_ripple: TorqueRipple | None = None
     presliding: StribeckPresliding | None = None
     winding_heat: WindingHeat | None = None
     supply: Supply | None = None
-    encoder: Encoder | None = None
+    encoder: form.Encoder | None = None
 
     @property
-    def contact(self) -> Compliance:
+    def contact(self) -> form.Compliance:
         """Stiffness and damping between motor and output: of the gear, else of its contact."""
         gear = self.transmission
         if self.compliance is not None:
             return self.compliance
-        return Compliance.model_construct(
+        return form.Compliance.model_construct(
             stiffness=gear.contact_stiffness, damping=gear.contact_damping
         )
 
@@ -190,7 +172,7 @@ class BldcActuator(ServoParameters):
     @model_validator(mode="after")
     def _current_can_be_reached(self) -> Self:
         drivable = self.drive.supply_voltage / self.motor.resistance
-        if self.drive.current_limit > _UNREACHABLE * drivable:
+        if self.drive.current_limit > 100.0 * drivable:  # mA taken for A give 1000
             raise ValueError(
                 f"drive.current_limit is {self.drive.current_limit:g} A, but the supply can "
                 f"drive only {drivable:.3g} A; it looks like mA, correct its unit"
@@ -200,7 +182,7 @@ class BldcActuator(ServoParameters):
     @model_validator(mode="after")
     def _output_inertia_is_reflected(self) -> Self:
         times = self.transmission.output_inertia / self.motor.inertia
-        if self.transmission.ratio > 1.0 and times > _UNMOVABLE:
+        if self.transmission.ratio > 1.0 and times > 1000.0:  # no gear is chosen so
             raise ValueError(
                 f"transmission.output_inertia is {times:.3g} times that of the rotor: it is stated "
                 "as the motor feels it; divide the inertia of the output by the square of the ratio"

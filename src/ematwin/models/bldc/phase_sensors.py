@@ -25,37 +25,20 @@ from ematwin.numerics.remembered import Remembered
 from ematwin.numerics.signals import spread_of, white_noise
 from ematwin.recordings.recording import Recording
 
-_LOOKED_AT = 5_000  # samples
-_PASSES = 12
 _OPEN = 0.25  # of the largest of the three currents: more is a commutation
-_CONDUCTING = 0.2  # of their RMS: less tells nothing
-_FEWEST = 30  # samples in which a phase must have been open
 _AS_LIKELY = 2.0  # times what the best solution leaves: so does another
-_LARGE = 0.2  # of the RMS: an offset that a held current may be mistaken for
-_EVENLY = 0.1  # of all open samples: each phase in a motion through whole turns
 _OUTLYING = 3.0  # standard deviations
-_OFFSET = 0.005  # of the RMS: a smaller median is no offset to start from
-_STATED_GAIN = 0.01  # standard deviation of gains that are off, of data sheets
-_CERTAIN = 0.95  # probability that sensors are off, before anything is corrected
-_LARGEST_GAIN = 0.1  # more is another scale, or a channel that is something else
 _ADDS_UP = 1e-6  # of the RMS: the third current was made of the others
 _CARRIED = np.array([[0.0, 1.0, -1.0], [-1.0, 0.0, 1.0], [1.0, -1.0, 0.0]])  # by the open phase
 
 
 @dataclass(frozen=True)
 class PhaseSensors:
-    """Errors of the current sensors of phases a, b, c.
+    """Errors of the current sensors of phases a, b, c."""
 
-    Attributes
-    ----------
-    offsets : (3,) array, A
-    gains : (3,) array, 1 in the mean of the sensors that are there
-    made : index of the phase without a sensor, whose current was made of the other two; or None
-    """
-
-    offsets: np.ndarray
-    gains: np.ndarray
-    made: int | None = None
+    offsets: np.ndarray  # (3,), A
+    gains: np.ndarray  # (3,), 1 in the mean of the sensors that are there
+    made: int | None = None  # index of a phase without a sensor, of the other two's currents
 
     def corrected(self, recording: Recording) -> Recording:
         """The recording as sensors alike would show it."""
@@ -99,23 +82,14 @@ def balanced(recording: Recording) -> Recording:
 
 @dataclass(frozen=True)
 class _Fit:
-    """Offsets (3,), A, and gains (3,), if all are off.
-
-    Attributes
-    ----------
-    free : (3 + f,) array, offsets and free gains less one
-    covariance : (3 + f, 3 + f) array, of these
-    precision : (3 + f, 3 + f) array, of these beforehand; none of offsets and gains together
-    left : A, residual of the fit
-    made : as of `PhaseSensors`
-    """
+    """Offsets (3,), A, and gains (3,), if all are off."""
 
     offsets: np.ndarray
     gains: np.ndarray
-    free: np.ndarray
-    covariance: np.ndarray
-    precision: np.ndarray
-    left: float
+    free: np.ndarray  # (3 + f,), offsets and free gains less one
+    covariance: np.ndarray  # (3 + f, 3 + f), of these
+    precision: np.ndarray  # the same beforehand; none of offsets and gains together
+    left: float  # A, residual of the fit
     made: int | None
 
     @property
@@ -129,14 +103,15 @@ class _Fit:
 
     def _are_off(self, part: slice) -> bool:
         """By the densities of zero before and after (Dickey 1971, Ann. Math. Stat. 42, 204-223)."""
+        certain = 0.95  # probability, before anything is corrected
         free, after = self.free[part], self.covariance[part, part]
         distance = float(free @ np.linalg.solve(after, free))
         shrunk = np.linalg.slogdet(self.precision[part, part] @ after)[1]
-        return bool(distance + shrunk > 2.0 * np.log(_CERTAIN / (1.0 - _CERTAIN)))
+        return bool(distance + shrunk > 2.0 * np.log(certain / (1.0 - certain)))
 
 
 def _looked_for(currents: np.ndarray) -> PhaseSensors | None:
-    shown = currents[:: -(-len(currents) // _LOOKED_AT)]
+    shown = currents[:: -(-len(currents) // 5_000)]
     rms = float(np.sqrt(np.mean(shown**2)))
     if rms == 0.0:
         return None
@@ -146,9 +121,8 @@ def _looked_for(currents: np.ndarray) -> PhaseSensors | None:
         _Sensors(shown, noise, rms, made).fitted() for made in ((0, 1, 2) if adds_up else (None,))
     )
     best = min((one for one in fits if one is not None), key=lambda one: one.left, default=None)
-    if best is None or np.abs(best.gains - 1.0).max() > _LARGEST_GAIN:
-        return None
-    return best.sensors
+    # a larger gain is another scale, or a channel that is something else
+    return best.sensors if best and np.abs(best.gains - 1.0).max() <= 0.1 else None
 
 
 class _Sensors:
@@ -159,7 +133,7 @@ class _Sensors:
 
     def __init__(self, shown: np.ndarray, noise: np.ndarray, rms: float, made: int | None) -> None:
         self._shown, self._noise, self._rms, self._made = shown, noise, rms, made
-        self._floor = max(_CONDUCTING * rms, float(noise.max()) * _OUTLYING / _OPEN)
+        self._floor = max(0.2 * rms, float(noise.max()) * _OUTLYING / _OPEN)  # less tells nothing
         self._there = [n for n in range(3) if n != made]
         first, *others = self._there
         self._to_gains = np.zeros((3, len(others)))
@@ -168,7 +142,8 @@ class _Sensors:
         steps = np.where(apart > 0.0, apart, np.inf).min(axis=0, initial=rms)
         self._step_errors = steps**2 / 12.0  # of an offset, which no mean makes smaller
         self._precision = np.diag(np.full(3 + len(others), rms**-2))
-        self._precision[3:, 3:] = self._to_gains.T @ self._to_gains / _STATED_GAIN**2
+        # data sheets state gains to 1 %
+        self._precision[3:, 3:] = self._to_gains.T @ self._to_gains / 0.01**2
 
     def fitted(self) -> _Fit | None:
         """The fit with the smallest offsets, of those that leave as little.
@@ -177,7 +152,7 @@ class _Sensors:
         each phase was open for a good while and the currents as shown leave far more.
         """
         middle = np.median(self._shown, axis=0)
-        large = [n for n in self._there if abs(middle[n]) > _OFFSET * self._rms]
+        large = [n for n in self._there if abs(middle[n]) > 0.005 * self._rms]
         fits = []
         for chosen in product((0.0, 1.0), repeat=len(large)):
             start = np.zeros(3)
@@ -189,19 +164,19 @@ class _Sensors:
         least = min(one.left for one in fits)
         near = (one for one in fits if one.left <= _AS_LIKELY * least)
         best = min(near, key=lambda one: float(np.abs(one.offsets).max()))
-        if np.abs(best.offsets).max() > _LARGE * self._rms:
+        if np.abs(best.offsets).max() > 0.2 * self._rms:
             counts = self._open(best.offsets, best.gains).sum(axis=0)
             as_shown = self._left(np.zeros(3), np.ones(3))
-            if counts.min() < _EVENLY * counts.sum() or as_shown <= _AS_LIKELY * best.left:
+            if counts.min() < 0.1 * counts.sum() or as_shown <= _AS_LIKELY * best.left:
                 return None
         return best
 
     def _near(self, offsets: np.ndarray) -> _Fit | None:
         """The fit near offsets (3,); None where a phase was hardly ever open."""
         free = np.concatenate([offsets, np.zeros(self._to_gains.shape[1])])
-        for _ in range(_PASSES):
+        for _ in range(12):
             is_open = self._open(*self._errors(free))
-            if is_open.sum(axis=0).min() < _FEWEST:
+            if is_open.sum(axis=0).min() < 30:  # samples
                 return None
             before = free
             free, covariance = self._step(is_open, free)

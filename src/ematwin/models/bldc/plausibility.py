@@ -5,44 +5,36 @@ makes it doubtful is a warning. The criteria are stated where they are applied, 
 a faulty actuator must pass, a wrong unit must not.
 """
 
-from itertools import combinations
+from dataclasses import dataclass
+from itertools import combinations, permutations, product
 
 import numpy as np
 
 from ematwin.errors import RecordError
-from ematwin.models.agreement import check_agreement, check_sum
-from ematwin.models.bldc.channels import CURRENTS, PHASES, VOLTAGES
+from ematwin.models.bldc.channels import CURRENTS, PHASES, VOLTAGES, phase_currents
 from ematwin.models.bldc.counts import said_of_steps
-from ematwin.models.bldc.envelope import current_envelope
+from ematwin.models.bldc.envelope import current_envelope, projected
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import phase_sensors
-from ematwin.models.bldc.wiring import check_order
-from ematwin.models.bldc.zeros import zeros
-from ematwin.models.servo import check_motion, little_motion
-from ematwin.models.sizes import FEWEST, check_sizes
+from ematwin.models.bldc.zeros import COHERENT, zeros
+from ematwin.models.plausibility import FEWEST, check_agreement, check_sizes, check_sum
+from ematwin.models.servo import check_motion
 from ematwin.numerics.signals import LowPass
 from ematwin.recordings.recording import Recording
 
 _CUTOFF = LowPass().cutoff  # Hz, before the misfit
-_RATE = 4.0  # times the cutoff: the least rate at which that low-pass acts as one
-_SHORTEST = 10.0  # periods of the cutoff
-_FASTEST = 5e6  # Hz: no current of a motor is sampled faster
-_AT_REST = 0.01  # of the current limit, peak to peak: noise of a sensor
+_DOUBTFUL = 1.03  # times the share as it is: another zero may explain the currents; faults 1.01
 
 
 def check_plausible(record: Recording, actuator: BldcActuator) -> list[str]:
-    """Sentences on doubts about a record.
-
-    Raises
-    ------
-    RecordError
-        If the record cannot be identified from, with the reason and the likely cause.
-    """
+    """Sentences on doubts about a record; `RecordError` if it cannot be identified from."""
     check_agreement(record, actuator)  # first, as it tells the cause and not the consequence
     _check_rate(record)
     _check_length(record)
     warnings = _check_motion(record, actuator)
-    _check_currents(record, actuator)
+    limit = actuator.drive.current_limit
+    said = f"{actuator.name} limits it to {limit:g} A"
+    check_sizes(record.channels, (*CURRENTS, "bus_current"), limit, "A", said)
     warnings += _check_voltages(record, actuator)
     check_motion(record, actuator)
     sensors = phase_sensors(record)
@@ -76,19 +68,20 @@ def check_phases(recording: Recording) -> None:
 
 
 def _check_rate(record: Recording) -> None:
-    rate, least = record.sample_rate, _RATE * _CUTOFF
+    rate, least = record.sample_rate, 4.0 * _CUTOFF
+    fastest = 5e6  # Hz: no current of a motor is sampled faster
     if rate < least:
         hints = [
             f'"{unit}" (the rate would be {rate * factor:g} Hz)'
             for unit, factor in (("ms", 1e3), ("us", 1e6))
-            if least <= rate * factor <= _FASTEST / 10.0
+            if least <= rate * factor <= fastest / 10.0
         ]
         tail = f" If its time is not in s, give the unit: {' or '.join(hints)}." if hints else ""
         raise RecordError(
             f"The record is sampled at {rate:.6g} Hz; the comparison needs at least {least:g} Hz, "
             f"four times its low-pass of {_CUTOFF:g} Hz. Record faster.{tail}"
         )
-    if rate > _FASTEST:
+    if rate > fastest:
         duration = record.time[-1] - record.time[0]
         raise RecordError(
             f"The record is sampled at {rate:.4g} Hz and lasts {duration:.3g} s, which no test "
@@ -98,7 +91,7 @@ def _check_rate(record: Recording) -> None:
 
 
 def _check_length(record: Recording) -> None:
-    duration, shortest = float(record.time[-1] - record.time[0]), _SHORTEST / _CUTOFF
+    duration, shortest = float(record.time[-1] - record.time[0]), 10.0 / _CUTOFF
     if duration < shortest or len(record) < FEWEST:
         raise RecordError(
             f"The record is too short: {len(record)} samples in {duration:.4g} s; at least "
@@ -108,12 +101,10 @@ def _check_length(record: Recording) -> None:
 
 def _check_motion(record: Recording, actuator: BldcActuator) -> list[str]:
     envelope = current_envelope(record)
-    moves = any(
-        np.ptp(getattr(record, name)) > 0.0
-        for name in ("command", "load")
-        if getattr(record, name) is not None
-    )
-    idle = float(np.ptp(envelope)) <= _AT_REST * actuator.drive.current_limit
+    inputs = (record.channels.get(name) for name in ("command", "load"))
+    moves = any(np.ptp(values) > 0.0 for values in inputs if values is not None)
+    # noise of a sensor is less
+    idle = float(np.ptp(envelope)) <= 0.01 * actuator.drive.current_limit
     if float(envelope.max()) == 0.0:
         raise RecordError(
             "The current is zero throughout: the sensor was not connected, or another channel was "
@@ -130,23 +121,6 @@ def _check_motion(record: Recording, actuator: BldcActuator) -> list[str]:
             "that the sensor was connected, and its unit."
         ]
     return []
-
-
-def too_little_motion(record: Recording, actuator: BldcActuator) -> list[str]:
-    """Sentences on why a motion cannot tell faults.
-
-    Six sectors make a turn of the field. In half of one each pair of phases conducts, and the other
-    half repeats it with the opposite sign.
-    """
-    half = np.pi / actuator.motor.pole_pairs
-    said = "half an electrical turn: not every pair of phases takes part"
-    return little_motion(record, actuator, half, said)
-
-
-def _check_currents(record: Recording, actuator: BldcActuator) -> None:
-    limit = actuator.drive.current_limit
-    said = f"{actuator.name} limits it to {limit:g} A"
-    check_sizes(record.channels, (*CURRENTS, "bus_current"), limit, "A", said)
 
 
 def _check_voltages(record: Recording, actuator: BldcActuator) -> list[str]:
@@ -168,3 +142,109 @@ def _check_voltages(record: Recording, actuator: BldcActuator) -> list[str]:
     if known and not set(PHASES) <= record.channels.keys():
         return ["Voltages are not used without the currents of all three phases."]
     return []
+
+
+def check_order(record: Recording, actuator: BldcActuator) -> list[str]:
+    """A warning if the currents do not fit the motor angle and nothing explains it.
+
+    Projected on the EMF shapes at that angle they give the whole equivalent current if the order is
+    right, and half of it or less if it is not. `RecordError` if another order of the phases, other
+    signs, or another zero of the angle fits far better.
+    """
+    currents = phase_currents(record)
+    if currents is None or record.motor_position is None:
+        return []
+    every = max(1, len(record) // 5_000)  # samples looked at
+    currents = currents[::every]
+    angle = actuator.motor.pole_pairs * record.motor_position[::every]
+    if np.ptp(angle) < 2.0 * np.pi:  # too little of a turn to tell the phases apart
+        return []
+    whole = float(np.mean((0.5 * np.abs(currents).sum(axis=1)) ** 2))
+    if whole == 0.0:
+        return []
+    work = _Work(record, actuator, every)
+
+    def fit(currents: np.ndarray, angle: np.ndarray) -> _Fit:
+        signed = projected(currents, angle)
+        return _Fit(float(np.mean(signed**2)) / whole, work.sign(signed))
+
+    given = fit(currents, angle)
+    if given.share > 1.0 / _DOUBTFUL and given.sign >= 0:  # nothing can fit that much better
+        return []
+    zeros = {
+        (sense, float(zero)): fit(currents, sense * angle + zero)
+        for sense, zero in product((1, -1), np.arange(-np.pi, np.pi, np.pi / 36.0))
+    }
+    # half a turn more is a change of sign: of two equal fits the one that drives is right
+    sense, zero = max(zeros, key=lambda key: (round(zeros[key].share, 3), zeros[key].sign))
+    # the map turns the sign after the offset: angle = sign (number + offset)
+    offset = sense * zero / actuator.motor.pole_pairs
+    turned = "sign = -1 and " if sense < 0 else ""
+    counted = (
+        f"{100 * given.share:.0f} % of the current fits the EMF shapes at the recorded motor "
+        f"angle, and {100 * zeros[sense, zero].share:.0f} % with {turned}offset = {offset:.3g} rad "
+        "for motor_position"
+    )
+    gain = zeros[sense, zero].share / max(given.share, 1e-9)
+    if given.share >= COHERENT and given.sign >= 0:
+        doubtful = gain > _DOUBTFUL
+        return [f"The motor position may have another zero: {counted}."] * doubtful
+    if given.share >= COHERENT and gain <= _DOUBTFUL:
+        raise RecordError(
+            "All phase currents have the wrong sign against the motor angle: the motor would "
+            "absorb more work than the load delivers. Give sign = -1 for the three currents, or "
+            "for the motor position."
+        )
+    orders = {order: fit(currents[:, order], angle) for order in permutations(range(3))}
+    order = max(orders, key=lambda key: orders[key].share)
+    best = max(orders[order].share, zeros[sense, zero].share)
+    if best < COHERENT or best < 1.05 * given.share:
+        return [
+            f"Only {100 * given.share:.0f} % of the current fits the EMF shapes at the recorded "
+            "motor angle, and no other order of phases or zero of the angle explains it: check "
+            "the motor position, its unit and the number of pole pairs."
+        ]
+    if orders[order].share >= 0.995 * best:  # of two causes the simpler one
+        # phase_order names the phases that the given channels carry: the inverse of `order`
+        carried = "".join("abc"[order.index(k)] for k in range(3))
+        signs = " and sign = -1 for all three" if orders[order].sign < 0 else ""
+        raise RecordError(
+            f"The phases are swapped: at the recorded motor angle {100 * given.share:.0f} % of the "
+            f"current fits the EMF shapes, and {100 * orders[order].share:.0f} % with phase_order "
+            f'= "{carried}"{signs}. Give that in the map.'
+        )
+    raise RecordError(
+        f"The motor position is not counted from phase a: {counted}. Give that in the map."
+    )
+
+
+@dataclass(frozen=True)
+class _Fit:
+    share: float  # of the mean square current that lies on the EMF shapes
+    sign: int  # -1: the energy balance wants the opposite sign; 0: it cannot tell
+
+
+class _Work:
+    """The energy balance, which tells the sign of the currents.
+
+    Friction and windings only take: the work of the motor exceeds that given to the load. If it
+    does so with the opposite sign and not as given, the sign is wrong; if with both, an aiding
+    load hides it.
+    """
+
+    def __init__(self, record: Recording, actuator: BldcActuator, every: int) -> None:
+        assert record.motor_position is not None
+        self._turned = np.gradient(record.motor_position[::every])
+        self._torque_constant = actuator.motor.emf_constant  # N m/A of the equivalent current
+        self._to_load = 0.0  # J
+        if record.load is not None:
+            output = record.output_position
+            if output is None:
+                output = record.motor_position / actuator.transmission.ratio
+            self._to_load = float(record.load[::every] @ np.gradient(output[::every]))
+
+    def sign(self, signed_current: np.ndarray) -> int:
+        """+1, -1 or 0: whether this current can be right, only its opposite, or either."""
+        motor = self._torque_constant * float(signed_current @ self._turned)
+        as_given, opposite = motor > self._to_load, -motor > self._to_load
+        return int(as_given) - int(opposite)

@@ -21,22 +21,14 @@ from ematwin.models.bldc.bridge import (
     phase_constants,
 )
 from ematwin.models.bldc.inverter import gate_signals, hysteresis, pair_current
-from ematwin.models.bldc.motor import hall_sector
-from ematwin.models.bldc.truer.loops import (
-    advance_current_loop,
-    advance_speed_loop,
-    left_of_voltage,
-)
-from ematwin.models.bldc.truer.motor import cogging_torque, truer_emf_constants
-from ematwin.models.bldc.truer.shorted_turns import split_short
-from ematwin.models.bldc.truer.state import TruerState
+from ematwin.models.bldc.loops import advance_current_loop, advance_speed_loop, left_of_voltage
+from ematwin.models.bldc.motor import cogging_torque, hall_sector, split_short, truer_emf_constants
+from ematwin.models.bldc.state import TruerState
 from ematwin.numerics.backlash import contact_torque, stop_at_ends
 from ematwin.numerics.compile import part
 from ematwin.numerics.friction import advance_mobile, loaded_friction
 from ematwin.numerics.lugre import advance_on_bristles, fading, sliding_torque
 from ematwin.numerics.scalar import clip, lag
-
-_HALF = 1e-12  # of the supply across the pair: a drive of 0 would mean that a leg is off
 
 
 class ReferenceState(NamedTuple):
@@ -108,7 +100,7 @@ def drive(state, more, command, kappas, fault, c, truer, dt):
     )  # fmt: skip
     modulated = left_of_voltage(voltage[0], i_pair, truer) / now.v_supply
     share = modulated if truer.current_gain > 0.0 else pair_sign
-    share = _HALF if share == 0.0 else share
+    share = 1e-12 if share == 0.0 else share  # 0 would mean that a leg is off
     g_a, g_b, g_c = g_a * share, g_b * share, g_c * share
 
     e_a, e_b, e_c = kappa_a * state.w_m, kappa_b * state.w_m, kappa_c * state.w_m

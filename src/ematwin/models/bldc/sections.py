@@ -65,16 +65,21 @@ class Cogging(Section):
     phase: float = quantity("rad", "angle of the sine where the motor stands at zero")
 
 
-def _not_later_than_the_next_sample(loop: Any) -> Any:
-    if loop.delay > loop.sample_time:
-        raise ValueError(
-            f"delay must be at most sample_time, {loop.sample_time:g} s, received "
-            f"{loop.delay:g} s; correct one of them"
-        )
-    return loop
+class Loop(Section):
+    """A sampled loop that answers with its next sample at the latest."""
+
+    @model_validator(mode="after")
+    def _answers_before_the_next_sample(self) -> Self:
+        loop: Any = self
+        if loop.delay > loop.sample_time:
+            raise ValueError(
+                f"delay must be at most sample_time, {loop.sample_time:g} s, received "
+                f"{loop.delay:g} s; correct one of them"
+            )
+        return self
 
 
-class SpeedLoop(Section):
+class SpeedLoop(Loop):
     """Integral term and sampling of the speed loop; left out, it is proportional and continuous.
 
     A simulation begins with a sample. A real recording begins anywhere between two.
@@ -92,12 +97,8 @@ class SpeedLoop(Section):
         "s", "from a sample to the current that answers it, at most a sample time", exact=True, ge=0
     )
 
-    @model_validator(mode="after")
-    def _answers_before_the_next_sample(self) -> Self:
-        return _not_later_than_the_next_sample(self)
 
-
-class CurrentLoop(Section):
+class CurrentLoop(Loop):
     """PI current loop with pulse-width modulation; left out, a comparator follows the demand.
 
     It controls the conducting pair: half of the difference of its currents, by the voltage across
@@ -122,10 +123,6 @@ class CurrentLoop(Section):
     lost_voltage: float = quantity(
         "V", "voltage across the pair that switches and their dead time take", tolerance=1.0, ge=0
     )
-
-    @model_validator(mode="after")
-    def _answers_before_the_next_sample(self) -> Self:
-        return _not_later_than_the_next_sample(self)
 
 
 class Encoder(Section):

@@ -17,25 +17,14 @@ from ematwin.recordings.recording import Recording
 _MOST_SAMPLES = 10_000_000  # of a record: some 1 GB
 _MOST_POINTS = 50_000_000  # of the inputs: some 2 GB
 INPUT_INTERVAL = 1e-5  # s, at most, where steps are shorter
-_MODULATED = 2.5  # times the file's step
 _WHOLE = 1e-6  # of a step: rounding
 SLICE_STEPS = 1_000_000  # steps between two reports of progress: about 0.1 s
-_STATE_OF = {
-    "motor_position": "theta_m", "motor_speed": "w_m", "output_position": "theta_o",
-    "output_speed": "w_o",
-}  # fmt: skip
 
 
 def simulate(
-    fidelity: str,
-    actuator: BldcActuator,
-    scenario: Scenario,
-    values: Mapping[str, float],
-    rate: float,
-    step: float,
-    start: float,
-    progress: Progress | None,
-) -> tuple[np.ndarray, dict[str, np.ndarray], float]:
+    fidelity: str, actuator: BldcActuator, scenario: Scenario, values: Mapping[str, float],
+    rate: float, step: float, start: float, progress: Progress | None,
+) -> tuple[np.ndarray, dict[str, np.ndarray], float]:  # fmt: skip
     """The response to a scenario; arguments as in `ematwin.models.servo.ServoModel.simulated`.
 
     The reference model gives phase currents, terminal voltages and the current of the supply, the
@@ -55,37 +44,23 @@ def simulate(
 
 
 def simulated(
-    model: str,
-    faults: np.ndarray,
-    command: np.ndarray,
-    load: np.ndarray,
-    start: Sequence[float] | np.ndarray,
-    actuator: BldcActuator,
-    grid: "TimeGrid",
-    progress: Progress | None = None,
-    count_offset: float = 0.5,
-    first_sample: float = 0.0,
+    model: str, faults: np.ndarray, command: np.ndarray, load: np.ndarray,
+    start: Sequence[float] | np.ndarray, actuator: BldcActuator, grid: "TimeGrid",
+    progress: Progress | None = None, count_offset: float = 0.5, first_sample: float = 0.0,
     integral: float = 0.0,
-) -> dict[str, np.ndarray]:
-    """Columns (S,) of a trace.
+) -> dict[str, np.ndarray]:  # fmt: skip
+    """Columns (S,) of a trace of the "reference" or "monitor" model.
 
-    Parameters
-    ----------
-    model : "reference" or "monitor"
-    faults : (8,) array
-    command, load : arrays on the points of the grid, rad and N m on the motor shaft
-    start : current, A; speed and angle of motor and output, on the motor shaft
-    actuator, grid
-    progress : called with the share done
-    count_offset : where within a step the counts of encoders begin
-    first_sample : s, when sampled loops sample first
-    integral : A, what the integral term of the speed loop asks for at first
+    Command and load are on the points of the grid, rad and N m on the motor shaft; ``start`` is a
+    current (A), speed and angle of motor and output there. Counts of encoders begin at
+    ``count_offset`` of a step, sampled loops at ``first_sample`` (s), and the integral term of the
+    speed loop asks for ``integral`` (A) at first.
     """
     from ematwin.models.bldc import batch  # compiles, or loads what an earlier process compiled
     from ematwin.models.bldc.constants import kernel_constants, truer_constants
+    from ematwin.models.bldc.loops import read_angle, started
     from ematwin.models.bldc.monitor_step import MonitorState
     from ematwin.models.bldc.reference_step import ReferenceState
-    from ematwin.models.bldc.truer.loops import read_angle, started
 
     rest: ReferenceState | MonitorState
     names: tuple[str, ...]
@@ -104,40 +79,32 @@ def simulated(
         rest = MonitorState(current, w_m, theta_m, w_o, theta_o, 0.0, current)
     state = np.array(rest)
     constants = kernel_constants(actuator)
-    at_rest = {"bus_voltage": actuator.drive.supply_voltage}
-    first = [at_rest.get(name, getattr(rest, _STATE_OF.get(name, ""), 0.0)) for name in names]
-    pieces = [np.array([first])]
+    first = {
+        "bus_voltage": actuator.drive.supply_voltage, "motor_position": theta_m,
+        "motor_speed": w_m, "output_position": theta_o, "output_speed": w_o,
+    }  # fmt: skip
+    pieces = [np.array([[first.get(name, 0.0) for name in names]])]
     # In slices, so that a long simulation shows progress and can be interrupted.
     stride = grid.decimation * max(1, round(SLICE_STEPS / (grid.substeps * grid.decimation)))
     end = command.size - 1
     for left in range(0, end, stride):
         right = min(left + stride, end)
         part = slice(left, right + 1)
-        pieces.append(
-            run(
-                faults,
-                command[part],
-                load[part],
-                state,
-                constants,
-                grid.step,
-                grid.substeps,
-                grid.decimation,
-                *further,
-            )
-        )
+        pieces.append(run(
+            faults, command[part], load[part], state, constants, grid.step, grid.substeps,
+            grid.decimation, *further,
+        ))  # fmt: skip
         if progress is not None:
             progress(right / end)
     trace = np.concatenate(pieces)
     found = {name: trace[:, n].copy() for n, name in enumerate(names) if name in UNITS}
     for name in ("output_position", "output_speed"):
         found[name] /= actuator.transmission.ratio
-    if model == "reference" and actuator.encoder is not None:
-        sizes = {
-            "motor_position": actuator.encoder.motor_step,
-            "output_position": actuator.encoder.output_step,
-        }
-        for name, size in sizes.items():
+    if model == "reference" and (encoder := actuator.encoder) is not None:
+        for name, size in (
+            ("motor_position", encoder.motor_step),
+            ("output_position", encoder.output_step),
+        ):
             found[name] = read_angle(found[name], size, count_offset)
     return found
 
@@ -156,12 +123,12 @@ def answer_step(actuator: BldcActuator, rate: float) -> float:
     """Step of answers that are compared, s, to a recording of so many samples a second.
 
     The file's step resolves the instants at which a comparator switches. A modulated voltage has
-    none: behind a current loop a longer step changes currents by 0.03 %.
+    none: behind a current loop a step 2.5 times as long changes currents by 0.03 %.
     """
     step = actuator.steps.reference
     if actuator.current_loop is None:
         return step
-    longest = max(step, min(_MODULATED * step, actuator.largest_stable_step("reference")))
+    longest = max(step, min(2.5 * step, actuator.largest_stable_step("reference")))
     spacing = 1.0 / (rate * math.ceil(1.0 / (rate * INPUT_INTERVAL) - _WHOLE))
     return spacing / steps_within(spacing, actuator.current_loop.sample_time, longest, step)
 
@@ -181,20 +148,12 @@ def steps_within(spacing: float, sample_time: float, longest: float, shortest: f
 
 
 def reference_answer(
-    recording: Recording,
-    actuator: BldcActuator,
-    values: Mapping[str, float],
-    start: np.ndarray,
+    recording: Recording, actuator: BldcActuator, values: Mapping[str, float], start: np.ndarray
 ) -> Recording:
     """Currents, voltages and positions at the samples of a recording; NaN where it diverged.
 
-    Parameters
-    ----------
-    recording : holds the command, and the load if there is one
-    actuator : its parameters where ``values`` name none by their place
-    values : faults, corrections of the load, and parameters of one candidate; all others are
-        healthy or nominal
-    start : (5,) array, current, A; speed and angle of motor and output, on the motor shaft
+    ``values`` are faults, corrections of the load, and parameters by place of one candidate;
+    ``start`` (5,) is as of `simulated`.
 
     Where within a step the counts of encoders begin is unknown: each candidate has another place,
     and the differences count as scatter of the reference, in the error of the model and where a

@@ -8,7 +8,7 @@ import numpy as np
 
 from ematwin.numerics.linear_algebra import largest_share, spectral_radius
 
-_RECENT = 64  # sets of parameters: most of a Jacobian's columns leave the loops as they are
+# 64 sets of parameters are kept: most of a Jacobian's columns leave the loops as they are
 
 
 def check_speed_loop(actuator: Any) -> None:
@@ -46,7 +46,7 @@ def check_current_loop(actuator: Any) -> None:
     )
 
 
-@lru_cache(maxsize=_RECENT)
+@lru_cache(maxsize=64)
 def _speed_settles(loop: Any, control: Any, encoder: Any, inertia: float, share: float) -> bool:
     """Whether the speed loop settles at a share of its sample time and delay.
 
@@ -75,7 +75,7 @@ def _speed_settles(loop: Any, control: Any, encoder: Any, inertia: float, share:
     return spectral_radius(system[np.ix_(kept, kept)]) < 1.0
 
 
-@lru_cache(maxsize=_RECENT)
+@lru_cache(maxsize=64)
 def _current_settles(loop: Any, control: Any, motor: Any, share: float) -> bool:
     """Whether the loops settle with a share of the speed gain; 0 is the current loop alone."""
     span = loop.sample_time

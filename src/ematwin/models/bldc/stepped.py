@@ -10,15 +10,18 @@ from typing import Any
 
 from ematwin.models.bldc import batch
 from ematwin.models.bldc.constants import kernel_constants, truer_constants
-from ematwin.models.bldc.monitor_step import MonitorState, monitor_step
-from ematwin.models.bldc.pairs import Pairs, pairs_of
+from ematwin.models.bldc.loops import last_reading, read_angle
+from ematwin.models.bldc.monitor_step import (
+    MonitorState,
+    Pairs,
+    looped_monitor_step,
+    monitor_step,
+    pairs_of,
+)
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.reference_step import ReferenceState, reference_step
 from ematwin.models.bldc.simulate import TimeGrid
-from ematwin.models.bldc.state import Constants, FaultState, fault_state
-from ematwin.models.bldc.truer.loops import last_reading, read_angle
-from ematwin.models.bldc.truer.monitor_step import looped_monitor_step
-from ematwin.models.bldc.truer.state import Truer, TruerState
+from ematwin.models.bldc.state import Constants, FaultState, Truer, TruerState, fault_state
 from ematwin.models.bldc.unknowns import FAULTS, FIXED
 from ematwin.models.stepped import Stepped, initial_position
 from ematwin.numerics.compile import part

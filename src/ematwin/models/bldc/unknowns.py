@@ -4,12 +4,17 @@ ESREL 2020 paper, section 6. The magnitudes are normalised to [0, 1]; the laws t
 physical ones are those that the kernel calls (`ematwin.models.bldc.state`).
 """
 
+import cmath
+import math
 from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
 import numpy as np
 
+from ematwin.models.base import OtherForm
+from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.bldc.sections import ShortedTurns
 from ematwin.models.servo import dry_friction, load_nuisances, nuisance
 from ematwin.models.servo import normalised_fault as _fault
 from ematwin.models.unknown import Alias, Contrast, Unknown
@@ -24,14 +29,13 @@ def _law(name: str, k: Any) -> Any:
 
 UNKNOWNS = (
     _fault("friction", "dynamic dry friction on the motor shaft", "N m",
-           lambda a, k: dry_friction(a) * _law("friction_factor", k), slack=0.1),
+           lambda a, k: dry_friction(a) * _law("friction_factor", k)),
     # the misfit has separate minima for a small, a middling and a large gap
     _fault("backlash", "backlash on the motor shaft", "rad",
-           lambda a, k: a.transmission.backlash * _law("backlash_factor", k), valleys=3,
-           slack=0.005),
+           lambda a, k: a.transmission.backlash * _law("backlash_factor", k), valleys=3),
     *(
         _fault(f"short_{x}", f"shorted turns in phase {x}", "turns",
-               lambda a, k: (n := a.motor.turns_per_phase) - n * _law("turns_left", k), slack=0.05)
+               lambda a, k: (n := a.motor.turns_per_phase) - n * _law("turns_left", k))
         for x in "abc"
     ),
     _fault("eccentricity", "rotor offset over air gap", "", None),
@@ -128,6 +132,11 @@ CONTRASTS = (
 )  # fmt: skip
 
 
+# Sections of forms that the reference model alone has (docs/models.md, "Truer forms").
+REFERENCE_ALONE = (
+    "emf.", "torque_ripple.", "cogging.", "presliding.", "winding_heat.", "supply.", "speed_loop.",
+    "current_loop.", "compliance.", "encoder.",
+)  # fmt: skip
 # Known exactly, or of no effect on the monitor model: these cannot differ between candidates.
 FIXED = (
     "motor.pole_pairs", "motor.turns_per_phase", "transmission.ratio", "steps.reference",
@@ -140,3 +149,52 @@ FIXED = (
 def fault(name: str) -> Unknown:
     """The fault of a name."""
     return next(one for one in UNKNOWNS if one.name == name)
+
+
+def other_forms(actuator: BldcActuator, found: Mapping[str, float]) -> tuple[OtherForm, ...]:
+    """Forms that a file leaves out and for which missing turns may be mistaken.
+
+    An offset that is fixed in space starts where `fixed_in_space` says. A loop of shorted turns
+    brakes, which missing turns do not: shares of the turns are tried.
+    """
+    mistaken = frozenset((*SHORTS, "eccentricity"))
+    forms = []
+    if actuator.eccentricity is None:
+        forms.append(OtherForm(
+            actuator.changed({"eccentricity.turning_share": 0.0}),
+            "an eccentricity that is fixed in space", "[eccentricity] with turning_share = 0",
+            ("eccentricity", "eccentricity_phase"), mistaken, (fixed_in_space(found),),
+        ))  # fmt: skip
+    if actuator.shorted_turns is None:
+        healthy = {**found, **dict.fromkeys(SHORTS, 0.0)}
+        rested = {**healthy, "friction": 0.0, "gain": 0.5}  # what a brake was taken for
+        starts = tuple(
+            {**start, phase: share}
+            for start in (healthy, rested) for phase in SHORTS for share in (0.05, 0.15, 0.4)
+        )  # fmt: skip
+        forms.append(OtherForm(
+            actuator.changed({"shorted_turns.resistance": ShortedTurns.example["resistance"]}),
+            "shorted turns that carry a current of their own",
+            "[shorted_turns] with the resistance of the contact", SHORTS, mistaken, starts,
+        ))  # fmt: skip
+    return tuple(forms)
+
+
+def fixed_in_space(found: Mapping[str, float]) -> dict[str, float]:
+    """The offset with which each phase has the constant that missing turns give it.
+
+    Three numbers h_k = 1 - short_k are c (1 + zeta cos(phi - 2 pi k/3)), k = 0, 1, 2, for exactly
+    one c, zeta and phi.
+    """
+    left = [1.0 - found.get(name, 0.0) for name in SHORTS]
+    mean = max(sum(left) / 3.0, 1e-6)
+    offset = (
+        sum(h * cmath.exp(2j * math.pi / 3.0 * k) for k, h in enumerate(left)) * 2.0 / (3.0 * mean)
+    )
+    start = {**found, **dict.fromkeys(SHORTS, 0.0)}
+    start["eccentricity"] = min(abs(offset), 0.95)  # of the air gap
+    start["eccentricity_phase"] = (cmath.phase(offset) / (2.0 * math.pi) + 0.5) % 1.0
+    place = "motor.emf_constant"
+    if place in found:
+        start[place] = found[place] * mean
+    return start

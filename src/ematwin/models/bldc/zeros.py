@@ -29,32 +29,17 @@ from ematwin.numerics.signals import white_noise
 from ematwin.recordings.recording import Recording
 
 _LOOKED_AT = 5_000  # samples
-_ENCODER = math.radians(15.0)  # electrical: beyond, phases may be swapped (`wiring`)
-_MATTERS = math.radians(0.75)  # electrical
-_OF_TWIN = math.radians(2.0)  # the same beside a twin, which moves nearly as recorded
-_ONE_WAY = math.radians(6.0)  # the same where the rotor turned one way alone
-_COARSE, _NEAR, _FINE = math.radians(1.0), math.radians(3.0), math.radians(0.25)
+_COARSE = math.radians(1.0)
 COHERENT = 0.85  # of the mean square current that lies on the right shapes
-_ACROSS = 10  # samples to both sides, over which a rotor turns
-_TREMBLES = 7.0  # times the noise of its angle: five standard deviations of a difference
-_CROSSED = 0.5  # times the healthy gap by which motor and output must have moved apart
-_OFF_CENTRE = 0.25  # times the healthy gap, beside
-_OF_REACH = 0.02  # times the one that is seen: by so much the middle may be off
 _FOUND = Remembered[float | None]()
 
 
 @dataclass(frozen=True)
 class Zeros:
-    """What angles of a recording lack.
+    """What angles of a recording lack."""
 
-    Attributes
-    ----------
-    motor : rad, of the motor's angle
-    output : rad on the motor shaft, of command and output
-    """
-
-    motor: float
-    output: float
+    motor: float  # rad, of the motor's angle
+    output: float  # rad on the motor shaft, of command and output
 
     def corrected(self, recording: Recording, actuator: BldcActuator) -> Recording:
         """The recording counted as the twin counts."""
@@ -98,9 +83,10 @@ def zeros(recording: Recording, actuator: BldcActuator) -> Zeros | None:
     if len(ways) < 2:
         return None
     if currents is not None:
-        steps = np.arange(-_ENCODER, _ENCODER + 0.5 * _COARSE, _COARSE)
+        most = math.radians(15.0)  # electrical: beyond, phases may be swapped (`wiring`)
+        steps = np.arange(-most, most + 0.5 * _COARSE, _COARSE)
         found = _best(currents[every], angle, steps, ways)
-        if found is not None and abs(found) >= _MATTERS:
+        if found is not None and abs(found) >= math.radians(0.75):
             electrical = found
     lacks = Zeros(electrical / pole_pairs, _apart(recording, actuator, electrical / pole_pairs))
     return lacks if lacks.motor or lacks.output else None
@@ -114,18 +100,11 @@ def counted(recording: Recording, actuator: BldcActuator) -> Recording:
 
 @dataclass(frozen=True)
 class Turned:
-    """How a twin without a recorded angle stands beside its recording.
+    """How a twin without a recorded angle stands beside its recording."""
 
-    Attributes
-    ----------
-    angle : rad, electrical, by which it lags behind
-    share : of the mean square current that lies on the EMF shapes there
-    one_way : whether the rotor turned one way alone
-    """
-
-    angle: float
-    share: float
-    one_way: bool
+    angle: float  # rad, electrical, by which it lags behind
+    share: float  # of the mean square current that lies on the EMF shapes there
+    one_way: bool  # the rotor turned one way alone
 
     def placed(self, recording: Recording, actuator: BldcActuator) -> Placed | None:
         """The recording counted from where the rotor stands; None where it already is."""
@@ -136,7 +115,8 @@ class Turned:
                 "the current at the best), so no fault can be put to a phase: check their order "
                 "and the number of pole pairs, or record motor_position.",
             )
-        if abs(self.angle) < (_ONE_WAY if self.one_way else _OF_TWIN):
+        # a twin moves nearly as recorded; commutation takes a while, as seen from one side
+        if abs(self.angle) < math.radians(6.0 if self.one_way else 2.0):
             return None
         return Placed(
             Zeros(0.0, self.angle / actuator.motor.pole_pairs).corrected(recording, actuator),
@@ -146,16 +126,10 @@ class Turned:
 
 
 def turned(currents: np.ndarray, angle: np.ndarray, current: np.ndarray) -> Turned | None:
-    """Lag of the electrical angle of a twin behind its recording.
+    """Lag of the electrical angle (S,), rad, of a twin with a signed current (S,), A.
 
-    Parameters
-    ----------
-    currents : (S, 3) array, A, of the phases as recorded
-    angle, current : (S,) arrays, rad and A, electrical angle and signed current of the twin
-
-    Returns
-    -------
-    Turned; None where the rotor turned too little, or the twin diverged
+    ``currents`` (S, 3) are the phases as recorded. None where the rotor turned too little, or the
+    twin diverged.
     """
     every = slice(None, None, -(-len(angle) // _LOOKED_AT))
     currents, angle, current = currents[every], angle[every], current[every]
@@ -178,12 +152,12 @@ def _ways(angle: np.ndarray) -> list[np.ndarray]:
 
     Across several samples, and beyond the noise of its sensor: one that trembles does not turn.
     """
-    at = np.arange(len(angle))
-    after, before = np.minimum(at + _ACROSS, len(angle) - 1), np.maximum(at - _ACROSS, 0)
+    at, across = np.arange(len(angle)), 10  # samples to both sides
+    after, before = np.minimum(at + across, len(angle) - 1), np.maximum(at - across, 0)
     moved = angle[after] - angle[before]
-    least = _TREMBLES * white_noise(angle)
+    least = 7.0 * white_noise(angle)  # five standard deviations of a difference
     ways = [moved > least, moved < -least]
-    return [way for way in ways if np.abs(moved[way]).sum() >= 2.0 * _ACROSS * 2.0 * np.pi]
+    return [way for way in ways if np.abs(moved[way]).sum() >= 2.0 * across * 2.0 * np.pi]
 
 
 def _best(
@@ -217,12 +191,13 @@ def _share(currents: np.ndarray, angle: np.ndarray) -> float:
 
 def _refined(currents: np.ndarray, angle: np.ndarray, zero: float) -> float:
     """The top of a parabola through the mean squares around an angle."""
-    steps = np.arange(-_NEAR, _NEAR + 0.5 * _FINE, _FINE)
+    near, fine = math.radians(3.0), math.radians(0.25)
+    steps = np.arange(-near, near + 0.5 * fine, fine)
     shares = [_share(currents, angle + zero + step) for step in steps]
     curved, slope, _ = np.polyfit(steps, shares, 2)
     if curved >= 0.0:
         return zero
-    return zero + float(np.clip(-slope / (2.0 * curved), -_NEAR, _NEAR))
+    return zero + float(np.clip(-slope / (2.0 * curved), -near, near))
 
 
 def _apart(recording: Recording, actuator: BldcActuator, motor: float) -> float:
@@ -240,7 +215,7 @@ def _apart(recording: Recording, actuator: BldcActuator, motor: float) -> float:
     load = 0.0 if recording.load is None else float(np.abs(recording.load).max())
     # a load that pushes one way twists a gear that gives to one side
     twist = load / (actuator.transmission.ratio * actuator.contact.stiffness)
-    beside = _OF_REACH * reach + _OFF_CENTRE * healthy + twist
-    if reach < _CROSSED * healthy or abs(middle) < beside:
-        return 0.0
-    return float(middle)
+    # the middle may be off by 2 % of the reach that is seen, and by a quarter of the gap
+    beside = 0.02 * reach + 0.25 * healthy + twist
+    crossed = reach >= 0.5 * healthy
+    return float(middle) if crossed and abs(middle) >= beside else 0.0

@@ -3,6 +3,7 @@
 import hashlib
 import math
 import zipfile
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -45,23 +46,9 @@ class Archive(NamedTuple):
     variables: tuple[tuple[str, Variable], ...]
     units: tuple[tuple[str, Unit], ...]
 
-    def unpacked(self, folder: str) -> str:
-        """Unpack it; the path of the folder."""
-        from fmpy import extract
-
-        return str(extract(str(self.path), folder))
-
 
 def archive_at(path: Path) -> Archive:
-    """Read an FMU.
-
-    Raises
-    ------
-    FileError
-        If it is none, cannot be read, or has no binary for this platform.
-    MissingExtraError
-        Without FMPy.
-    """
+    """Read an FMU; `FileError` if it is none, or has no binary for this platform."""
     try:
         stat = path.stat()
     except OSError as error:
@@ -163,19 +150,16 @@ class Scale(NamedTuple):
 def scale_of(archive: Archive, variable: Variable, written: str | None, what: str) -> Scale:
     """How a variable is scaled; ``written`` is the unit that the TOML file gives, or None.
 
-    A variable to which the FMU gives no unit is in the SI unit of ``written``.
-
-    Raises
-    ------
-    ParameterError
-        If the FMU's unit measures something else, or there is no such unit.
+    A variable to which the FMU gives no unit is in the SI unit of ``written``. `ParameterError` if
+    the FMU's unit measures something else, or there is no such unit.
     """
     known = dict(archive.units).get(variable.unit)
     if known is None:
         return Scale(_si_unit(_powers(written or "", what), written))
     if written is not None:
         powers = _powers(written, what)
-        if _without_angle(powers) != _without_angle(dict(known.powers)):
+        # exporters need not count the radian
+        if {**powers, "rad": 0} != {**dict(known.powers), "rad": 0}:
             raise ParameterError(
                 f"{what} must have a unit such as {variable.unit!r}, which the FMU gives it; "
                 f"received {written!r}. Correct the unit."
@@ -183,11 +167,6 @@ def scale_of(archive: Archive, variable: Variable, written: str | None, what: st
     else:
         powers = dict(known.powers)
     return Scale(_si_unit(powers, written), known.factor, known.offset)
-
-
-def _without_angle(powers: dict[str, int]) -> dict[str, int]:
-    """Exporters need not count the radian."""
-    return {name: power for name, power in powers.items() if name != "rad"}
 
 
 def _powers(unit: str, what: str) -> dict[str, int]:
@@ -207,15 +186,9 @@ def _usual() -> dict[tuple[tuple[str, int], ...], str]:
 
 def _si_unit(powers: dict[str, int], written: str | None) -> str:
     """The SI unit for people: as written if it is one, else a usual one, else of base units."""
-    if written is not None and _is_si(written, powers):
-        return spelled_out(written)
     key = tuple(sorted(powers.items()))
-    return _usual().get(key) or "*".join(f"{name}^{power}" for name, power in key)
-
-
-def _is_si(unit: str, powers: dict[str, int]) -> bool:
-    base = "*".join(f"{name}^{power}" for name, power in sorted(powers.items()))
-    try:
-        return to_si(1.0, unit, base, "it") == 1.0
-    except ParameterError:
-        return False
+    base = "*".join(f"{name}^{power}" for name, power in key)
+    with suppress(ParameterError):
+        if written is not None and to_si(1.0, written, base, "it") == 1.0:
+            return spelled_out(written)
+    return _usual().get(key) or base

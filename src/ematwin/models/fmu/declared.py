@@ -19,7 +19,6 @@ from ematwin.validation import all_at_once, findings
 
 TABLES = ("fmu", "inputs", "outputs", "nominal", "faults", "nuisances")
 ENTRY = ("value", "unit", "source", "tolerance")  # of a parameter in any parameter file
-_FACTOR = 0.25, 4.0  # bounds of a fault that multiplies a parameter, unless it states others
 
 
 class Table(BaseModel):
@@ -114,17 +113,17 @@ class Used(NamedTuple):
 
 
 def declared_in(table: Mapping[str, Any], what: str) -> Declared:
-    """The tables of a parameter file; ``what`` is its path, or names it.
-
-    Raises
-    ------
-    ParameterError
-        If something is missing or not known; the message lists all that is to be corrected.
-    """
+    """The tables of a parameter file; ``what`` is its path, or names it."""
     tables = {name: table[name] for name in TABLES if name in table}
     given = tables.get("nominal")
     if isinstance(given, dict):
-        tables["nominal"] = {name: _own(entry) for name, entry in given.items()}
+        # without what every parameter file has; the unit is needed twice
+        common = set(ENTRY) - {"unit"}
+        tables["nominal"] = {
+            name: {k: one for k, one in entry.items() if k not in common}
+            if isinstance(entry, dict) else entry
+            for name, entry in given.items()
+        }  # fmt: skip
     try:
         found = Declared.model_validate(tables)
     except ValidationError as error:
@@ -147,27 +146,8 @@ def declared_in(table: Mapping[str, Any], what: str) -> Declared:
     )
 
 
-def _own(entry: Any) -> Any:
-    """An entry of a parameter without what every parameter file has; the unit is needed twice."""
-    if not isinstance(entry, dict):
-        return entry
-    return {k: one for k, one in entry.items() if k == "unit" or k not in ENTRY}
-
-
 class Described:
-    """The declared variables as the FMU has them: references, scales, bounds.
-
-    Attributes
-    ----------
-    archive : Archive
-    channels : by name, inputs first
-    starts : by output, what sets its first value
-    noise : by output, standard deviation of its sensor, SI; those that the file gives
-    settings : by name of the parameter (its place) or unknown, the variables that a candidate sets
-    bounds : of each parameter, SI
-    factors : of each parameter, the faults that multiply it
-    unknowns : faults and nuisances
-    """
+    """The declared variables as the FMU has them: references, scales, bounds."""
 
     def __init__(self, declared: Declared, what: str) -> None:
         self._what = what
@@ -179,13 +159,13 @@ class Described:
             )
         self._variables = dict(self.archive.variables)
         self._places: dict[str, str] = {}  # by variable
-        self.channels: dict[str, Used] = {}
+        self.channels: dict[str, Used] = {}  # inputs first
         for name, one in declared.inputs:
             if one is not None:
                 causes = ("input", "independent") if name == "command" else ("input",)
                 self.channels[name] = self._found(one, f"inputs.{name}", causes)
-        self.starts: dict[str, Used] = {}
-        self.noise: dict[str, float] = {}
+        self.starts: dict[str, Used] = {}  # by output, what sets its first value
+        self.noise: dict[str, float] = {}  # by output, standard deviation of its sensor, SI
         for name, output in declared.outputs.items():
             place = f"outputs.{name}"
             self.channels[name] = self._found(output, place, ("output", "local"))
@@ -197,12 +177,14 @@ class Described:
             if output.noise is not None:
                 unit = self.channels[name].scale.unit
                 self.noise[name] = _deviation(output.noise, unit, f"{what}: {place}.noise")
+        # by place of a parameter or name of an unknown, the variables that a candidate sets
         self.settings: dict[str, Used] = {}
-        self.bounds: dict[str, tuple[float, float]] = {}
+        self.bounds: dict[str, tuple[float, float]] = {}  # of each parameter, SI
         for name, parameter in declared.nominal.items():
             place = f"nominal.{name}"
             self.settings[place] = self._found(parameter, place, ("parameter", "input"))
             self.bounds[name] = self._bounds(parameter, self.settings[place], place)
+        # of each parameter, the faults that multiply it
         self.factors: dict[str, list[str]] = {name: [] for name in declared.nominal}
         self.unknowns = tuple(
             (self._variable if free.times is None else self._factor)(name, free, role)
@@ -261,13 +243,10 @@ class Described:
                 f"{', '.join(self.factors)}, and has no unit and no variable; correct it."
             )
         self.factors[one.times].append(name)
-        lower, upper = (
-            usual if own is None else own
-            for usual, own in zip(_FACTOR, (one.lower, one.upper), strict=True)
-        )
         return Unknown(
             name, "", one.meaning or f"factor on {one.times}",
-            1.0 if one.healthy is None else one.healthy, lower, upper, role, spread=one.spread,
+            1.0 if one.healthy is None else one.healthy, 0.25 if one.lower is None else one.lower,
+            4.0 if one.upper is None else one.upper, role, spread=one.spread,
             logarithmic=one.logarithmic is not False,
             physical_unit=self.settings[f"nominal.{one.times}"].scale.unit,
             physical=Times(f"nominal.{one.times}"),

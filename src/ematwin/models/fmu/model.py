@@ -17,13 +17,7 @@ from pydantic import create_model
 from ematwin.errors import DivergedError, ParameterError
 from ematwin.models.base import Model, Values
 from ematwin.models.comparison import Candidates
-from ematwin.models.fmu.declared import (
-    ENTRY,
-    TABLES,
-    Declared,
-    Described,
-    declared_in,
-)
+from ematwin.models.fmu.declared import ENTRY, TABLES, Declared, Described, declared_in
 from ematwin.models.fmu.pool import pool_of
 from ematwin.models.parameter_set import ParameterSet, Section, quantity
 from ematwin.models.scenario import Scenario

@@ -49,10 +49,7 @@ class Worker:
         return found
 
     def _ask(self, task: Any, limit: float) -> Any:
-        process = self._process
-        assert process is not None
-        assert process.stdin is not None
-        assert process.stdout is not None
+        process: Any = self._process
         late = threading.Event()
 
         def end() -> None:
@@ -68,7 +65,11 @@ class Worker:
             answer = pickle.load(process.stdout)
         except (EOFError, OSError, pickle.UnpicklingError):
             code = self.end(wait=1.0)
-            reason = f"did not answer within {limit:g} s" if late.is_set() else _crash(code)
+            reason = f"crashed (signal {-code})" if code < 0 else (
+                f"ended its process (status {code})"
+            )  # fmt: skip
+            if late.is_set():
+                reason = f"did not answer within {limit:g} s"
             raise EmatwinError(f"{self._name} {reason}") from None
         except BaseException:  # an interrupt leaves an answer in the pipe
             self.end()
@@ -82,7 +83,8 @@ class Worker:
 
     def end(self, wait: float = 0.0) -> int:
         """End the process, at once or after ``wait`` s; its exit status."""
-        process, self._process, self._drive = self._process, None, None
+        process: Any = self._process
+        self._process = self._drive = None
         if process is None:
             return 0
         with suppress(subprocess.TimeoutExpired):
@@ -90,29 +92,20 @@ class Worker:
         process.kill()
         for pipe in (process.stdin, process.stdout):
             with suppress(OSError):
-                assert pipe is not None
                 pipe.close()
-        return process.wait()
-
-
-def _crash(code: int) -> str:
-    return f"crashed (signal {-code})" if code < 0 else f"ended its process (status {code})"
+        return int(process.wait())
 
 
 class Pool:
-    """As many workers as there are cores, for one FMU.
-
-    Attributes
-    ----------
-    archive : Archive
-    said : last message of the FMU where a run failed
-    """
+    """As many workers as there are cores, for one FMU."""
 
     def __init__(self, archive: Archive) -> None:
+        from fmpy import extract
+
         self._folder = tempfile.mkdtemp(prefix="ematwin-fmu-")
-        self.archive, self.said = archive, ""
+        self.archive, self.said = archive, ""  # last message of the FMU where a run failed
         setup = {
-            "folder": archive.unpacked(self._folder), "is_2": archive.is_2,
+            "folder": str(extract(str(archive.path), self._folder)), "is_2": archive.is_2,
             "guid": archive.guid, "identifier": archive.identifier,
             "interpolates": archive.interpolates,
         }  # fmt: skip
@@ -126,10 +119,7 @@ class Pool:
     def run(self, drive: dict[str, Any], settings: np.ndarray, limit: float) -> np.ndarray:
         """Outputs (B, S, K) of candidates (B, P); NaN from the sample on at which one failed.
 
-        Raises
-        ------
-        EmatwinError
-            If the FMU cannot be loaded, crashes, or takes more than ``limit`` s for one of them.
+        `EmatwinError` if the FMU cannot be loaded, crashes, or takes more than ``limit`` s for one.
         """
 
         def one(n: int) -> np.ndarray:

@@ -35,12 +35,7 @@ class Values:
 
 
 class Instance:
-    """One instance of an FMU; it is reset between runs.
-
-    Parameters
-    ----------
-    setup : folder, is_2, guid, identifier, interpolates
-    """
+    """One instance of an FMU; it is reset between runs."""
 
     def __init__(self, setup: dict[str, Any]) -> None:
         self.is_2, self._interpolates = setup["is_2"], setup["interpolates"]
@@ -52,17 +47,11 @@ class Instance:
         self._instantiate()
 
     def _instantiate(self) -> None:
-        if not self.is_2:
-            self._fmu.instantiate(
-                logMessage=lambda *said: self._said.append(_text(said[-1]))
-            )  # FMPy keeps the callback
+        if not self.is_2:  # FMPy keeps the callback
+            self._fmu.instantiate(logMessage=lambda *said: self._said.append(_text(said[-1])))
             return
-
-        def log(*said: Any) -> None:
-            self._said.append(_text(said[4]))
-
         self._callbacks = fmi2CallbackFunctions(
-            logger=fmi2CallbackLoggerTYPE(log),
+            logger=fmi2CallbackLoggerTYPE(lambda *said: self._said.append(_text(said[4]))),
             allocateMemory=fmi2CallbackAllocateMemoryTYPE(calloc),
             freeMemory=fmi2CallbackFreeMemoryTYPE(free),
         )
@@ -71,13 +60,9 @@ class Instance:
     def run(self, drive: dict[str, Any], settings: np.ndarray) -> tuple[np.ndarray, str]:
         """Outputs (S, K) of one candidate, and the FMU's message where it failed.
 
-        Samples from the one on at which it failed are NaN.
-
-        Parameters
-        ----------
-        drive : references of ``settings``, ``starts``, ``inputs`` and ``outputs``; ``start_values``
-            (L,); ``given`` (S, I), the inputs; ``interval`` in s; ``substeps``
-        settings : (P,) array
+        Samples from the one on at which it failed are NaN. ``drive`` holds references of
+        ``settings``, ``starts``, ``inputs`` and ``outputs``; ``start_values`` (L,); ``given``
+        (S, I), the inputs; ``interval`` in s; ``substeps``.
         """
         rows = np.full((len(drive["given"]), len(drive["outputs"])), np.nan)
         self._said.clear()
@@ -135,11 +120,10 @@ class Instance:
                     return
 
     def _set(self, where: Values, values: np.ndarray) -> None:
-        count = where.values.size
+        count, fmu = where.values.size, self._fmu
+        where.values[:] = values
         if count == 0:
             return
-        where.values[:] = values
-        fmu = self._fmu
         if self.is_2:
             fmu.fmi2SetReal(fmu.component, where.references, count, where.pointer)
         else:

@@ -18,18 +18,11 @@ from scipy.fft import next_fast_len, rfft
 from ematwin.models.comparison import Candidates, Comparison, TraceComparison
 from ematwin.recordings.recording import Recording
 
-_LOWEST = 4  # frequencies of the lowest band of the periodogram; the others are octaves
-_AS_LONG = 0.9  # of the longer of two references that are the same
 _SAME = 1e-4  # of the travel: references that differ less are repeated
 
 
 class LinearAxisComparison(TraceComparison):
-    """Spectra of the residuals of voltage and position error, each weighed by its noise.
-
-    Parameters
-    ----------
-    model, recording, actuator : as in `TraceComparison`
-    """
+    """Spectra of the residuals of voltage and position error, each weighed by its noise."""
 
     def __init__(self, model: Any, recording: Recording, actuator: Any) -> None:
         channels = recording.channels
@@ -40,10 +33,8 @@ class LinearAxisComparison(TraceComparison):
         highest = int(bandwidth * self._length * recording.interval)
         count = min(highest, self._length // 2) + 1
         self._weights = np.ones((len(self._noise), count))
-        response = self._spectra(np.concatenate(
-            [trace / self._noise[name] for name, trace in self._measured.items()]
-        )[None])  # fmt: skip
-        self.scale = float(np.sum(response**2))
+        traces = [trace / self._noise[name] for name, trace in self._measured.items()]
+        self.scale = float(np.sum(self._spectra(np.concatenate(traces)[None]) ** 2))
         # both channels show one force: together they count once
         self._once = (2.0 * count - 1.0) / repeats(channels["reference"])
         self.independent = max(1.0, self._once)
@@ -66,9 +57,9 @@ class LinearAxisComparison(TraceComparison):
         """Factors (K,): frequencies around which a channel has more power than on average."""
         parts = residuals.reshape(len(self._noise), 2, -1)
         power = np.sum(parts**2, axis=1)
-        count = power.shape[1]
-        octaves = range(max(0, math.ceil(math.log2(count / _LOWEST))))
-        edges = np.array([0, *(_LOWEST << n for n in octaves)])
+        count, lowest = power.shape[1], 4  # frequencies of the lowest band; others are octaves
+        octaves = range(max(0, math.ceil(math.log2(count / lowest))))
+        edges = np.array([0, *(lowest << n for n in octaves)])
         sizes = np.diff(np.append(edges, count))
         around = np.repeat(np.add.reduceat(power, edges, axis=1) / sizes, sizes, axis=1)
         mean = power.mean(axis=1, keepdims=True)
@@ -97,7 +88,7 @@ def is_same(command: np.ndarray, other: np.ndarray) -> bool:
     size = min(command.size, other.size)
     apart = float(np.abs(command[:size] - other[:size]).max())
     longest = max(command.size, other.size)
-    return size > _AS_LONG * longest and apart <= _SAME * float(np.ptp(command))
+    return size > 0.9 * longest and apart <= _SAME * float(np.ptp(command))
 
 
 def repeats(command: np.ndarray) -> float:

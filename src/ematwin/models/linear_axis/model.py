@@ -8,13 +8,13 @@ import numpy as np
 from ematwin.models.base import Demand, Law, Model, Signal, Values
 from ematwin.models.comparison import Candidates
 from ematwin.models.linear_axis.parameters import FIXED, LinearAxis
+from ematwin.models.linear_axis.plausibility import check_signals, controller_law, missing_motion
 from ematwin.models.unknown import Alias, Contrast, Unknown, multiple
 from ematwin.recordings.channel import Channel, Derivation
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 
 COMPARED = ("voltage", "position_error")
-_MISSED = 0.02  # share of a channel's spread that the twin leaves, and that weighs its residuals
 
 
 class LinearAxisModel(Model):
@@ -37,8 +37,6 @@ class LinearAxisModel(Model):
     command = "reference"
     disturbance = "pulses"
     needs = ("voltage", "position")
-    # the fit takes up part of what the twin misses (docs/linear-axis.md)
-    model_error = 2.5
     nominal: ClassVar[Mapping[str, float]] = {
         "carriage.mass": 1.25,
         "friction.coulomb": 1.5,
@@ -131,11 +129,8 @@ class LinearAxisModel(Model):
 
     def noise(self, actuator: Any, recording: Recording) -> dict[str, float]:
         """Usual residual of voltage (V) and position error (m): 2 % of their spread."""
-        return {
-            name: _MISSED * float(recording.channels[name].std()) or 1.0
-            for name in COMPARED
-            if name in recording.channels
-        }
+        known = (name for name in COMPARED if name in recording.channels)
+        return {name: 0.02 * float(recording.channels[name].std()) or 1.0 for name in known}
 
     def compare(
         self, recording: Recording, actuator: Any, *, threads: int | None = None, **settings: Any
@@ -148,21 +143,15 @@ class LinearAxisModel(Model):
 
     def check(self, recording: Recording, actuator: Any) -> list[str]:
         """Sampling, units, signs, and whether the recorded controller is the stated one."""
-        from ematwin.models.linear_axis.plausibility import check_signals
-
         self.check_channels(recording)
         return check_signals(recording, actuator)
 
     def laws(self, recording: Recording, actuator: Any) -> list[Law]:
         """The controller gives the voltage that its inputs ask for."""
-        from ematwin.models.linear_axis.plausibility import controller_law
-
         return [controller_law(recording, actuator)]
 
     def excitation(self, recording: Recording, actuator: Any) -> list[str]:
         """It has to move both ways."""
-        from ematwin.models.linear_axis.plausibility import missing_motion
-
         return missing_motion(recording)
 
     def rate_of(self, actuator: Any) -> float:

@@ -10,12 +10,15 @@ was never measured. The gain of the drive has none, since all forces scale with 
 doubts it states one. Drift is the change of friction with temperature and grease.
 """
 
-from typing import Self
+import math
+from typing import Any, Self
 
+import numpy as np
 from pydantic import model_validator
 
-from ematwin.models.linear_axis.stability import check_stability
 from ematwin.models.parameter_set import ParameterSet, Section, quantity
+from ematwin.models.sections import TwinSteps
+from ematwin.numerics.linear_algebra import exponential, largest_share, spectral_radius
 
 # These set the grid of steps, which a batch shares: they cannot differ between candidates.
 FIXED = ("controller.sample_time", "steps.twin")
@@ -70,12 +73,6 @@ class AxisController(Section):
     )
 
 
-class AxisSteps(Section):
-    """Fixed step of the model."""
-
-    twin: float = quantity("s", "step of the model, at most", exact=True, gt=0)
-
-
 class LinearAxis(ParameterSet):
     """One linear axis, all values in SI, at the carriage."""
 
@@ -86,19 +83,63 @@ class LinearAxis(ParameterSet):
     friction: AxisFriction
     drive: AxisDrive
     controller: AxisController
-    steps: AxisSteps
+    steps: TwinSteps
 
     @model_validator(mode="after")
     def _step_resolves_the_controller(self) -> Self:
-        sample_time = self.controller.sample_time
-        if not 1e-6 <= self.steps.twin <= sample_time:
-            raise ValueError(
-                f"steps.twin must lie between 1e-6 s and the sample time of {sample_time:.3g} s, "
-                f"received {self.steps.twin:.3g} s; change it"
-            )
+        self.steps.check(1e-6, self.controller.sample_time, "the sample time")
         return self
 
     @model_validator(mode="after")
     def _controller_is_stable(self) -> Self:
-        check_stability(self)
-        return self
+        if loop_radius(self) < 1.0:
+            return self
+        control, limit = self.controller, velocity_gain_limit(self)
+        advice = (
+            f"at that sample time and position gain the limit is {limit:.4g} V s/m"
+            if limit > 1e-6 * control.velocity_gain
+            else "at that sample time and position gain no velocity gain is stable: lower the "
+            "position gain"
+        )
+        raise ValueError(
+            f"the position loop is unstable with controller.velocity_gain "
+            f"{control.velocity_gain:.4g} V s/m at a sample time of {control.sample_time:.4g} s; "
+            f"{advice}"
+        )
+
+
+def loop_radius(actuator: Any, share: float = 1.0) -> float:
+    """Largest magnitude of an eigenvalue of the loop, with a share of its velocity gain.
+
+    The carriage is linear while it moves one way: between samples M dv/dt = g u - F_v v, the
+    voltage u follows the controller's output c with a lag, and c is held. With the states at the
+    samples
+
+        z = (q, v, u, q_-1, q_-2),    c = k_v (k_p (q_ref - q) - (q - q_-2) / 2T)
+
+    the loop is z' = A z, and is stable if all eigenvalues of A lie within the unit circle. Coulomb
+    friction only damps; the less viscous of the two directions decides. Zero-order hold: Franklin,
+    Powell and Workman (1998), Digital Control of Dynamic Systems, section 4.3.
+    """
+    friction, drive, control = actuator.friction, actuator.drive, actuator.controller
+    k_v, k_p, interval = share * control.velocity_gain, control.position_gain, control.sample_time
+    ratio = max(friction.viscous_ratio, 1.0 / friction.viscous_ratio)
+    # rates of q, v, u and the held output, and their transition over a sample time
+    rates = np.zeros((4, 4))
+    rates[0, 1] = 1.0
+    rates[1, 1:3] = np.array([-friction.viscous / math.sqrt(ratio), drive.gain])
+    rates[1] /= actuator.carriage.mass
+    rates[2, 2:] = np.array([-1.0, 1.0]) / drive.response_time
+    held = exponential(rates * interval)
+    loop = np.zeros((5, 5))
+    loop[:3, :3] = held[:3, :3]
+    output = np.array([-k_v * (k_p + 0.5 / interval), 0.0, 0.0, 0.0, k_v * 0.5 / interval])
+    loop[:3] += np.outer(held[:3, 3], output)
+    loop[3, 0] = loop[4, 3] = 1.0
+    return spectral_radius(loop)
+
+
+def velocity_gain_limit(actuator: Any) -> float:
+    """The velocity gain, V s/m, below which the loop is stable at its sample time; 0 if none is."""
+    share = largest_share(lambda share: loop_radius(actuator, share) < 1.0)
+    return share * float(actuator.controller.velocity_gain)

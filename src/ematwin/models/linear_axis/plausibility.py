@@ -7,24 +7,12 @@ import numpy as np
 from ematwin.errors import RecordError
 from ematwin.models.base import Law
 from ematwin.models.linear_axis.parameters import LinearAxis
-from ematwin.models.linear_axis.twin import check_interval
-from ematwin.models.sizes import check_enough, check_travel_of
+from ematwin.models.plausibility import check_enough, check_travel_of
 from ematwin.recordings.recording import Recording
-
-_OTHER = 0.05  # relative, of the voltage that the controller would have given
-_MOVES = 1e-3  # of the travel
-_AGREES = 0.005  # of the voltage, RMS: twice what a real axis leaves (docs/real-recordings.md)
-_INSIDE = 0.99  # of its limit the voltage is not limited
 
 
 def check_signals(recording: Recording, actuator: LinearAxis) -> list[str]:
-    """Sentences on doubts about a recording that has the needed channels.
-
-    Raises
-    ------
-    RecordError
-        If it contradicts itself or the actuator, with the reason and the likely cause.
-    """
+    """Sentences on doubts about a recording; `RecordError` where it contradicts the actuator."""
     name, channels = recording.name, recording.channels
     check_interval(actuator, recording)
     check_enough(recording)
@@ -55,6 +43,17 @@ def check_signals(recording: Recording, actuator: LinearAxis) -> list[str]:
     return _check_controller(recording, actuator)
 
 
+def check_interval(actuator: LinearAxis, recording: Recording) -> None:
+    """Raise `RecordError` unless a recording is sampled with the controller."""
+    sample_time = actuator.controller.sample_time
+    if abs(recording.interval - sample_time) > 0.01 * sample_time:
+        raise RecordError(
+            f"{recording.name} is sampled every {recording.interval:.6g} s and the controller of "
+            f"{actuator.name} every {sample_time:.6g} s; the twin needs one sample for each update "
+            "of the controller. Record at that rate, or correct controller.sample_time."
+        )
+
+
 def controller_voltage(recording: Recording, actuator: LinearAxis) -> np.ndarray:
     """Output of the controller for the recorded positions, from the third on, (S - 2,) array, V.
 
@@ -80,7 +79,7 @@ def controller_law(recording: Recording, actuator: LinearAxis) -> Law:
     position, voltage = channels["position"], channels["voltage"]
     slopes = (position[2:] - position[:-2]) / (2.0 * control.sample_time)
     speed = np.r_[slopes[:1], slopes[:1], slopes]
-    limit = _INSIDE * actuator.drive.voltage_limit
+    limit = 0.99 * actuator.drive.voltage_limit
 
     def left(taken: Mapping[str, np.ndarray]) -> np.ndarray:
         (at, moves), put = taken["position"], taken["voltage"]
@@ -95,7 +94,8 @@ def controller_law(recording: Recording, actuator: LinearAxis) -> Law:
     if "pulses" in channels:
         sources["pulses"] = channels["pulses"]
     text = "the controller does not give the recorded voltage for the recorded positions"
-    return Law(text, sources, left, _AGREES * float(np.sqrt(np.mean(voltage**2))))
+    # twice what a real axis leaves (docs/real-recordings.md)
+    return Law(text, sources, left, 0.005 * float(np.sqrt(np.mean(voltage**2))))
 
 
 def _check_controller(recording: Recording, actuator: LinearAxis) -> list[str]:
@@ -109,7 +109,7 @@ def _check_controller(recording: Recording, actuator: LinearAxis) -> list[str]:
             f"{recording.name}: its voltage is opposite to what the controller gives for the "
             "recorded positions; change its sign, or that of reference and position."
         )
-    if share <= _OTHER:
+    if share <= 0.05:
         return []
     return [
         f"The recorded voltage differs by {100.0 * share:.0f} % from what the controller of "
@@ -123,14 +123,10 @@ def missing_motion(recording: Recording) -> list[str]:
     """Sentences on directions whose friction does not show; each forbids a verdict."""
     steps = np.diff(recording.channels["reference"])
     travel = float(np.ptp(recording.channels["reference"]))
-    told = []
-    for way, moved in (
-        ("forward", steps[steps > 0.0].sum()),
-        ("backward", -steps[steps < 0.0].sum()),
-    ):
-        if moved <= _MOVES * travel or travel == 0.0:
-            told.append(
-                f"The reference never moves {way}, so that friction of that direction cannot be "
-                "told. Use a command that goes there and back."
-            )
-    return told
+    ways = {"forward": steps[steps > 0.0].sum(), "backward": -steps[steps < 0.0].sum()}
+    return [
+        f"The reference never moves {way}, so that friction of that direction cannot be told. Use "
+        "a command that goes there and back."
+        for way, moved in ways.items()
+        if moved <= 1e-3 * travel or travel == 0.0
+    ]

@@ -8,29 +8,21 @@ import numpy as np
 
 from ematwin.errors import RecordError
 from ematwin.models.linear_axis.parameters import FIXED, LinearAxis
+from ematwin.models.linear_axis.plausibility import check_interval
 from ematwin.models.linear_axis.step import AxisConstants, AxisState, axis_at_rest, axis_traces
 from ematwin.models.stepped import Stepped, stepped_of
 from ematwin.recordings.recording import Recording
 
 FIRST = 20  # samples from which the first state is taken; the published scores leave them out
-_AMISS = 0.01  # relative, of the sampling interval
 
 
 def closed_loop(
-    actuator: LinearAxis,
-    recording: Recording,
-    candidates: Mapping[str, np.ndarray],
-    count: int,
+    actuator: LinearAxis, recording: Recording, candidates: Mapping[str, np.ndarray], count: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Voltage (V) and position (m), (B, S), of candidates that follow the recorded reference.
 
     The first state is taken from the recording, or is rest at the reference where it has no
     position. Pulses are added where it has them.
-
-    Raises
-    ------
-    RecordError
-        If it is not sampled with the controller.
     """
     constants = axis_constants(actuator, candidates)
     start = first_state(recording, actuator, constants, count)
@@ -38,11 +30,9 @@ def closed_loop(
 
 
 def open_loop(
-    actuator: LinearAxis,
-    recording: Recording,
-    candidates: Mapping[str, np.ndarray] | None = None,
+    actuator: LinearAxis, recording: Recording, candidates: Mapping[str, np.ndarray] | None = None,
     count: int = 1,
-) -> np.ndarray:
+) -> np.ndarray:  # fmt: skip
     """Position (B, S), m, of candidates that the recorded voltage drives from the first state on.
 
     Nothing brings it back, so that a force error adds up: 0.1 N on 190 N s/m of viscous friction
@@ -159,14 +149,3 @@ def _traces(
         threads=threads,
     )  # fmt: skip
     return found["voltage"], found["position"]
-
-
-def check_interval(actuator: LinearAxis, recording: Recording) -> None:
-    """Raise `RecordError` unless a recording is sampled with the controller."""
-    sample_time = actuator.controller.sample_time
-    if abs(recording.interval - sample_time) > _AMISS * sample_time:
-        raise RecordError(
-            f"{recording.name} is sampled every {recording.interval:.6g} s and the controller of "
-            f"{actuator.name} every {sample_time:.6g} s; the twin needs one sample for each update "
-            "of the controller. Record at that rate, or correct controller.sample_time."
-        )

@@ -7,6 +7,7 @@ and compared as they arise.
 
 import numpy as np
 
+from ematwin.models.pmsm.constants import Constants
 from ematwin.models.pmsm.controller import ControlState, control_step
 from ematwin.models.pmsm.monitor_step import (
     MonitorState,
@@ -21,7 +22,6 @@ from ematwin.models.pmsm.reference_step import (
     phase_currents,
     reference_step,
 )
-from ematwin.models.pmsm.state import Constants
 from ematwin.numerics.compile import loop, part, step
 from ematwin.numerics.lanes import LANES, columns, lane_loop, wide_vectors
 from ematwin.numerics.scalar import biquad, sincos
@@ -72,7 +72,10 @@ def read_by_drive(
 
 @loop
 def reference_trace(command, load, state, control, c, dt, substeps, ticks, quanta, every, count):
-    """Simulate the reference model from a state on.
+    """(ceil(count/every), 20) trace of the reference model, columns as in `REFERENCE_COLUMNS`.
+
+    Currents, voltages and positions are as the drive reads and commands them, the others as they
+    are; voltages at the terminals are means over the tick before, against the middle of the link.
 
     Parameters
     ----------
@@ -81,55 +84,30 @@ def reference_trace(command, load, state, control, c, dt, substeps, ticks, quant
     state : (15,) array, the fields of `ReferenceState`
     control : (12,) array, the fields of `ControlState` and the voltages at the terminals in the
         tick before; both hold the last ones afterwards
-    c : Constants, for the step
     dt, substeps : step (s), and how many make a tick
     ticks : (2,) integer array, ticks of the speed and the position loop
     quanta : (3,) array, steps of current converters (A), of motor and output encoder (rad on the
         motor shaft); 0 for perfect ones
-    every : int, ticks from one sample to the next
-    count : int, ticks that are simulated: K + 1 to the end, K where a later call goes on
-
-    Returns
-    -------
-    (ceil(count/every), 20) array, columns as in `REFERENCE_COLUMNS`; currents, voltages and
-    positions as the drive reads and commands them, the others as they are; of the voltages at the
-    terminals the mean over the tick before, against the middle of the link (zero at first)
+    every, count : ticks from one sample to the next, and in all: K where a later call goes on
     """
     rows, control_rows = state.reshape(-1, 1), control.reshape(-1, 1)
     now, loops = read_reference(rows, 0), loops_of(control_rows, 0)
     trace = np.empty(((count + every - 1) // every, 20))
-    w_a = control[9]
-    w_b = control[10]
-    w_c = control[11]
+    w_a, w_b, w_c = control[9], control[10], control[11]
     for tick in range(count):
-        v_alpha = loops.v_alpha
-        v_beta = loops.v_beta
+        v_alpha, v_beta = loops.v_alpha, loops.v_beta
         loops, seen, i_a, i_b, theta_m, theta_o = read_by_drive(
             now, loops, command[tick], quanta[0], quanta[1], quanta[2],
             tick % ticks[1] == 0, tick % ticks[0] == 0, ticks[0], substeps * dt, c,
         )  # fmt: skip
         if tick % every == 0:
             row = trace[tick // every]
-            row[0] = seen.i_d
-            row[1] = seen.i_q
-            row[2] = seen.v_d
-            row[3] = seen.v_q
-            row[4] = theta_m
-            row[5] = theta_o
-            row[6] = now.w_m
-            row[7] = now.w_o
-            row[8] = now.j_a
-            row[9] = now.j_b
-            row[10] = now.j_c
-            row[11] = now.e_electrical
-            row[12] = now.e_copper
-            row[13] = now.e_mechanical
-            row[14] = i_a
-            row[15] = i_b
-            row[16] = -i_a - i_b
-            row[17] = w_a
-            row[18] = w_b
-            row[19] = w_c
+            row[0], row[1], row[2], row[3] = seen.i_d, seen.i_q, seen.v_d, seen.v_q
+            row[4], row[5], row[6], row[7] = theta_m, theta_o, now.w_m, now.w_o
+            row[8], row[9], row[10] = now.j_a, now.j_b, now.j_c
+            row[11], row[12], row[13] = now.e_electrical, now.e_copper, now.e_mechanical
+            row[14], row[15], row[16] = i_a, i_b, -i_a - i_b
+            row[17], row[18], row[19] = w_a, w_b, w_c
         if tick + 1 < command.size:
             v_a, v_b, v_c = leg_voltages(v_alpha, v_beta, c.v_supply)
             w_a, w_b, w_c = v_a, v_b, v_c
@@ -148,9 +126,7 @@ def reference_trace(command, load, state, control, c, dt, substeps, ticks, quant
                 e_a, e_b, e_c = f_a, f_b, f_c
     write_reference(rows, 0, now)
     write_loops(control_rows, 0, loops)
-    control[9] = w_a
-    control[10] = w_b
-    control[11] = w_c
+    control[9], control[10], control[11] = w_a, w_b, w_c
     return trace
 
 
@@ -177,15 +153,14 @@ def monitor_scores(
     constants : (B, 65) array, the fields of `Constants`; B a multiple of `LANES`
     command, load : (P + K + 1,) arrays, at the ticks of the current loops, rad and N m on the
         motor shaft; the load runs in straight lines between
-    before : int, P, ticks that settle the start and are not compared; whole samples of all loops
+    before : P ticks that settle the start and are not compared; whole samples of all loops
     start : (6,) array, angle of the motor as read (rad), its speed (rad/s), angle and speed of the
         output, i_d and i_q (A); with a ``before`` the motor stands where the output does
-    dt, substeps : step (s), and how many make a tick
-    ticks : (2,) integer array, ticks of the speed and the position loop
+    dt, substeps, ticks : as of `reference_trace`
     taps : (5,) array, low-pass ``b0 b1 b2 a1 a2``
     target : (6, ceil((K + 1)/every)) array, the filtered recording, rows as in `ANSWERS`
     weight : (6,) array, of the squares of the differences
-    every : int, ticks from one compared sample to the next
+    every : ticks from one compared sample to the next
     measured : bool, v_q and v_d are not those commanded, but at the terminals, the mean over the
         tick before
     costs : (B,) array, filled with the weighted sums of squares
@@ -214,17 +189,11 @@ def monitor_scores(
             loops[:, n] = 0.0
             slip = c.resolver / c.pole_pairs
             plant[6, n] = start[2] if before > 0 else start[0] - slip
-            plant[5, n] = start[1]
-            plant[8, n] = start[2]
-            plant[7, n] = start[3]
-            plant[0, n] = start[4]
-            plant[1, n] = start[5]
-            loops[1, n] = start[5]
-            loops[2, n] = start[5] * c.set_torque
-            loops[3, n] = plant[6, n] + slip
-            loops[4, n] = start[1]
-            loops[5, n] = c.resistance * start[4]
-            loops[6, n] = c.resistance * start[5]
+            plant[5, n], plant[8, n], plant[7, n] = start[1], start[2], start[3]
+            plant[0, n], plant[1, n] = start[4], start[5]
+            loops[1, n], loops[2, n] = start[5], start[5] * c.set_torque
+            loops[3, n], loops[4, n] = plant[6, n] + slip, start[1]
+            loops[5, n], loops[6, n] = c.resistance * start[4], c.resistance * start[5]
             cost[n] = 0.0
         for tick in range(count):
             due_speed = tick % ticks[0] == 0

@@ -16,14 +16,15 @@ ROTATING = ("current_d", "current_q")
 ROTATING_VOLTAGES = ("voltage_d", "voltage_q")
 
 
-def _terminal(letter: str) -> Channel:
-    """The measured voltage of a phase, against any point that the three have in common."""
+def _terminal(letter: str, text: str, ab: float, bc: float) -> Channel:
+    """The measured voltage of a phase, against any point that the three have in common.
 
-    def of_lines(ab: np.ndarray, bc: np.ndarray) -> np.ndarray:
-        found = {"a": 2.0 * ab + bc, "b": bc - ab, "c": -(ab + 2.0 * bc)}[letter]
-        return found / 3.0
+    It is (``ab`` v_ab + ``bc`` v_bc)/3 of line voltages.
+    """
 
-    text = {"a": "(2 ab + bc)/3", "b": "(bc - ab)/3", "c": "-(ab + 2 bc)/3"}[letter]
+    def of_lines(v_ab: np.ndarray, v_bc: np.ndarray) -> np.ndarray:
+        return (ab * v_ab + bc * v_bc) / 3.0
+
     return Channel(
         f"terminal_voltage_{letter}", "V",
         f"measured voltage of phase {letter}, mean over the PWM period that ends at the sample",
@@ -40,7 +41,9 @@ CHANNELS = (
     *star_channels("voltage", "V", "commanded voltage of phase {}", ("v_{}", "u_{}")),
     Channel("voltage_d", "V", "commanded voltage along the magnets", ("v_d", "u_d")),
     Channel("voltage_q", "V", "commanded voltage across the magnets", ("v_q", "u_q")),
-    *(_terminal(x) for x in "abc"),
+    _terminal("a", "(2 ab + bc)/3", 2.0, 1.0),
+    _terminal("b", "(bc - ab)/3", -1.0, 1.0),
+    _terminal("c", "-(ab + 2 bc)/3", -1.0, -2.0),
     *(
         Channel(name, "V", f"measured voltage of phase {name[-2]} over phase {name[-1]}, mean over "
                 "the PWM period that ends at the sample", (f"v_{name[-2:]}",))
@@ -83,13 +86,11 @@ def in_rotor_frame(
     Recorded as such or by phases; what all phases have in common drops out.
     """
     channels = recording.channels
-    rotating = [f"{quantity}_d", f"{quantity}_q"]
+    rotating, phases = ([f"{quantity}_{x}" for x in letters] for letters in ("dq", "abc"))
     if set(rotating) <= channels.keys():
         return channels[rotating[0]], channels[rotating[1]]
-    phases = [f"{quantity}_{x}" for x in "abc"]
-    if set(phases) <= channels.keys() and "motor_position" in channels:
-        angle = pole_pairs * channels["motor_position"]
-        a, b, c = (channels[name] for name in phases)
-        d, q = to_rotor(a, b, c, angle)
-        return d, q
-    return None
+    if not {*phases, "motor_position"} <= channels.keys():
+        return None
+    a, b, c = (channels[name] for name in phases)
+    d, q = to_rotor(a, b, c, pole_pairs * channels["motor_position"])
+    return d, q

@@ -16,16 +16,11 @@ import numpy as np
 from ematwin.errors import RecordError
 from ematwin.models.base import Model
 from ematwin.models.comparison import Candidates, Comparison, correlation_time
-from ematwin.models.pmsm.channels import (
-    ROTATING_VOLTAGES,
-    TERMINALS,
-    VOLTAGES,
-    in_rotor_frame,
-)
+from ematwin.models.plausibility import check_enough, check_moves
+from ematwin.models.pmsm.channels import ROTATING_VOLTAGES, TERMINALS, VOLTAGES, in_rotor_frame
 from ematwin.models.pmsm.constants import constants_of
 from ematwin.models.pmsm.parameters import PmsmActuator
-from ematwin.models.pmsm.state import backlash_factor
-from ematwin.models.sizes import check_enough, check_moves
+from ematwin.models.pmsm.unknowns import backlash_factor
 from ematwin.numerics.side_by_side import cores, side_by_side
 from ematwin.numerics.signals import LowPass, white_noise
 from ematwin.recordings.recording import Recording
@@ -33,13 +28,9 @@ from ematwin.recordings.recording import Recording
 CUTOFF = 800.0  # Hz
 LOWEST_CUTOFF = 200.0  # Hz, for recordings that are sampled slowly
 _RATE = 4.0  # times the cutoff: the least rate at which a low-pass acts as one
-_KEPT = 3.0  # times the cutoff: rate of the samples that are compared
-_TWIN_ERROR = 0.003  # of the RMS of a channel
-REFERENCE_ERROR = 0.001  # the same of what corrects the twin
-_AT_REST = 0.005  # s at the start whose means are the first state
+REFERENCE_ERROR = 0.001  # of what corrects the twin, of the RMS of a channel
 SETTLED = 0.2  # s that a drive holds its first position before a simulation or recording begins
 MOVING = 0.05  # of the speed limit: what begins faster does not begin at rest
-COMPARED = ("current_q", "current_d", "voltage_q", "voltage_d", "motor_speed", "following_error")
 _CAPTIONS = {
     "current_q": ("Torque current", "A"),
     "current_d": ("Magnetising current", "A"),
@@ -48,6 +39,7 @@ _CAPTIONS = {
     "motor_speed": ("Motor speed", "rad/s"),
     "following_error": ("Following error, on the motor shaft", "rad"),
 }
+COMPARED = tuple(_CAPTIONS)
 _TOGETHER = {"current_q": "current", "current_d": "current", "voltage_q": "voltage",
              "voltage_d": "voltage"}  # fmt: skip
 
@@ -55,16 +47,7 @@ _TOGETHER = {"current_q": "current", "current_d": "current", "voltage_q": "volta
 class PmsmComparison(Comparison):
     """Weighted squares between a batch of candidates and a recording.
 
-    Parameters
-    ----------
-    recording : drives the twin with its command and load, from its first positions
-    actuator : PmsmActuator
-    threads : threads that share a batch; None takes one for each core
-
-    Raises
-    ------
-    RecordError
-        If the recording is too short, too slow or constant.
+    The recording drives the twin with its command and load, from its first positions.
     """
 
     whitened = True
@@ -86,9 +69,9 @@ class PmsmComparison(Comparison):
                 "that the ripple of a faulty phase is seen. Record faster."
             )
         self.low_pass = LowPass(cutoff)
-        self.substeps = max(1, math.ceil(tick / actuator.steps.monitor - 1e-9))
+        self.substeps = actuator.substeps(actuator.steps.monitor)
         self.step = tick / self.substeps
-        self.every = max(1, int(1.0 / (_KEPT * cutoff * tick)))
+        self.every = max(1, int(1.0 / (3.0 * cutoff * tick)))
         last = float(recording.time[-1] - recording.time[0])
         self._ticks = np.arange(math.floor(last / tick + 1e-6) + 1) * tick
         ratio = actuator.transmission.ratio
@@ -112,7 +95,7 @@ class PmsmComparison(Comparison):
         self.before = 0
         if abs(self.start[1]) > MOVING * self.actuator.controller.speed_limit:
             return
-        self.before = whole_ticks(self.actuator, SETTLED)
+        self.before = self.actuator.whole_ticks(SETTLED)
         self.start[[1, 3, 4, 5]] = 0.0
         widest = backlash_factor(1.0) * self.actuator.transmission.backlash
         if abs(self.command[0] - self.start[2]) <= widest:
@@ -126,7 +109,7 @@ class PmsmComparison(Comparison):
         self._signals = dict(signals)
         self._filtered = {n: self.low_pass.apply(trace, rate) for n, trace in signals.items()}
         self._target = self.thinned(self._filtered)
-        self._weigh(_TWIN_ERROR)
+        self._weigh(0.003)  # of the RMS of a channel
 
     def _weigh(self, model_error: float) -> None:
         """Weigh channels by their noise and by the error of a model, as a share of their RMS.
@@ -149,9 +132,8 @@ class PmsmComparison(Comparison):
         measured = self.thinned(self._filtered)
         kept = measured.shape[1] * len(signals)
         self.scale = float(np.sum(self._weights[:, None] * measured**2))
-        self.independent = max(1.0, 2.0 * self.low_pass.cutoff * float(self._ticks[-1])) * len(
-            signals
-        )
+        each = max(1.0, 2.0 * self.low_pass.cutoff * float(self._ticks[-1]))
+        self.independent = each * len(signals)
         self.noise = math.sqrt(kept / self.independent)
         self.expected_misfit = math.sqrt(kept / self.scale)
 
@@ -173,9 +155,8 @@ class PmsmComparison(Comparison):
     def with_missed(self, missed: Mapping[str, np.ndarray]) -> "PmsmComparison":
         """The same comparison, the error of the twin, (S,), subtracted from the recording."""
         other = copy.copy(self)
-        other._target = self.thinned(self._filtered) - self.thinned(
-            {name: trace for name, trace in missed.items() if name in self._signals}
-        )
+        known = {name: trace for name, trace in missed.items() if name in self._signals}
+        other._target = self.thinned(self._filtered) - self.thinned(known)
         other._weigh(REFERENCE_ERROR)
         return other
 
@@ -203,11 +184,11 @@ class PmsmComparison(Comparison):
         from ematwin.models.pmsm.simulate import channels_of, reference_columns
 
         actuator = self.actuator.with_arrays({n: x for n, x in values.items() if "." in n})
-        ratio, tick = actuator.transmission.ratio, actuator.controller.current_time
-        substeps = max(1, math.ceil(tick / actuator.steps.reference - 1e-9))
+        ratio = actuator.transmission.ratio
+        substeps = actuator.substeps(actuator.steps.reference)
         columns = reference_columns(
             actuator, values, self.command / ratio, self.load * ratio, float(self.start[2]) / ratio,
-            tick / substeps, substeps, 1,
+            substeps, 1,
         )  # fmt: skip
         found = channels_of({n: column[self.before :] for n, column in columns.items()}, actuator)
         recorded, time = self.recording, self.recording.time - self.recording.time[0]
@@ -232,26 +213,23 @@ class PmsmComparison(Comparison):
 
     def captions(self) -> dict[str, tuple[str, str]]:
         """What each is."""
+        said = f"({self.low_pass.cutoff:g} Hz low-pass)"
         return {
-            name: (
-                f"{_CAPTIONS[name][0]} ({self.low_pass.cutoff:g} Hz low-pass)",
-                _CAPTIONS[name][1],
-            )
-            for name in self._filtered
+            name: (f"{title} {said}", unit)
+            for name, (title, unit) in _CAPTIONS.items()
+            if name in self._filtered
         }
 
     def costs(self, candidates: Candidates, count: int) -> np.ndarray:
         """Sums of weighted squares (B,); infinite where a candidate diverged."""
-        costs, _ = self.run(
-            self._constants(candidates, count), self._target, self.every, keep=False
-        )
+        constants = self._constants(candidates, count)
+        costs, _ = self.run(constants, self._target, self.every, keep=False)
         return np.where(np.isfinite(costs), costs, np.inf)
 
     def residuals(self, candidates: Candidates, count: int) -> np.ndarray:
         """Weighted residuals (B, K), channel after channel."""
-        _, answer = self.run(
-            self._constants(candidates, count), self._target, self.every, keep=True
-        )
+        constants = self._constants(candidates, count)
+        _, answer = self.run(constants, self._target, self.every, keep=True)
         return self.left_by(answer[:, : len(COMPARED)])
 
     def answers_of(self, actuators: Sequence[PmsmActuator]) -> np.ndarray:
@@ -303,7 +281,7 @@ class PmsmComparison(Comparison):
         costs = np.empty(len(lanes))
         answer = np.empty((len(lanes), 7, target.shape[1]) if keep else (0, 0, 0))
         taps = self.low_pass.taps(1.0 / self.actuator.controller.current_time, 0.0)[:5]
-        ticks = ticks_of(self.actuator)
+        ticks = np.array(self.actuator.ticks)
 
         def work(block: int) -> None:
             part = slice(block * LANES, (block + 1) * LANES)
@@ -320,20 +298,6 @@ class PmsmComparison(Comparison):
         return costs[:count], answer[:count]
 
 
-def ticks_of(actuator: PmsmActuator) -> np.ndarray:
-    """(2,) integer array, samples of the current loops in one of the speed and position loop."""
-    control = actuator.controller
-    return np.array(
-        [round(time / control.current_time) for time in (control.speed_time, control.position_time)]
-    )
-
-
-def whole_ticks(actuator: PmsmActuator, seconds: float, every: int = 1) -> int:
-    """Ticks in about so many seconds: whole samples of all loops, and of every n-th tick."""
-    whole = math.lcm(*(int(n) for n in ticks_of(actuator)), every)
-    return max(1, round(seconds / (actuator.controller.current_time * whole))) * whole
-
-
 def only_measured(recording: Recording) -> bool:
     """Whether voltages were measured at the terminals, and those commanded are not recorded."""
     commanded = (set(ROTATING_VOLTAGES), set(VOLTAGES))
@@ -342,13 +306,7 @@ def only_measured(recording: Recording) -> bool:
 
 
 def signals_of(recording: Recording, actuator: PmsmActuator) -> dict[str, np.ndarray]:
-    """Recorded traces of `COMPARED`, (S,) arrays by name.
-
-    Raises
-    ------
-    RecordError
-        If it has no currents in the drive's frame.
-    """
+    """Recorded traces of `COMPARED`, (S,) arrays by name."""
     pairs, ratio = actuator.motor.pole_pairs, actuator.transmission.ratio
     currents = in_rotor_frame(recording, "current", pairs)
     if currents is None:
@@ -381,7 +339,7 @@ def first_state(
     milliseconds.
     """
     ratio, channels = actuator.transmission.ratio, recording.channels
-    count = max(1, round(_AT_REST * recording.sample_rate))
+    count = max(1, round(0.005 * recording.sample_rate))
     output = channels.get("output_position")
     motor = channels.get("motor_position")
     theta_o = ratio * float(channels["command"][0] if output is None else output[0])

@@ -1,28 +1,86 @@
-"""Candidates as the kernels take them: parameters with faults, on the motor shaft."""
+"""Candidates as the kernels take them: parameters with faults, SI on the motor shaft.
+
+Windings and voltages are of one phase, peak.
+"""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from ematwin.models.pmsm import unknowns as law
 from ematwin.models.pmsm.parameters import PmsmActuator
-from ematwin.models.pmsm.state import (
-    CONNECTOR,
-    Constants,
-    backlash_factor,
-    direction,
-    flux_left,
-    friction_factor,
-    gain_factor,
-    resolver_offset,
-    sensor_gain,
-    sensor_offset,
-    shorted_share,
-)
-from ematwin.models.pmsm.unknowns import FIXED, unknowns
 from ematwin.numerics.side_by_side import by_candidate
 
-_LEAST = 1e-9  # share of shorted turns that stands for none
+
+class Constants(NamedTuple):
+    """What both models need of one candidate."""
+
+    pole_pairs: float
+    resistance: float  # ohm
+    l_d: float  # H
+    l_q: float  # H
+    k_e: float  # V s/rad of the shaft, amplitude; what magnets are left included
+    h_5: float
+    h_7: float
+    static_x: float  # static change of the flux with the place in the bore
+    static_y: float
+    dynamic_x: float  # the same, turning with the rotor
+    dynamic_y: float
+    added_a: float  # ohm, in the connector
+    added_b: float
+    added_c: float
+    loop_a: float  # S, current of a shorted loop seen at the terminals, per volt
+    loop_b: float
+    loop_c: float
+    decay_a: float  # of the loop's current in a step
+    decay_b: float
+    decay_c: float
+    loss_a: float  # ohm, R/mu + R_f/mu^2
+    loss_b: float
+    loss_c: float
+    v_supply: float  # V
+    v_leg: float  # V, error of a leg: dead time and drop
+    knee: float  # A
+    gain_a: float  # of the current sensors
+    gain_b: float
+    offset_a: float  # A
+    offset_b: float
+    resolver: float  # rad, electrical
+    k_position: float  # 1/s
+    k_speed: float  # N m s/rad
+    k_total: float  # N m/rad, of the integral
+    k_current: float  # V/A
+    k_voltage: float  # V/(A s), of the integral
+    w_max: float  # rad/s
+    i_max: float  # A
+    set_torque: float  # N m/A, as set in the drive
+    set_flux: float  # Wb
+    set_d: float  # H
+    set_q: float  # H
+    j_m: float  # kg m^2
+    j_o: float
+    viscous_m: float  # N m s/rad
+    viscous_o: float
+    friction_m: float  # N m, in motion
+    friction_o: float
+    static_ratio: float
+    w_stribeck: float  # rad/s
+    cogging: float  # N m
+    cogging_periods: float
+    cogging_phase: float  # rad
+    half_gap: float  # rad
+    stiffness: float  # N m/rad
+    damping: float  # N m s/rad
+    travel_low: float  # rad
+    travel_high: float  # rad
+    bristles_m: float  # N m/rad, stiffness on the motor side; 0: friction sticks without giving
+    bristles_o: float
+    bristle_damping: float  # N m s/rad, at rest
+    heating: float  # 1/W, resistance gained by a steady loss, of that at the start
+    heating_time: float  # s
+    load_gain: float  # actual over recorded load
+    load_offset: float  # N m
 
 
 def constants_of(
@@ -38,8 +96,8 @@ def constants_of(
 
 def fields_of(actuator: PmsmActuator, candidates: Mapping[str, Any], step: float) -> Constants:
     """The same as numbers, or (B,) arrays where candidates differ."""
-    own = actuator.varied(candidates, FIXED)
-    k = {one.name: one.healthy for one in unknowns(actuator)}
+    own = actuator.varied(candidates, law.FIXED)
+    k = {one.name: one.healthy for one in law.unknowns(actuator)}
     if "short_resistance" not in candidates:  # its healthy value is a parameter
         k["short_resistance"] = own.motor.short_resistance
     k.update({name: candidates[name] for name in k if name in candidates})
@@ -52,24 +110,24 @@ def _constants(actuator: PmsmActuator, k: Mapping[str, Any], step: float) -> Con
     loops = [_loop(motor, k[f"short_{x}"], k["short_resistance"], step) for x in "abc"]
     static = motor.gap_share * k["static_eccentricity"]
     dynamic = motor.gap_share * k["dynamic_eccentricity"]
-    static_at = direction(k["static_direction"])
-    dynamic_at = direction(k["dynamic_direction"])
-    friction = friction_factor(k["friction"])
+    static_at = law.direction(k["static_direction"])
+    dynamic_at = law.direction(k["dynamic_direction"])
+    friction = law.friction_factor(k["friction"])
     return Constants(
         pole_pairs=float(motor.pole_pairs),
         resistance=motor.resistance,
         l_d=motor.inductance_d,
         l_q=motor.inductance_q,
-        k_e=motor.pole_pairs * motor.flux * flux_left(k["demagnetisation"]),
+        k_e=motor.pole_pairs * motor.flux * law.flux_left(k["demagnetisation"]),
         h_5=motor.harmonic_5,
         h_7=motor.harmonic_7,
         static_x=static * np.cos(static_at),
         static_y=static * np.sin(static_at),
         dynamic_x=dynamic * np.cos(dynamic_at),
         dynamic_y=dynamic * np.sin(dynamic_at),
-        added_a=CONNECTOR * motor.resistance * k["connector_a"],
-        added_b=CONNECTOR * motor.resistance * k["connector_b"],
-        added_c=CONNECTOR * motor.resistance * k["connector_c"],
+        added_a=law.CONNECTOR * motor.resistance * k["connector_a"],
+        added_b=law.CONNECTOR * motor.resistance * k["connector_b"],
+        added_c=law.CONNECTOR * motor.resistance * k["connector_c"],
         loop_a=loops[0][0],
         loop_b=loops[1][0],
         loop_c=loops[2][0],
@@ -82,12 +140,12 @@ def _constants(actuator: PmsmActuator, k: Mapping[str, Any], step: float) -> Con
         v_supply=drive.supply_voltage,
         v_leg=drive.supply_voltage * drive.dead_time / control.current_time + drive.device_drop,
         knee=drive.knee_current,
-        gain_a=sensor_gain(k["sensor_gain_a"]),
-        gain_b=sensor_gain(k["sensor_gain_b"]),
-        offset_a=sensor_offset(k["sensor_offset_a"], control.current_limit),
-        offset_b=sensor_offset(k["sensor_offset_b"], control.current_limit),
-        resolver=resolver_offset(k["resolver_offset"]),
-        k_position=control.position_gain * gain_factor(k["gain"]),
+        gain_a=law.sensor_gain(k["sensor_gain_a"]),
+        gain_b=law.sensor_gain(k["sensor_gain_b"]),
+        offset_a=law.sensor_offset(k["sensor_offset_a"], control.current_limit),
+        offset_b=law.sensor_offset(k["sensor_offset_b"], control.current_limit),
+        resolver=law.resolver_offset(k["resolver_offset"]),
+        k_position=control.position_gain * law.gain_factor(k["gain"]),
         k_speed=control.speed_gain,
         k_total=control.speed_integral,
         k_current=control.current_gain,
@@ -109,7 +167,7 @@ def _constants(actuator: PmsmActuator, k: Mapping[str, Any], step: float) -> Con
         cogging=motor.cogging_torque,
         cogging_periods=float(motor.cogging_periods),
         cogging_phase=motor.cogging_phase,
-        half_gap=0.5 * gear.backlash * backlash_factor(k["backlash"]),
+        half_gap=0.5 * gear.backlash * law.backlash_factor(k["backlash"]),
         stiffness=gear.stiffness,
         damping=gear.damping,
         travel_low=gear.travel_low * gear.ratio,
@@ -129,10 +187,10 @@ def _loop(motor: Any, k: Any, contact: Any, step: float) -> tuple[Any, Any, Any]
 
     Of ``mu`` shorted turns over a contact ``R_f``; docs/pmsm.md, "Shorted turns".
     """
-    mu = shorted_share(np.abs(k))  # monitoring looks a little below zero
-    some = np.maximum(mu, _LEAST)
+    mu, least = law.shorted_share(np.abs(k)), 1e-9  # monitoring looks a little below zero
+    some = np.maximum(mu, least)
     inside = mu * (1.0 - 2.0 * mu / 3.0)
     total = contact + inside * motor.resistance
-    rate = total / (np.maximum(inside, _LEAST) * motor.leakage)
+    rate = total / (np.maximum(inside, least) * motor.leakage)
     loss = motor.resistance / some + contact / some**2
     return np.copysign(mu * mu, k) / total, np.exp(-rate * step), np.where(mu > 0.0, loss, 0.0 * mu)

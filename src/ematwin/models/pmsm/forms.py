@@ -8,6 +8,7 @@ import copy
 import math
 from collections.abc import Sequence
 from functools import partial
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -17,13 +18,10 @@ from ematwin.models.pmsm.comparison import REFERENCE_ERROR, PmsmComparison
 from ematwin.models.servo import load_nuisances, possible_coggings
 from ematwin.numerics.signals import white_noise
 
-_SHARE = 0.3  # of the dry friction of the motor, that cogging begins with
-_BENT = (3e-4, 6e-4, 1e-3, 2e-3, 4e-3, 8e-3)  # rad on the motor shaft, before friction slides
-_DAMPING = 0.01  # N m s/rad
-_PARTS = 60  # of a recording; within a part channels follow each other
 _COGGING = ("motor.cogging_torque", "motor.cogging_periods", "motor.cogging_phase")
-_STIFFNESS = ("presliding.motor_stiffness", "presliding.output_stiffness")
-_BRISTLES = (*_STIFFNESS, "presliding.damping")
+_BRISTLES = (
+    "presliding.motor_stiffness", "presliding.output_stiffness", "presliding.damping",
+)  # fmt: skip
 
 
 def _values(actuator: Any, places: tuple[str, ...]) -> dict[str, float]:
@@ -31,7 +29,7 @@ def _values(actuator: Any, places: tuple[str, ...]) -> dict[str, float]:
 
 
 def _coggings(actuator: Any) -> list[Values]:
-    torque = max(actuator.motor.cogging_torque, _SHARE * actuator.motor.friction_torque)
+    torque = max(actuator.motor.cogging_torque, 0.3 * actuator.motor.friction_torque)
     return [
         dict(zip(_COGGING, (torque, *each), strict=True))
         for each in possible_coggings(actuator.motor.pole_pairs)
@@ -41,13 +39,12 @@ def _coggings(actuator: Any) -> list[Values]:
 def _bristles(actuator: Any) -> list[Values]:
     """All pairs of both sides: begun alike, stiffnesses may miss the best pair."""
     gear = actuator.transmission
-    motor, output = (
-        gear.static_ratio * x for x in (actuator.motor.friction_torque, gear.friction_torque)
-    )
+    motor = gear.static_ratio * actuator.motor.friction_torque
+    output = gear.static_ratio * gear.friction_torque
+    bent = (3e-4, 6e-4, 1e-3, 2e-3, 4e-3, 8e-3)  # rad on the motor shaft, before friction slides
     return [
-        dict(zip(_BRISTLES, (motor / one, output / other, _DAMPING), strict=True))
-        for one in _BENT
-        for other in _BENT
+        dict(zip(_BRISTLES, (motor / one, output / other, 0.01), strict=True))
+        for one, other in product(bent, bent)
     ]
 
 
@@ -58,29 +55,19 @@ def _said_of_bristles(actuator: Any) -> str:
 
 def _forms(sheet: Any) -> tuple[Form, ...]:
     """Forms that are otherwise than in the sheet."""
-    cogging = _values(sheet, _COGGING)
+    cogging = _values(sheet, _COGGING[1:])
     return (
         Form(
-            "cogging",
-            lambda a: _values(a, _COGGING[1:]) != {p: cogging[p] for p in _COGGING[1:]},
-            _COGGING,
-            _coggings,
-            lambda a: (
-                f"cogging of {1e3 * a.motor.cogging_torque:.2g} mN m, "
-                f"{a.motor.cogging_periods} a turn"
-            ),
+            "cogging", lambda a: _values(a, _COGGING[1:]) != cogging, _COGGING, _coggings,
+            lambda a: f"cogging of {1e3 * a.motor.cogging_torque:.2g} mN m, "
+                      f"{a.motor.cogging_periods} a turn",
             ("motor.cogging_torque", "motor.cogging_phase"),
         ),
         Form(
-            "presliding friction",
-            lambda a: a.presliding is not None,
-            _BRISTLES,
-            _bristles,
-            _said_of_bristles,
-            _BRISTLES,
-            _bristles,
+            "presliding friction", lambda a: a.presliding is not None, _BRISTLES, _bristles,
+            _said_of_bristles, _BRISTLES, _bristles,
         ),
-    )
+    )  # fmt: skip
 
 
 class Response:
@@ -88,12 +75,8 @@ class Response:
 
     The reference model reads angles and currents in steps, so that its differences are rough. The
     monitor model answers, corrected by its difference from the reference at one actuator. Gain and
-    offset of the load cell are fitted to whatever is left, within what is known of them.
-
-    Attributes
-    ----------
-    size : float, norm of the weighted recording; 0 of one that begins in motion, where the
-        integrals of the loops are not known
+    offset of the load cell are fitted to whatever is left, within what is known of them. A
+    recording that begins in motion has the ``size`` 0: the integrals of its loops are not known.
     """
 
     def __init__(self, compared: PmsmComparison, actuator: Any) -> None:
@@ -137,7 +120,7 @@ class Response:
         """The same of several actuators, side by side in the lanes of the twin."""
         found = []
         for rows in self._rows(actuators):
-            parts = np.array_split(rows, _PARTS, axis=1)
+            parts = np.array_split(rows, 60, axis=1)  # within a part channels follow each other
             found.append(np.concatenate([part.ravel() for part in parts]))
         return found
 

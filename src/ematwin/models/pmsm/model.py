@@ -5,19 +5,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ematwin.models.base import Demand, Equation, Law, Signal, Study, Values
-from ematwin.models.pmsm.channels import (
-    CHANNELS,
-    NEEDS,
-    ON_REQUEST,
-    PHASES,
-    ROTATING,
-    TERMINALS,
-    VOLTAGES,
-    in_rotor_frame,
-)
+from ematwin.models.pmsm import channels as recorded
 from ematwin.models.pmsm.parameters import PmsmActuator
+from ematwin.models.pmsm.plausibility import check_phases, check_plausible, laws
+from ematwin.models.pmsm.simulate import simulate
 from ematwin.models.pmsm.unknowns import CONTRASTS, FIXED, aliases, unknowns
-from ematwin.models.servo import ServoModel, tracking_signals
+from ematwin.models.servo import ServoModel, little_motion, tracking_signals
 from ematwin.models.unknown import Alias, Contrast, Unknown
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
@@ -29,12 +22,12 @@ class PmsmModel(ServoModel):
     kind = "pmsm"
     title = "PMSM servo under field-oriented control, gear and backlash"
     parameters = PmsmActuator
-    channels = CHANNELS
-    needs = NEEDS
+    channels = recorded.CHANNELS
+    needs = recorded.NEEDS
     # one descent from healthy finds the valley: the currents' frame turns with the recorded rotor
     default_search = "levenberg-marquardt"
     sample_rate = 10_000.0
-    on_request = ON_REQUEST
+    on_request = recorded.ON_REQUEST
     fixed = FIXED
     # what healthy recordings may determine, and how far a template may be off
     nominal: ClassVar[dict[str, float]] = {
@@ -65,7 +58,7 @@ class PmsmModel(ServoModel):
     demands = (
         Demand("travel", "rad", ("command", "output_position")),
         Demand("speed", "rad/s", ("output_position",), is_rate=True),
-        Demand("current", "A", (*PHASES, *ROTATING)),
+        Demand("current", "A", (*recorded.PHASES, *recorded.ROTATING)),
         Demand("load", "N*m", ("load",)),
     )
 
@@ -83,8 +76,6 @@ class PmsmModel(ServoModel):
 
     def laws(self, recording: Recording, actuator: Any) -> list[Law]:
         """Phases of a star, the drive's control of the current, sides of the gear, speed."""
-        from ematwin.models.pmsm.laws import laws
-
         return laws(self, recording, actuator)
 
     def equations(
@@ -102,9 +93,8 @@ class PmsmModel(ServoModel):
 
     def excitation(self, recording: Recording, actuator: Any) -> list[str]:
         """Whether the motor turns, and the gap is crossed."""
-        from ematwin.models.pmsm.plausibility import too_little_motion
-
-        return too_little_motion(recording, actuator)
+        said = "one turn: dynamic eccentricity does not show"
+        return little_motion(recording, actuator, 2.0 * np.pi, said)
 
     def compare(
         self, recording: Recording, actuator: Any, *, threads: int | None = None, **settings: Any
@@ -117,22 +107,16 @@ class PmsmModel(ServoModel):
 
     def check_channels(self, recording: Recording) -> None:
         """Command and currents, whole or not at all."""
-        from ematwin.models.pmsm.plausibility import check_phases
-
         check_phases(recording)
         super().check_channels(recording)
 
     def check(self, recording: Recording, actuator: Any) -> list[str]:
         """Units, limits, sides of the gear, voltages, and the start."""
-        from ematwin.models.pmsm.plausibility import check_plausible
-
         self.check_channels(recording)
         return check_plausible(recording, actuator)
 
     def simulated(self, *settings: Any) -> tuple[np.ndarray, dict[str, np.ndarray], float]:
         """The response of the reference model, or of the monitor model."""
-        from ematwin.models.pmsm.simulate import simulate
-
         return simulate(*settings)
 
     def stepped(self, actuator: Any, fidelity: str) -> Any:
@@ -151,12 +135,14 @@ class PmsmModel(ServoModel):
         """With noise of currents and voltages; encoders have none."""
         if noise is None:
             return recording
-        return noise.apply(recording, np.random.default_rng(seed), (*VOLTAGES, *TERMINALS))
+        return noise.apply(
+            recording, np.random.default_rng(seed), (*recorded.VOLTAGES, *recorded.TERMINALS)
+        )
 
     def summary(self, recording: Recording, actuator: Any) -> dict[str, float]:
         """RMS and peak of the current vector, A, and the largest following error, rad."""
         found = {}
-        currents = in_rotor_frame(recording, "current", actuator.motor.pole_pairs)
+        currents = recorded.in_rotor_frame(recording, "current", actuator.motor.pole_pairs)
         if currents is not None:
             size = np.hypot(*currents)
             found["current_rms"] = float(np.sqrt(np.mean(size**2)))
@@ -170,7 +156,7 @@ class PmsmModel(ServoModel):
         """Currents and voltages in the rotor's frame, position, following error."""
         found = []
         for quantity, unit in (("current", "A"), ("voltage", "V")):
-            pair = in_rotor_frame(recording, quantity, actuator.motor.pole_pairs)
+            pair = recorded.in_rotor_frame(recording, quantity, actuator.motor.pole_pairs)
             if pair is not None:
                 name = "Current" if quantity == "current" else "Commanded voltage"
                 found += [Signal(f"{name}, q", unit, pair[1]), Signal(f"{name}, d", unit, pair[0])]

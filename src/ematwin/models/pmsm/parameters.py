@@ -20,7 +20,6 @@ from ematwin.models.sections import Presliding, ServoParameters, Steps, WindingH
 from ematwin.models.servo import check_stops
 
 _WHOLE = 1e-6  # of a ratio that has to be a whole number
-_LONGEST = 0.25  # of a period of the gear's swing: the longest step of the mechanics
 
 
 class Motor(Section):
@@ -140,6 +139,24 @@ class PmsmActuator(ServoParameters):
     presliding: Presliding | None = None
     winding_heat: WindingHeat | None = None
 
+    @property
+    def ticks(self) -> tuple[int, int]:
+        """Samples of the current loops in one of the speed and position loop."""
+        control = self.controller
+        return (
+            round(control.speed_time / control.current_time),
+            round(control.position_time / control.current_time),
+        )
+
+    def whole_ticks(self, seconds: float, every: int = 1) -> int:
+        """Ticks in about so many seconds: whole samples of all loops, and of every n-th tick."""
+        whole = math.lcm(*self.ticks, every)
+        return max(1, round(seconds / (self.controller.current_time * whole))) * whole
+
+    def substeps(self, longest: float) -> int:
+        """Steps of at most ``longest`` (s) in a tick of the current loops."""
+        return max(1, math.ceil(self.controller.current_time / longest - 1e-9))
+
     @model_validator(mode="after")
     def _leakage_is_a_part(self) -> Self:
         least = min(self.motor.inductance_d, self.motor.inductance_q)
@@ -181,7 +198,7 @@ class PmsmActuator(ServoParameters):
         compliance = 1.0 / self.motor.inertia + 1.0 / gear.output_inertia
         limits = [
             self.controller.current_time,
-            _LONGEST * 2.0 * math.pi / (gear.stiffness * compliance) ** 0.5,
+            0.25 * 2.0 * math.pi / (gear.stiffness * compliance) ** 0.5,
             min(self.motor.inductance_d, self.motor.inductance_q) / self.motor.resistance,
         ]
         if gear.damping > 0.0:

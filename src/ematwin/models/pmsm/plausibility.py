@@ -4,12 +4,15 @@ What makes a recording useless is an error with the likely cause; what makes it 
 sentence. The bounds are wide: a faulty actuator must pass, a wrong unit must not.
 """
 
-from itertools import permutations
+from collections.abc import Mapping
+from itertools import combinations, permutations
+from typing import Any
 
 import numpy as np
 
 from ematwin.errors import RecordError
-from ematwin.models.agreement import check_agreement, check_sum
+from ematwin.models.base import Law, Model
+from ematwin.models.plausibility import check_agreement, check_sizes, check_sum
 from ematwin.models.pmsm.channels import (
     PHASES,
     ROTATING,
@@ -20,12 +23,8 @@ from ematwin.models.pmsm.channels import (
 )
 from ematwin.models.pmsm.comparison import MOVING
 from ematwin.models.pmsm.parameters import PmsmActuator
-from ematwin.models.servo import check_motion, little_motion
-from ematwin.models.sizes import check_sizes
+from ematwin.models.servo import check_motion, current_laws, motion_laws, star_laws
 from ematwin.recordings.recording import Recording
-
-_SWAPPED = 0.5  # of the current, RMS, along the magnets: in another order
-_ORDERED = 0.2  # and in the right one
 
 
 def check_phases(recording: Recording) -> None:
@@ -51,24 +50,8 @@ def check_phases(recording: Recording) -> None:
 
 
 def check_plausible(recording: Recording, actuator: PmsmActuator) -> list[str]:
-    """Sentences on doubts about a recording.
-
-    Raises
-    ------
-    RecordError
-        If it cannot be identified from, with the reason and the likely cause.
-    """
+    """Sentences on doubts about a recording; `RecordError` if it cannot be identified from."""
     check_agreement(recording, actuator)
-    _check_sizes(recording, actuator)
-    check_motion(recording, actuator)
-    _check_order(recording, actuator)
-    doubts = _check_voltages(recording)
-    doubts += check_sum(recording)
-    doubts += _check_start(recording, actuator)
-    return doubts
-
-
-def _check_sizes(recording: Recording, actuator: PmsmActuator) -> None:
     control, supply = actuator.controller, actuator.drive.supply_voltage
     for names, limit, unit, most in (
         ((*PHASES, *ROTATING), control.current_limit, "A", 3.0),
@@ -77,6 +60,10 @@ def _check_sizes(recording: Recording, actuator: PmsmActuator) -> None:
     ):
         said = f"{actuator.name} is limited to {limit:.4g} {unit}"
         check_sizes(recording.channels, names, limit, unit, said, most)
+    check_motion(recording, actuator)
+    _check_order(recording, actuator)
+    doubts = [*_check_voltages(recording), *check_sum(recording)]
+    return doubts + _check_start(recording, actuator)
 
 
 def _check_order(recording: Recording, actuator: PmsmActuator) -> None:
@@ -90,7 +77,7 @@ def _check_order(recording: Recording, actuator: PmsmActuator) -> None:
         d, q = to_rotor(phases[order[0]], phases[order[1]], phases[order[2]], angle)
         along[order] = float(np.sqrt(np.mean(d**2) / max(np.mean(d**2 + q**2), 1e-30)))
     given, best = along[0, 1, 2], min(along, key=along.__getitem__)
-    if given > _SWAPPED and along[best] < _ORDERED:
+    if given > 0.5 and along[best] < 0.2:  # of the current, RMS
         # phase_order names the phases that the given channels carry: the inverse of `best`
         carried = "".join("abc"[best.index(n)] for n in range(3))
         raise RecordError(
@@ -129,7 +116,56 @@ def _check_start(recording: Recording, actuator: PmsmActuator) -> list[str]:
     return []
 
 
-def too_little_motion(recording: Recording, actuator: PmsmActuator) -> list[str]:
-    """Sentences on why a motion cannot tell faults."""
-    said = "one turn: dynamic eccentricity does not show"
-    return little_motion(recording, actuator, 2.0 * np.pi, said)
+def laws(model: Model, recording: Recording, actuator: Any) -> list[Law]:
+    """Phases of a star, the drive's control of the current, sides of the gear, speed.
+
+    Voltages may have a part that all phases share, so that their sum tells only of a channel that
+    explains it.
+    """
+    voltages = star_laws(recording, VOLTAGES, "the phase voltages do not add up to zero", np.inf)
+    if not _against_each_other(recording):
+        text = "the terminal voltages do not add up to zero"
+        voltages += star_laws(recording, TERMINALS, text, np.inf)
+    return [
+        *current_laws(recording),
+        *voltages,
+        *_rotor_laws(recording, actuator.motor.pole_pairs),
+        *motion_laws(model, recording, actuator),
+    ]
+
+
+def _against_each_other(recording: Recording) -> bool:
+    """Whether terminals are measured against one of them, which is zero then.
+
+    The other two are line voltages, a sixth of a turn apart, so that they go together; where the
+    zero comes from a dead sensor they are a third of a turn apart and oppose each other.
+    """
+    known = [recording.channels[name] for name in TERMINALS if name in recording.channels]
+    others = [values for values in known if values.any()]
+    return len(others) == 2 and float(others[0] @ others[1]) > 0.0
+
+
+def _rotor_laws(recording: Recording, pole_pairs: int) -> list[Law]:
+    """The drive holds the current along the magnets at zero, as it reads current and angle.
+
+    It does so with any fault, of its sensors too: it controls the current as they show it. Each two
+    phases give that current. Where one channel was computed from the other two, two of these laws
+    fail, and one shows which channel is late. A drive that weakens the field breaks all of them,
+    and no channel explains it.
+    """
+    channels = recording.channels
+    if not {*PHASES, "motor_position"} <= channels.keys():
+        return []
+    size = float(np.sqrt(1.5 * np.mean([channels[name] ** 2 for name in PHASES])))
+
+    def rotor(taken: Mapping[str, np.ndarray], known: tuple[str, ...]) -> np.ndarray:
+        third = -(taken[known[0]] + taken[known[1]])
+        a, b, c = (taken[name] if name in known else third for name in PHASES)
+        return to_rotor(a, b, c, pole_pairs * taken["motor_position"])
+
+    def along(known: tuple[str, ...]) -> Law:
+        values = {name: channels[name] for name in (*known, "motor_position")}
+        text = "phases and motor_position do not give the current that the drive controls"
+        return Law(text, values, lambda taken: rotor(taken, known)[0], 0.1 * size)
+
+    return [along(known) for known in combinations(PHASES, 2)]

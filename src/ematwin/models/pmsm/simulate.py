@@ -9,23 +9,15 @@ import numpy as np
 from ematwin.errors import InputError
 from ematwin.models.base import Progress
 from ematwin.models.pmsm.channels import ON_REQUEST, TERMINALS, to_phases
-from ematwin.models.pmsm.comparison import SETTLED, ticks_of, whole_ticks
+from ematwin.models.pmsm.comparison import SETTLED
 from ematwin.models.pmsm.parameters import PmsmActuator
 from ematwin.models.scenario import Scenario
 
-_MOST_TICKS = 20_000_000
-
 
 def simulate(
-    fidelity: str,
-    actuator: PmsmActuator,
-    scenario: Scenario,
-    values: Mapping[str, float],
-    rate: float,
-    step: float,
-    start: float,
-    progress: Progress | None,
-) -> tuple[np.ndarray, dict[str, np.ndarray], float]:
+    fidelity: str, actuator: PmsmActuator, scenario: Scenario, values: Mapping[str, float],
+    rate: float, step: float, start: float, progress: Progress | None,
+) -> tuple[np.ndarray, dict[str, np.ndarray], float]:  # fmt: skip
     """The response to a scenario; arguments as in `ematwin.models.servo.ServoModel.simulated`.
 
     The drive has held its first position for a while when the scenario begins, under the load of
@@ -33,50 +25,38 @@ def simulate(
 
     The drive samples: a rate must divide the rate of its current loops.
     """
-    tick = actuator.controller.current_time
-    every = _every(rate, tick)
-    substeps = substeps_of(actuator, step)
+    tick, most = actuator.controller.current_time, 20_000_000
+    each = 1.0 / (rate * tick)
+    every = round(each)  # ticks from one sample to the next
+    if every < 1 or abs(each - every) > 1e-6 * each:
+        raise InputError(
+            f"The drive samples at {1.0 / tick:g} Hz and keeps each n-th sample; a sample_rate of "
+            f"{rate:g} Hz does not divide that. Give for example {0.5 / tick:g} Hz."
+        )
+    substeps = actuator.substeps(step)
     count = math.floor(scenario.duration / tick + 1e-9) // every * every + 1
     if count < every + 1:
         raise InputError(
             f"A scenario of {scenario.duration:g} s has fewer than two samples at "
             f"{1.0 / (every * tick):g} Hz; sample faster or extend it."
         )
-    if count > _MOST_TICKS:
+    if count > most:
         raise InputError(
             f"A scenario of {scenario.duration:g} s has {count} samples of the current loops; at "
-            f"most {_MOST_TICKS} can be simulated. Shorten it."
+            f"most {most} can be simulated. Shorten it."
         )
     time = np.arange(count) * tick
     asked, carried = scenario.histories(time)
-    held = whole_ticks(actuator, SETTLED, every)
+    held = actuator.whole_ticks(SETTLED, every)
     command = np.concatenate([np.full(held, start), asked])
     load = np.concatenate([np.full(held, carried[0]), carried])
     run = reference_columns if fidelity == "reference" else _monitor
-    columns = run(
-        actuator, values, command, load, start, tick / substeps, substeps, every, progress
-    )
+    columns = run(actuator, values, command, load, start, substeps, every, progress)
     columns = {name: column[held // every :] for name, column in columns.items()}
     channels = {
         "command": asked[::every], "load": carried[::every], **channels_of(columns, actuator)
     }  # fmt: skip
     return time[::every], channels, tick / substeps
-
-
-def substeps_of(actuator: PmsmActuator, longest: float) -> int:
-    """Steps of at most ``longest`` (s) in a tick of the current loops."""
-    return max(1, math.ceil(actuator.controller.current_time / longest - 1e-9))
-
-
-def _every(sample_rate: float, tick: float) -> int:
-    """Ticks from one sample to the next."""
-    every = 1.0 / (sample_rate * tick)
-    if round(every) < 1 or abs(every - round(every)) > 1e-6 * every:
-        raise InputError(
-            f"The drive samples at {1.0 / tick:g} Hz and keeps each n-th sample; a sample_rate of "
-            f"{sample_rate:g} Hz does not divide that. Give for example {0.5 / tick:g} Hz."
-        )
-    return round(every)
 
 
 def quanta_of(actuator: PmsmActuator) -> np.ndarray:
@@ -93,8 +73,7 @@ def reference_states(
     actuator: PmsmActuator, values: Mapping[str, float], theta: float, step: float
 ) -> tuple[Any, np.ndarray, np.ndarray]:
     """Constants, and the states (15,) and (12,) of plant and drive at rest at an angle."""
-    from ematwin.models.pmsm.constants import constants_of
-    from ematwin.models.pmsm.state import Constants
+    from ematwin.models.pmsm.constants import Constants, constants_of
 
     one = {name: np.array([value]) for name, value in values.items()}
     c = Constants(*constants_of(actuator, one, 1, step)[0].tolist())
@@ -105,48 +84,32 @@ def reference_states(
 
 
 def reference_columns(
-    actuator: PmsmActuator,
-    values: Mapping[str, float],
-    command: np.ndarray,
-    load: np.ndarray,
-    start: float,
-    step: float,
-    substeps: int,
-    every: int,
-    progress: Progress | None = None,
-) -> dict[str, np.ndarray]:
-    """Columns of the reference model, as its drive reads and commands them.
+    actuator: PmsmActuator, values: Mapping[str, float], command: np.ndarray, load: np.ndarray,
+    start: float, substeps: int, every: int, progress: Progress | None = None,
+) -> dict[str, np.ndarray]:  # fmt: skip
+    """Columns (ceil(K/every),) of the reference model, as its drive reads and commands them.
 
-    Parameters
-    ----------
-    actuator, values : parameters and faults
-    command, load : (K,) arrays at the ticks of the current loops, rad and N m on the output
-    start : angle at rest, rad on the output
-    step, substeps : s, and how many make a tick
-    every : ticks from one sample to the next
-    progress : called with the share done
-
-    Returns
-    -------
-    dict of (ceil(K/every),) arrays; positions are on the motor shaft
+    Command and load (K,) are at the ticks of the current loops, rad and N m on the output, where
+    ``start`` is the angle at rest; ``substeps`` make a tick, ``every`` ticks a sample. Positions
+    are on the motor shaft.
     """
     from ematwin.models.pmsm.batch import REFERENCE_COLUMNS, reference_trace
 
-    ratio, ticks = actuator.transmission.ratio, ticks_of(actuator)
+    ratio, ticks = actuator.transmission.ratio, np.array(actuator.ticks)
+    step = actuator.controller.current_time / substeps
     c, state, control = reference_states(actuator, values, start * ratio, step)
-    # whole samples of all loops, so that a slice begins as the simulation does
-    # some 20,000 ticks between two reports of progress
-    stride = math.lcm(*(int(n) for n in ticks), every) * max(1, 20_000 // math.lcm(*ticks, every))
+    # whole samples of all loops, so that a slice begins as the simulation does; some 20,000 ticks
+    # between two reports of progress
+    whole = math.lcm(*actuator.ticks, every)
+    stride = whole * max(1, 20_000 // whole)
     pieces = []
     for first in range(0, command.size, stride):
         last = min(first + stride, command.size)
         more = slice(first, min(last + 1, command.size))  # the slice runs up to its successor
-        pieces.append(
-            reference_trace(
-                command[more] * ratio, load[more] / ratio, state, control, c, step, substeps, ticks,
-                quanta_of(actuator), every, last - first,
-            )
-        )  # fmt: skip
+        pieces.append(reference_trace(
+            command[more] * ratio, load[more] / ratio, state, control, c, step, substeps, ticks,
+            quanta_of(actuator), every, last - first,
+        ))  # fmt: skip
         if progress is not None:
             progress(last / command.size)
     trace = np.concatenate(pieces)
@@ -155,35 +118,25 @@ def reference_columns(
 
 
 def _monitor(
-    actuator: PmsmActuator,
-    values: Mapping[str, float],
-    command: np.ndarray,
-    load: np.ndarray,
-    start: float,
-    step: float,
-    substeps: int,
-    every: int,
-    progress: Progress | None,
-) -> dict[str, np.ndarray]:
+    actuator: PmsmActuator, values: Mapping[str, float], command: np.ndarray, load: np.ndarray,
+    start: float, substeps: int, every: int, progress: Progress | None,
+) -> dict[str, np.ndarray]:  # fmt: skip
     from ematwin.models.pmsm.batch import ANSWERS, COMPARED, monitor_scores
-    from ematwin.models.pmsm.constants import constants_of
-    from ematwin.models.pmsm.state import Constants
+    from ematwin.models.pmsm.constants import Constants, constants_of
     from ematwin.numerics.lanes import LANES
 
-    ratio = actuator.transmission.ratio
+    ratio, step = actuator.transmission.ratio, actuator.controller.current_time / substeps
     one = {name: np.array([value]) for name, value in values.items()}
     constants = np.repeat(constants_of(actuator, one, 1, step), LANES, axis=0)
     theta = start * ratio
-    read = (
-        theta + float(constants[0, Constants._fields.index("resolver")]) / actuator.motor.pole_pairs
-    )
+    read = theta + Constants(*constants[0]).resolver / actuator.motor.pole_pairs
     target = np.zeros((COMPARED, command.size))
 
     def answers(measured: bool) -> dict[str, np.ndarray]:
         answer = np.empty((LANES, len(ANSWERS), command.size))
         monitor_scores(
             constants, command * ratio, load / ratio, 0,
-            np.array([read, 0.0, theta, 0.0, 0.0, 0.0]), step, substeps, ticks_of(actuator),
+            np.array([read, 0.0, theta, 0.0, 0.0, 0.0]), step, substeps, np.array(actuator.ticks),
             np.array([1.0, 0.0, 0.0, 0.0, 0.0]), target, np.zeros(COMPARED), 1, measured,
             np.empty(LANES), answer,
         )  # fmt: skip

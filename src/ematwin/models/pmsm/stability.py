@@ -18,8 +18,6 @@ import numpy as np
 from ematwin.errors import ParameterError
 from ematwin.numerics.linear_algebra import largest_share, spectral_radius
 
-_PIECES = 4  # steps of the mechanics in a current sample
-
 
 def check_loops(actuator: Any) -> None:
     """Raise `ParameterError` if a loop is unstable at its sample time; the limit is said."""
@@ -49,8 +47,7 @@ def _is_stable(actuator: Any, loop: str, own: float, share: float) -> bool:
 def loop_radius(actuator: Any, loop: str, sample_time: float) -> float:
     """Largest magnitude of the eigenvalues of a loop over its sample time, s.
 
-    ``sample_time`` belongs to the loop; the faster ones keep theirs, or take it where theirs would
-    be longer.
+    Faster loops keep their times, or take this one where theirs would be longer.
     """
     if loop == "current":
         motor = actuator.motor
@@ -91,7 +88,8 @@ def _cascade(
     decay = math.exp(-resistance * period / inductance)
     current, integral, pending, w_m, th_m, w_o, th_o, total, before, reference = x
     w_ref = 0.0 * w_m if rigid else -control.position_gain * th_o
-    dt = period / _PIECES
+    pieces = 4  # steps of the mechanics
+    dt = period / pieces
     for n in range(counts[1]):
         if n % counts[0] == 0:
             speed_time = counts[0] * period
@@ -106,7 +104,7 @@ def _cascade(
         current = decay * current + (1.0 - decay) / resistance * pending
         torque = k_t * 0.5 * (mean + current)
         pending = voltage
-        for _ in range(_PIECES):
+        for _ in range(pieces):
             spring = 0.0 if rigid else gear.stiffness * (th_m - th_o) + gear.damping * (w_m - w_o)
             w_m = w_m + dt / motor.inertia * (torque - spring - motor.viscous_damping * w_m)
             w_o = w_o + dt / gear.output_inertia * (spring - gear.viscous_damping * w_o)

@@ -7,29 +7,15 @@ the first sample, as in `ematwin.models.pmsm.simulate`.
 from collections.abc import Mapping
 from typing import Any
 
-from ematwin.models.pmsm.batch import (
-    lane,
-    loops_of,
-    plant_of,
-    read_by_drive,
-    read_reference,
-    write_loops,
-    write_plant,
-    write_reference,
-)
+from ematwin.models.pmsm import batch
 from ematwin.models.pmsm.channels import phase_values
-from ematwin.models.pmsm.comparison import SETTLED, ticks_of, whole_ticks
-from ematwin.models.pmsm.constants import fields_of
+from ematwin.models.pmsm.comparison import SETTLED
+from ematwin.models.pmsm.constants import Constants, fields_of
 from ematwin.models.pmsm.controller import ControlState, control_step
 from ematwin.models.pmsm.monitor_step import MonitorState, monitor_step, terminal_currents
 from ematwin.models.pmsm.parameters import PmsmActuator
-from ematwin.models.pmsm.reference_step import (
-    ReferenceState,
-    leg_voltages,
-    reference_step,
-)
-from ematwin.models.pmsm.simulate import quanta_of, substeps_of
-from ematwin.models.pmsm.state import Constants
+from ematwin.models.pmsm.reference_step import ReferenceState, leg_voltages, reference_step
+from ematwin.models.pmsm.simulate import quanta_of
 from ematwin.models.stepped import Stepped, initial_position
 from ematwin.numerics.compile import part
 from ematwin.numerics.scalar import sincos
@@ -45,7 +31,7 @@ _PHASES = part(phase_values)
 def stepped(actuator: PmsmActuator, fidelity: str) -> Stepped:
     """The servo, its drive holding a position, then tick by tick."""
     tick = actuator.controller.current_time
-    substeps = substeps_of(actuator, getattr(actuator.steps, fidelity))
+    substeps = actuator.substeps(getattr(actuator.steps, fidelity))
 
     def constants(candidates: Mapping[str, Any]) -> list[Any]:
         own = fields_of(actuator, candidates, tick / substeps)
@@ -61,7 +47,7 @@ def stepped(actuator: PmsmActuator, fidelity: str) -> Stepped:
         at=(0.0, 0.5),
         constant_count=_START + 1,
         starts=(initial_position(actuator),),
-        held=whole_ticks(actuator, SETTLED),
+        held=actuator.whole_ticks(SETTLED),
         **make(actuator, tick, substeps),
     )
 
@@ -81,7 +67,7 @@ def _resting(ratio: float, loops: int) -> Any:
 
     @part
     def begin(c, u, x):
-        own = lane(c, 0)
+        own = batch.lane(c, 0)
         theta = c[_START, 0] * ratio
         x[:, 0] = 0.0
         x[6, 0] = x[8, 0] = theta
@@ -93,13 +79,13 @@ def _resting(ratio: float, loops: int) -> Any:
 
 def _monitor(actuator: PmsmActuator, tick: float, substeps: int) -> dict[str, Any]:
     ratio, dt = actuator.transmission.ratio, tick / substeps
-    speed_ticks, position_ticks = (int(n) for n in ticks_of(actuator))
+    speed_ticks, position_ticks = actuator.ticks
     loops = len(MonitorState._fields)
     applied = loops + len(ControlState._fields)
 
     @part
     def sample(c, x, u, n, y):
-        own, now, drive = lane(c, 0), plant_of(x, 0), loops_of(x[loops:], 0)
+        own, now, drive = batch.lane(c, 0), batch.plant_of(x, 0), batch.loops_of(x[loops:], 0)
         s, co = sincos(own.pole_pairs * now.theta_m)
         i_a, i_b, _ = terminal_currents(s, co, now)
         x[applied, 0], x[applied + 1, 0] = drive.v_alpha, drive.v_beta
@@ -109,15 +95,15 @@ def _monitor(actuator: PmsmActuator, tick: float, substeps: int) -> dict[str, An
             own.gain_a * i_a + own.offset_a, own.gain_b * i_b + own.offset_b,
             n % position_ticks == 0, n % speed_ticks == 0, speed_ticks, tick, own,
         )  # fmt: skip
-        write_loops(x[loops:], 0, after)
+        batch.write_loops(x[loops:], 0, after)
         _show(y, seen, own.pole_pairs, reading, now.theta_o, ratio)
 
     @part
     def advance(c, x, u):
-        own = lane(c, 0)
+        own = batch.lane(c, 0)
         load = own.load_gain * (u[1, 0] / ratio) + own.load_offset
-        after = monitor_step(plant_of(x, 0), x[applied, 0], x[applied + 1, 0], load, own, dt)
-        write_plant(x, 0, after)
+        after = monitor_step(batch.plant_of(x, 0), x[applied, 0], x[applied + 1, 0], load, own, dt)
+        batch.write_plant(x, 0, after)
 
     return {
         "begin": _resting(ratio, loops), "sample": sample, "advance": advance,
@@ -127,31 +113,37 @@ def _monitor(actuator: PmsmActuator, tick: float, substeps: int) -> dict[str, An
 
 def _reference(actuator: PmsmActuator, tick: float, substeps: int) -> dict[str, Any]:
     ratio, dt = actuator.transmission.ratio, tick / substeps
-    speed_ticks, position_ticks = (int(n) for n in ticks_of(actuator))
+    speed_ticks, position_ticks = actuator.ticks
     of_current, of_motor, of_output = quanta_of(actuator).tolist()
     loops = len(ReferenceState._fields)
     applied = loops + len(ControlState._fields)
 
     @part
     def sample(c, x, u, n, y):
-        own, now, drive = lane(c, 0), read_reference(x, 0), loops_of(x[loops:], 0)
+        own, now, drive = batch.lane(c, 0), batch.read_reference(x, 0), batch.loops_of(x[loops:], 0)
         v_a, v_b, v_c = leg_voltages(drive.v_alpha, drive.v_beta, own.v_supply)
         x[applied, 0], x[applied + 1, 0], x[applied + 2, 0] = v_a, v_b, v_c
-        after, seen, _, _, theta_m, theta_o = read_by_drive(
+        after, seen, _, _, theta_m, theta_o = batch.read_by_drive(
             now, drive, u[0, 0] * ratio, of_current, of_motor, of_output,
             n % position_ticks == 0, n % speed_ticks == 0, speed_ticks, tick, own,
         )  # fmt: skip
-        write_loops(x[loops:], 0, after)
+        batch.write_loops(x[loops:], 0, after)
         _show(y, seen, own.pole_pairs, theta_m, theta_o, ratio)
 
     @part
     def advance(c, x, u):
-        own = lane(c, 0)
+        own = batch.lane(c, 0)
         load = own.load_gain * (u[1, 0] / ratio) + own.load_offset
         after = reference_step(
-            read_reference(x, 0), x[applied, 0], x[applied + 1, 0], x[applied + 2, 0], load, own, dt
+            batch.read_reference(x, 0),
+            x[applied, 0],
+            x[applied + 1, 0],
+            x[applied + 2, 0],
+            load,
+            own,
+            dt,
         )
-        write_reference(x, 0, after)
+        batch.write_reference(x, 0, after)
 
     return {
         "begin": _resting(ratio, loops), "sample": sample, "advance": advance,

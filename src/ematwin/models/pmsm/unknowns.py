@@ -1,6 +1,6 @@
 """Unknowns of a PMSM servo, in one table: faults and nuisances.
 
-All faults are normalised to [0, 1]; `ematwin.models.pmsm.state` converts them to SI.
+Laws convert the faults to SI.
 """
 
 import math
@@ -10,12 +10,63 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.models.pmsm import state
 from ematwin.models.servo import dry_friction, load_nuisances
 from ematwin.models.servo import normalised_fault as _fault
 from ematwin.models.unknown import Alias, Contrast, Unknown
 
-_MOST_CONTACT = 20.0  # ohm, of a short; more than that is none
+# Laws of the faults, in SI; each magnitude is normalised to [0, 1].
+FRICTION, BACKLASH = 2.0, 9.0  # added at most, of the healthy value
+LOST_FLUX = 0.5  # at most
+CONNECTOR = 3.0  # added resistance at most, of that of a phase
+
+
+def friction_factor(k: Any) -> Any:
+    """Factor on all dry friction."""
+    return 1.0 + FRICTION * k
+
+
+def backlash_factor(k: Any) -> Any:
+    """Factor on the healthy backlash."""
+    return 1.0 + BACKLASH * k
+
+
+def gain_factor(k: Any) -> Any:
+    """Factor on the position gain."""
+    return 0.5 + k
+
+
+def shorted_share(k: Any) -> Any:
+    """Share of the turns of a phase that are shorted, 30 % at most.
+
+    The root, so that the current which a short draws grows in proportion to the fault.
+    """
+    return 0.3 * np.sqrt(k)
+
+
+def flux_left(k: Any) -> Any:
+    """Share of the flux of the magnets that is left."""
+    return 1.0 - LOST_FLUX * k
+
+
+def direction(k: Any) -> Any:
+    """Direction of an eccentricity, rad."""
+    return 2.0 * math.pi * (k - 0.5)
+
+
+def sensor_gain(k: Any) -> Any:
+    """Gain of a current sensor, within 20 %."""
+    return 1.0 + 0.4 * (k - 0.5)
+
+
+def sensor_offset(k: Any, limit: Any) -> Any:
+    """Offset of a current sensor, A, within 5 % of the current limit of the drive."""
+    return 0.1 * limit * (k - 0.5)
+
+
+def resolver_offset(k: Any) -> Any:
+    """Error of the angle of commutation, rad electrical, within 10 degrees."""
+    return 2.0 * math.radians(10.0) * (k - 0.5)
+
 
 # Counted or chosen: these cannot differ between candidates.
 FIXED = (
@@ -27,41 +78,41 @@ FIXED = (
 
 UNKNOWNS = (
     _fault("friction", "dry friction on the motor shaft", "N m",
-           lambda a, k: dry_friction(a) * state.friction_factor(k), slack=0.1),
+           lambda a, k: dry_friction(a) * friction_factor(k)),
     _fault("backlash", "backlash on the motor shaft", "rad",
-           lambda a, k: a.transmission.backlash * state.backlash_factor(k), slack=0.02),
+           lambda a, k: a.transmission.backlash * backlash_factor(k)),
     _fault("gain", "proportional position gain", "1/s",
-           lambda a, k: a.controller.position_gain * state.gain_factor(k), 0.5),
+           lambda a, k: a.controller.position_gain * gain_factor(k), 0.5),
     *(
         _fault(f"short_{x}", f"shorted turns of phase {x}", "%",
-               lambda a, k: 100.0 * state.shorted_share(np.maximum(k, 0.0)), slack=0.05)
+               lambda a, k: 100.0 * shorted_share(np.maximum(k, 0.0)))
         for x in "abc"
     ),
     _fault("demagnetisation", "flux of the magnets", "Wb",
-           lambda a, k: a.motor.flux * state.flux_left(k), slack=0.02),
+           lambda a, k: a.motor.flux * flux_left(k)),
     _fault("static_eccentricity", "offset of the bore over the air gap", "", None),
     _fault("static_direction", "direction of the offset of the bore", "deg",
-           lambda a, k: np.degrees(state.direction(k)), 0.5, direction_of="static_eccentricity"),
+           lambda a, k: np.degrees(direction(k)), 0.5, direction_of="static_eccentricity"),
     _fault("dynamic_eccentricity", "offset of the rotor over the air gap", "", None),
     _fault("dynamic_direction", "direction of the offset of the rotor", "deg",
-           lambda a, k: np.degrees(state.direction(k)), 0.5, direction_of="dynamic_eccentricity"),
+           lambda a, k: np.degrees(direction(k)), 0.5, direction_of="dynamic_eccentricity"),
     *(
         _fault(f"connector_{x}", f"resistance in the connector of phase {x}", "ohm",
-               lambda a, k: state.CONNECTOR * a.motor.resistance * k, slack=0.02)
+               lambda a, k: CONNECTOR * a.motor.resistance * k)
         for x in "abc"
     ),
     *(
         _fault(f"sensor_gain_{x}", f"gain of the current sensor of phase {x}", "",
-               lambda a, k: state.sensor_gain(k), 0.5)
+               lambda a, k: sensor_gain(k), 0.5)
         for x in "ab"
     ),
     *(
         _fault(f"sensor_offset_{x}", f"offset of the current sensor of phase {x}", "A",
-               lambda a, k: state.sensor_offset(k, a.controller.current_limit), 0.5)
+               lambda a, k: sensor_offset(k, a.controller.current_limit), 0.5)
         for x in "ab"
     ),
     _fault("resolver_offset", "error of the angle of commutation, electrical", "deg",
-           lambda a, k: np.degrees(state.resolver_offset(k)), 0.5),
+           lambda a, k: np.degrees(resolver_offset(k)), 0.5),
 )  # fmt: skip
 
 FAULTS = tuple(one.name for one in UNKNOWNS)
@@ -94,7 +145,7 @@ def unknowns(actuator: Any) -> tuple[Unknown, ...]:
     return (
         *(replace(one, caveat=caveat) if one.name in SHORTS else one for one in UNKNOWNS),
         Unknown("short_resistance", "ohm", "contact resistance of shorted turns", contact,
-                min(1e-3, 0.5 * contact), max(_MOST_CONTACT, 2.0 * contact), "nuisance",
+                min(1e-3, 0.5 * contact), max(20.0, 2.0 * contact), "nuisance",
                 spread=0.4 * contact, marginal=True),
         *load_nuisances(actuator),
     )  # fmt: skip
@@ -110,19 +161,19 @@ def aliases(actuator: Any, values: Mapping[str, float]) -> list[Alias]:
     contact = values.get("short_resistance", float(actuator.motor.short_resistance))
     resistance = values.get("motor.resistance", actuator.motor.resistance)
     loops = {name: _loop(max(k[name], 0.0), contact, resistance) for name in SHORTS}
-    left = state.flux_left(k["demagnetisation"])
-    worn = state.friction_factor(k["friction"]) / state.FRICTION
-    wider = state.backlash_factor(k["backlash"]) / state.BACKLASH
+    left = flux_left(k["demagnetisation"])
+    worn = friction_factor(k["friction"]) / FRICTION
+    wider = backlash_factor(k["backlash"]) / BACKLASH
     same = {
-        "motor.flux": {"demagnetisation": -left / state.LOST_FLUX},
+        "motor.flux": {"demagnetisation": -left / LOST_FLUX},
         # (1 + 3 k) R in each phase, and a part of R in a loop; of a large short to a quarter
         "motor.resistance": {
-            **{f"connector_{x}": 1.0 / state.CONNECTOR + k[f"connector_{x}"] for x in "abc"},
+            **{f"connector_{x}": 1.0 / CONNECTOR + k[f"connector_{x}"] for x in "abc"},
             **{name: -k[name] * part / total for name, (part, total) in loops.items()},
         },
         "transmission.friction_torque": {"friction": worn, "motor.friction_torque": -1.0},
         "transmission.backlash": {"backlash": wider},
-        "controller.position_gain": {"gain": state.gain_factor(k["gain"])},
+        "controller.position_gain": {"gain": gain_factor(k["gain"])},
     }
     found = [Alias(pivot, changes, held=False) for pivot, changes in same.items()]
     # the time constant of a shorted loop, which tells its contact from its share, is as short as a
@@ -137,7 +188,7 @@ def _loop(k: float, contact: float, resistance: float) -> tuple[float, float]:
     The conductance at the terminals, mu^2/(R_f + mu (1 - 2 mu/3) R), stays where the logarithm of k
     grows by dR_f over the second.
     """
-    mu = state.shorted_share(k)
+    mu = shorted_share(k)
     part = mu * (1.0 - 2.0 * mu / 3.0) * resistance
     return float(part), float(contact + part - 0.5 * mu * (1.0 - 4.0 * mu / 3.0) * resistance)
 

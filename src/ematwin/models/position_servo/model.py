@@ -8,24 +8,11 @@ import numpy as np
 
 from ematwin.models.base import Demand, Model, Signal, Values
 from ematwin.models.comparison import Candidates, TraceComparison
-from ematwin.models.position_servo.parameters import PositionServo
-from ematwin.models.position_servo.recorded import (
-    CHANNELS,
-    check_units,
-    limited,
-    rests,
-    smooth,
-    stated_arm,
-    stretch,
-    supply,
-)
-from ematwin.models.position_servo.unknowns import aliases, unknowns
+from ematwin.models.position_servo import recorded
+from ematwin.models.position_servo.parameters import PositionServo, aliases, unknowns
 from ematwin.models.unknown import Alias, Unknown
 from ematwin.numerics.side_by_side import by_candidate
 from ematwin.recordings.recording import Recording
-
-_READ = 0.004
-_LATE = 0.003  # s, by which reads and goals on a bus come sooner or later
 
 
 class PositionServoModel(Model):
@@ -34,7 +21,7 @@ class PositionServoModel(Model):
     kind = "position-servo"
     title = "geared DC servo with its position controller inside"
     parameters = PositionServo
-    channels = CHANNELS
+    channels = recorded.CHANNELS
     command = "goal_position"
     needs = ("position",)
     sample_rate = 100.0
@@ -61,13 +48,14 @@ class PositionServoModel(Model):
 
     def noise(self, actuator: Any, recording: Recording) -> dict[str, Any]:
         """Standard deviation of each sample of the position, (S,) rad."""
-        false = stretch(recording, actuator).false
-        moved = smooth(recording, false, 0, len(recording))
+        false = recorded.stretch(recording, actuator).false
+        moved = recorded.smooth(recording, false, 0, len(recording))
+        read, late = 0.004, 0.003  # rad; s, by which reads and goals on a bus come sooner or later
         # time that a target at its speed limit loses to a late goal stays lost until the goal turns
-        lost = _LATE * actuator.controller.speed_limit * limited(recording, actuator)
-        noise = np.sqrt(_READ**2 + (_LATE * moved.speed) ** 2 + lost**2)
+        lost = late * actuator.controller.speed_limit * recorded.limited(recording, actuator)
+        noise = np.sqrt(read**2 + (late * moved.speed) ** 2 + lost**2)
         # at rest, or hunting within its play, it is off by one error: all samples count as one
-        for a, b in rests(moved.position, actuator.gear.backlash, recording.interval):
+        for a, b in recorded.rests(moved.position, actuator.gear.backlash, recording.interval):
             noise[a:b] *= math.sqrt(b - a)
         noise[false] = math.inf
         return {"position": noise}
@@ -81,21 +69,19 @@ class PositionServoModel(Model):
 
         given, motor = inputs.channels, actuator.motor
         servo = actuator.varied(candidates, self.fixed)
-        each = servo_constants(servo, candidates, stated_arm(inputs))
+        each = servo_constants(servo, candidates, recorded.stated_arm(inputs))
         constants = np.ascontiguousarray(by_candidate(each, count).T)
         supply = np.ones(len(inputs))
         if "supply_voltage" in given:
             supply = given["supply_voltage"] / motor.rated_voltage
         if "torque_enabled" in given:
             supply = np.where(given["torque_enabled"] > 0.5, supply, 0.0)
-        position = given.get("position")  # it rests where its first reads are, or at its goal
-        first = given["goal_position"][0] if position is None else median(position[:3])
+        position, goal = given.get("position"), given["goal_position"]
+        # it rests where its first reads are, or at its goal
+        first = goal[0] if position is None else median(position[:3])
         substeps = math.ceil(inputs.interval / actuator.steps.twin - 1e-9)
-        return {
-            "position": traces(
-                constants, given["goal_position"], supply, float(first), inputs.interval, substeps
-            )
-        }
+        rows = traces(constants, goal, supply, float(first), inputs.interval, substeps)
+        return {"position": rows}
 
     def stepped(self, actuator: Any, fidelity: str) -> Any:
         """The servo sample by sample."""
@@ -108,12 +94,12 @@ class PositionServoModel(Model):
     ) -> TraceComparison:
         """The stretch of a recording with torque, beside the twin."""
         self.check_channels(recording)
-        part = stretch(recording, actuator)
+        part = recorded.stretch(recording, actuator)
         cut = recording
         if part.stop - part.first < len(recording):
             time = recording.time
             cut = recording.between(time[part.first], time[part.stop - 1])
-        voltage = supply(cut)
+        voltage = recorded.supply(cut)
         if voltage is not None and voltage[1]:
             cut = cut.changed(supply_voltage=voltage[0])
         return TraceComparison(self, cut, actuator)
@@ -121,12 +107,12 @@ class PositionServoModel(Model):
     def check(self, recording: Recording, actuator: Any) -> list[str]:
         """What of a recording is not compared."""
         self.check_channels(recording)
-        check_units(recording, actuator)
-        return stretch(recording, actuator).said
+        recorded.check_units(recording, actuator)
+        return recorded.stretch(recording, actuator).said
 
     def excitation(self, recording: Recording, actuator: Any) -> list[str]:
         """Overload, and stretches that are too short."""
-        return stretch(recording, actuator).obstacles
+        return recorded.stretch(recording, actuator).obstacles
 
     def signals(self, recording: Recording, actuator: Any) -> list[Signal]:
         """Position with its goal, and the error between them."""

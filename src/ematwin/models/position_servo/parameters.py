@@ -8,11 +8,14 @@ judgement. Drift is how far healthy recordings of one servo differed beyond thei
 the bus the moment at which a goal arrives.
 """
 
+import math
 from typing import Self
 
 from pydantic import model_validator
 
 from ematwin.models.parameter_set import ParameterSet, Section, quantity
+from ematwin.models.sections import TwinSteps
+from ematwin.models.unknown import Alias, Unknown, multiple
 
 
 class ServoController(Section):
@@ -86,12 +89,6 @@ class ServoArm(Section):
     torque: float = quantity("N*m", "constant torque against positive motion", exact=True)
 
 
-class ServoSteps(Section):
-    """Fixed step of the twin."""
-
-    twin: float = quantity("s", "step of the twin, at most", exact=True, gt=0)
-
-
 class PositionServo(ParameterSet):
     """One position servo, all values in SI, on the output shaft."""
 
@@ -103,17 +100,13 @@ class PositionServo(ParameterSet):
     gear: ServoGear
     friction: ServoFriction
     arm: ServoArm
-    steps: ServoSteps
+    steps: TwinSteps
 
     @model_validator(mode="after")
     def _step_resolves_the_loop(self) -> Self:
         stiffness = self.controller.gain * self.motor.stall_torque
         longest = 0.5 * (self.gear.inertia / stiffness) ** 0.5
-        if not 1e-5 <= self.steps.twin <= longest:
-            raise ValueError(
-                f"steps.twin must lie between 1e-5 s and {longest:.2g} s, a half over the "
-                f"frequency of the position loop, received {self.steps.twin:.2g} s; change it"
-            )
+        self.steps.check(1e-5, longest, "a half over the frequency of the position loop")
         return self
 
     @model_validator(mode="after")
@@ -125,3 +118,44 @@ class PositionServo(ParameterSet):
                 "length of the arm"
             )
         return self
+
+
+def unknowns(actuator: PositionServo) -> tuple[Unknown, ...]:
+    """Unknowns of an actuator: faults as multiples of healthy values."""
+    friction = actuator.friction
+    return (
+        multiple(actuator, "gain", "controller.gain", "gain of the position loop", 0.2, 2.5),
+        Unknown("friction", "", "all friction of motor and gear, as a multiple of the healthy one",
+                1.0, 0.25, 4.0, logarithmic=True, physical_unit="N*m",
+                physical=lambda a, k: (friction.coulomb + friction.stribeck) * k),
+        Unknown("backlash", "", "play of the gear, as a multiple of the healthy one",
+                1.0, 1.0, 15.0, logarithmic=True, physical_unit="deg",
+                physical=lambda a, k: math.degrees(a.gear.backlash * k)),
+        multiple(actuator, "torque", "motor.stall_torque",
+                 "torque constant of the motor, less where its magnets are weak", 0.4, 2.0),
+        Unknown("payload", "", "weight and inertia of the load, as a multiple of what is stated",
+                1.0, 0.25, 4.0, logarithmic=True),
+        Unknown("delay", "", "delay of the goal, as a multiple of the healthy one",
+                1.0, 1.0, 5.0, logarithmic=True, physical_unit="ms",
+                physical=lambda a, k: 1e3 * a.controller.delay * k),
+        # by so much it may move between recordings
+        Unknown("offset", "rad", "zero of the encoder", 0.0, -0.3, 0.3, "nuisance", spread=0.005),
+    )  # fmt: skip
+
+
+def aliases() -> list[Alias]:
+    """Faults against the parameters that they multiply."""
+    return [
+        Alias("controller.gain", {"gain": 1.0}),
+        Alias("controller.delay", {"delay": 1.0}),
+        Alias("gear.backlash", {"backlash": 1.0}),
+        Alias(
+            "motor.stall_torque",
+            {"torque": 1.0, "motor.no_load_speed": 1.0, "motor.saturation_torque": -1.0},
+        ),
+        Alias(
+            "friction.coulomb",
+            {"friction": 1.0}
+            | {f"friction.{name}": -1.0 for name in ("stribeck", "load_share", "static_share")},
+        ),
+    ]

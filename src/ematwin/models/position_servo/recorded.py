@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ematwin.errors import RecordError
-from ematwin.models.position_servo.unknowns import unknowns
+from ematwin.models.position_servo.parameters import unknowns
 from ematwin.recordings.channel import Channel
 from ematwin.recordings.cleaning import runs
 from ematwin.recordings.recording import Recording
@@ -30,35 +30,18 @@ CHANNELS = (
     Channel("length", "m", "from the shaft to the mass", ("arm_length",), may_rest=True),
     Channel("arm_mass", "kg", "mass of the arm", may_rest=True),
 )  # fmt: skip
-_NEIGHBOURS = 7  # samples, of which a false read is one or two
-_WIDENED = 2  # samples next to a false read, into which interpolation carries it
 _SHORTEST = 20  # samples that are compared
-_SUPPLY = 0.5  # of the usual voltage, off which no servo runs on
-_RATED = 2.5  # times the rated voltage, or its inverse: no supply of this servo
-_LIFTS = 2.0  # times the stall torque: no servo of the type has more
-_TURNS = 2.0  # of travel: more is another unit
-_AGAINST = -0.8  # correlation of goal and position where one has the wrong sign
 _LASTS = 0.25  # s: an arm that overshoots has turned round by then
-_FALL = 0.3  # share of the no-load speed
-_REST = 0.02  # share of the same
 
 
 class Stretch(NamedTuple):
-    """The part of a recording that is compared.
+    """The part of a recording that is compared."""
 
-    Attributes
-    ----------
-    first, stop : int, samples
-    false : (S,) of bool, false reads and what interpolation made of their neighbours
-    said : sentences on omitted parts
-    obstacles : sentences on why no verdict can rest on it
-    """
-
-    first: int
+    first: int  # sample
     stop: int
-    false: np.ndarray
-    said: list[str]
-    obstacles: list[str]
+    false: np.ndarray  # (S,) of bool, false reads and what interpolation made of their neighbours
+    said: list[str]  # sentences on omitted parts
+    obstacles: list[str]  # sentences on why no verdict can rest on it
 
 
 def stretch(recording: Recording, actuator: Any) -> Stretch:
@@ -88,7 +71,7 @@ def stretch(recording: Recording, actuator: Any) -> Stretch:
     sound = np.flatnonzero(~false[first:stop]) + first
     goal, moves = channels["goal_position"][sound], position[sound]
     moving = sound.size > _SHORTEST and min(np.ptp(goal), np.ptp(moves)) > 0.0
-    if moving and np.corrcoef(goal, moves)[0, 1] < _AGAINST:
+    if moving and np.corrcoef(goal, moves)[0, 1] < -0.8:
         obstacles.append(
             "position falls where goal_position rises: one of them has the wrong sign. Reverse it."
         )
@@ -99,8 +82,8 @@ def stretch(recording: Recording, actuator: Any) -> Stretch:
     # an error that asks a healthy servo for full duty; an arm that overshoots soon turns round
     full = np.abs(moved.error) * actuator.controller.gain > 1.0
     pace = moved.speed / actuator.motor.no_load_speed
-    rests = _lasting(full & (np.abs(pace) < _REST), 2.0 * _LASTS / interval)
-    ends = _lasting(full & (pace * np.sign(moved.error) < -_FALL), _LASTS / interval)
+    rests = _lasting(full & (np.abs(pace) < 0.02), 2.0 * _LASTS / interval)
+    ends = _lasting(full & (pace * np.sign(moved.error) < -0.3), _LASTS / interval)
     what, why = "lost its torque", "as its overload protection does (trip)"
     if ends is None and rests is not None:
         if _would_move(actuator, recording, first + rests, moved.error[rests]):
@@ -138,7 +121,7 @@ def check_units(recording: Recording, actuator: Any) -> None:
     columns = recording.provenance.get("columns", {})
     travel = float(np.ptp(np.percentile(recording.channels["position"], [1, 99])))
     stated = columns.get("position", {}).get("unit_from", "stated") != "assumed"
-    if travel > 2.0 * np.pi * _TURNS and not stated:
+    if travel > 4.0 * np.pi and not stated:
         raise RecordError(
             f"{recording.name}: position travels {travel:.4g} rad, {travel / (2 * np.pi):.0f} "
             'turns, and nobody stated its unit. Name degrees as "position [deg]"; for steps of '
@@ -147,7 +130,7 @@ def check_units(recording: Recording, actuator: Any) -> None:
     from ematwin.models.position_servo.twin import servo_constants
 
     load = servo_constants(actuator, {}, stated_arm(recording)).gravity
-    most = _LIFTS * actuator.motor.stall_torque
+    most = 2.0 * actuator.motor.stall_torque  # no servo of the type has more
     if load > most:
         raise RecordError(
             f"{recording.name}: the arm needs {load:.4g} N m by its mass, length and arm_mass, and "
@@ -156,7 +139,7 @@ def check_units(recording: Recording, actuator: Any) -> None:
     found = supply(recording)
     rated = actuator.motor.rated_voltage
     usual = rated if found is None else float(np.median(found[0]))
-    if not rated / _RATED <= usual <= rated * _RATED:
+    if not rated / 2.5 <= usual <= rated * 2.5:
         raise RecordError(
             f"{recording.name}: supply_voltage is {usual:.4g} V, and {actuator.name} is rated for "
             f"{rated:.4g} V. Registers of servos often hold tenths of a volt; give volts."
@@ -172,7 +155,7 @@ def supply(recording: Recording) -> tuple[np.ndarray, int] | None:
     if voltage is None:
         return None
     usual = float(np.median(voltage))
-    false = np.abs(voltage - usual) > _SUPPLY * usual
+    false = np.abs(voltage - usual) > 0.5 * usual  # on which no servo runs
     return np.where(false, usual, voltage), int(false.sum())
 
 
@@ -204,12 +187,11 @@ def rests(position: np.ndarray, play: float, interval: float) -> list[tuple[int,
 
 def false_reads(position: np.ndarray, most: float) -> np.ndarray:
     """Flags (S,) of samples further than ``most`` (rad) from the median of their neighbours."""
-    half = _NEIGHBOURS // 2
-    windows = np.lib.stride_tricks.sliding_window_view(
-        np.pad(position, half, mode="edge"), _NEIGHBOURS
-    )
+    # of seven samples a false read is one or two; interpolation carries it two samples further
+    padded = np.pad(position, 3, mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 7)
     odd = np.abs(position - np.median(windows, axis=1)) > max(most, 0.02)
-    return np.asarray(np.convolve(odd, np.ones(2 * _WIDENED + 1), mode="same") > 0.0)
+    return np.asarray(np.convolve(odd, np.ones(5), mode="same") > 0.0)
 
 
 class _Moved(NamedTuple):

@@ -36,6 +36,7 @@ from ematwin.numerics.lanes import columns
 from ematwin.numerics.scalar import clip, sincos
 
 GRAVITY = 9.80665  # m/s^2
+ENCODER_STEP = 2.0 * math.pi / 4096.0  # rad
 
 
 class Constants(NamedTuple):
@@ -91,9 +92,6 @@ def duty_of(target, theta, w, c):
     # the sign is smoothed over a step of the encoder: in a jump the duty would chatter at the goal
     startup = c.startup * clip(error / ENCODER_STEP, -1.0, 1.0)
     return clip(c.gain * error + startup, -1.0, 1.0)
-
-
-ENCODER_STEP = 2.0 * math.pi / 4096.0  # rad
 
 
 @part
@@ -158,21 +156,14 @@ def delayed(goal, sample, delay, step):
 
 @loop
 def traces(constants, goal, supply, start, interval, substeps):
-    """Simulate a batch of candidates.
+    """Positions of the output (B, S), rad; NaN for a candidate with a constant that is not finite.
 
     Parameters
     ----------
     constants : (19, B) array, the fields of `Constants`
-    goal : (S,) array, rad
-    supply : (S,) array, voltage over the rated one; 0 where the torque is released
-    start : float, rad at the first sample, at which it rests
-    interval : float, s, from one sample to the next
-    substeps : int, steps from one sample to the next
-
-    Returns
-    -------
-    (B, S) array, rad, position of the output; NaN for a candidate with a constant that is not
-    finite
+    goal, supply : (S,) arrays, rad, and voltage over the rated one; 0 where released
+    start : rad at the first sample, at which it rests
+    interval, substeps : s, and steps, from one sample to the next
     """
     count, samples = constants.shape[1], goal.size
     position = np.full((count, samples), start)

@@ -16,11 +16,8 @@ def servo_constants(
 ) -> Constants:
     """Constants of the equations in `ematwin.models.position_servo.step`, numbers or (B,) arrays.
 
-    Parameters
-    ----------
-    actuator : its parameters, numbers or (B,) arrays
-    values : of unknowns by name; a fault that is not named is healthy
-    stated : parameters of the arm that a recording states, by name
+    ``values`` are of unknowns by name, healthy if not named; ``stated`` are parameters of the arm
+    that a recording states.
     """
     controller, motor, friction = actuator.controller, actuator.motor, actuator.friction
     arm = actuator.arm
@@ -97,16 +94,7 @@ def stepped(actuator: PositionServo, most_delay: float, interval: float) -> Step
         write_state(x, 0, servo_step(state_of(x, 0), before, after, at - n, 1.0, own, dt))
 
     return Stepped(
-        inputs=("goal_position",),
-        outputs=("position",),
-        constants=constants,
-        begin=begin,
-        sample=sample,
-        advance=advance,
-        interval=interval,
-        substeps=substeps,
-        at=(0.0,),
-        constant_count=len(Constants._fields),
-        state_count=goals + kept,
-        fixed=fixed,
-    )
+        inputs=("goal_position",), outputs=("position",), constants=constants, begin=begin,
+        sample=sample, advance=advance, interval=interval, substeps=substeps, at=(0.0,),
+        constant_count=len(Constants._fields), state_count=goals + kept, fixed=fixed,
+    )  # fmt: skip

@@ -51,24 +51,6 @@ def test_costs_above_their_limits_are_infinite_on_any_number_of_threads(
         np.testing.assert_array_equal(comparison.costs(k, 37), costs)
 
 
-def test_twin_explains_its_own_record(twin_record: Recording) -> None:
-    objective = Misfit(twin_record, ACTUATOR)
-    costs = objective(np.array([FAULTY.vector, HEALTHY]))
-    # not zero: between samples the command is a straight line here, a chirp there
-    assert objective.relative_misfit(costs[0]) < 1e-3
-    assert objective.relative_misfit(costs[1]) > 0.1
-
-
-def test_cost_is_the_sum_of_squared_residuals(
-    twin_record: Recording, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("ematwin.models.bldc.comparison.KEPT", len(twin_record))
-    objective = Misfit(twin_record, ACTUATOR)
-    k = np.random.default_rng(5).random((7, 8))
-    squares = (objective.residuals_at(k) ** 2).sum(axis=1)
-    assert np.allclose(objective(k), squares, rtol=1e-9)
-
-
 def test_a_coarse_comparison_looks_at_the_same_in_half_the_steps(twin_record: Recording) -> None:
     subject = BldcComparison(twin_record, ACTUATOR)
     candidates = by_name(np.array([FAULTY.vector, HEALTHY]))

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from ematwin.models.bldc import motor, state
 from ematwin.models.bldc.constants import kernel_constants
 from ematwin.models.bldc.faults import Faults
-from ematwin.models.bldc.pairs import equivalent_phase, pairs_of
+from ematwin.models.bldc.monitor_step import equivalent_phase, pairs_of
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.numerics.compile import plain
 from naive import monitor as naive_monitor
@@ -24,11 +24,6 @@ shares = st.floats(0.0, 1.0)
 
 def fault(**values):
     return state.fault_state(Faults(**values).vector, C.half_gap)
-
-
-@given(angles)
-def test_trapezoid_is_that_of_the_naive_version(theta):
-    assert motor.trapezoid(theta) == pytest.approx(naive_motor.trapezoid(theta), abs=1e-9)
 
 
 @given(angles)

@@ -9,7 +9,7 @@ from ematwin.errors import InputError, RecordError
 from ematwin.models.bldc.channels import PHASES, VOLTAGES, phase_currents
 from ematwin.models.bldc.comparison import BldcComparison
 from ematwin.models.bldc.model import MODEL
-from ematwin.models.bldc.power import recorded_power
+from ematwin.models.bldc.stretches import recorded_power
 from ematwin.models.comparison import Comparison
 from ematwin.numerics.signals import LowPass
 from ematwin.recordings.recording import Recording

@@ -10,11 +10,10 @@ from ematwin.models.bldc import batch
 from ematwin.models.bldc.bridge import advance_shorted_bridge
 from ematwin.models.bldc.constants import kernel_constants, truer_constants
 from ematwin.models.bldc.faults import Faults
+from ematwin.models.bldc.loops import advance_current_loop, advance_speed_loop, last_reading
+from ematwin.models.bldc.motor import truer_emf_constants
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.state import fault_state
-from ematwin.models.bldc.truer.loops import advance_current_loop, advance_speed_loop, last_reading
-from ematwin.models.bldc.truer.motor import truer_emf_constants
-from ematwin.models.bldc.truer.state import Truer, TruerState
+from ematwin.models.bldc.state import Truer, TruerState, fault_state
 from ematwin.models.registry import model_of
 from ematwin.models.simulating import simulate
 from ematwin.numerics.compile import plain

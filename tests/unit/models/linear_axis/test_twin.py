@@ -7,9 +7,8 @@ import ematwin
 from ematwin.errors import InputError, ParameterError, RecordError
 from ematwin.estimation.problem import Problem
 from ematwin.models.linear_axis.comparison import repeats
-from ematwin.models.linear_axis.parameters import LinearAxis
+from ematwin.models.linear_axis.parameters import LinearAxis, loop_radius, velocity_gain_limit
 from ematwin.models.linear_axis.plausibility import controller_voltage
-from ematwin.models.linear_axis.stability import loop_radius, velocity_gain_limit
 from ematwin.models.linear_axis.twin import axis_constants, closed_loop, first_state, open_loop
 from ematwin.models.scenario import Scenario, Sine, Step
 from ematwin.recordings.recording import Recording

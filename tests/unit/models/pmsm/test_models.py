@@ -1,15 +1,11 @@
 """Reference and monitor model against the naive servo, which has coils and no closed forms."""
 
-import math
-
 import numpy as np
 import pytest
 
 from ematwin.models.pmsm.batch import ANSWERS, monitor_scores
 from ematwin.models.pmsm.channels import to_rotor
-from ematwin.models.pmsm.comparison import ticks_of
-from ematwin.models.pmsm.constants import constants_of
-from ematwin.models.pmsm.state import Constants
+from ematwin.models.pmsm.constants import Constants, constants_of
 from ematwin.numerics.lanes import LANES
 from naive.pmsm import servo
 from pmsm_inputs import ACTUATOR, TICK, healthy, reference, smooth_move
@@ -51,7 +47,7 @@ def monitor(values, command, load, step=ACTUATOR.steps.monitor, actuator=ACTUATO
         answer = np.empty((LANES, 7, command.size))
         monitor_scores(
             constants, command, load, 0, np.array([c.resolver / c.pole_pairs, 0, 0, 0, 0, 0.0]),
-            step, substeps, ticks_of(ACTUATOR), np.array([1.0, 0, 0, 0, 0]),
+            step, substeps, np.array(ACTUATOR.ticks), np.array([1.0, 0, 0, 0, 0]),
             np.zeros((6, command.size)), np.zeros(6), 1, measured, np.empty(LANES), answer,
         )  # fmt: skip
         return dict(zip(ANSWERS, answer[3], strict=True))
@@ -134,11 +130,3 @@ def test_monitor_with_bristles_is_the_reference_with_them():
         print(f"{name}: {gap:.2f} %, without bristles {without[name]:.2f} %")
         assert gap < 1.0, f"{name} differs by {gap:.2f} %"
         assert without[name] > 1.5 * gap
-
-
-def test_the_case_with_a_short_draws_a_current_worth_the_name():
-    command, load = motion()
-    drawn = reference(ACTUATOR, healthy(short_b=0.8), command, load)["loop_b"]
-    assert np.abs(drawn).max() > 0.5
-    # by 0.27 of the turns: the loop itself carries four times as much
-    assert np.abs(drawn).max() / (0.3 * math.sqrt(0.8)) > 2.0

@@ -28,15 +28,7 @@ _USUAL = (*_SAMPLED, 2e-4 / 3, 75e-6, 2.5e-4 / 3)
 _ANY = tuple(1e-6 * n for n in range(50, 126))  # one that is nearly right samples elsewhere as well
 _SLOWER = (*_SAMPLED, 75e-6, 150e-6, 200e-6, 250e-6)  # of speed loops
 _SHARES = tuple(n / 8 for n in range(8))  # of a sample time, at which loops sample first
-_MOST, _ALIKE = 8, 1e-3  # sample times after which both loops sample as before, nearly
-_INTEGRAL = (0.01, 0.03, 0.1)  # s
-_SOFTER = (0.3, 0.1, 0.03)  # than the contact of the file
 _FILTER = (5e-5, 2e-4, 5e-4, 1e-3)  # s, of speeds
-_BANDWIDTH = (2000.0, 4000.0, 8000.0)  # rad/s
-_FADING = (1.0, 3.0, 10.0)  # rad/s of the motor
-_BENT = 5e-4  # rad of the motor, before it slides
-_TURNED = 0.01  # of an angle: friction of a motor that has just turned round bends bristles first
-_DAMPED = 0.6  # 0.3 of critical: currents hardly show it
 _WINDINGS = ("short_a", "short_b", "short_c", "eccentricity", "eccentricity_phase")
 _SENSOR = ("current_gain", "current_offset")
 _FRICTION = (
@@ -44,14 +36,17 @@ _FRICTION = (
     "transmission.efficiency_opposing",  # which also makes the load count for more or less
     "transmission.efficiency_aiding",
 )
+_OF_MOTOR = (
+    "motor.emf_constant", "motor.inertia", "motor.viscous_damping", "motor.friction_torque",
+)  # fmt: skip
+_OF_OUTPUT = ("transmission.output_inertia", *_FRICTION)
 
 
 def _speed(actuator: Any) -> dict[str, float]:
     own = actuator.speed_loop
     return {
-        "speed_loop.integral_gain": 0.0 if own is None else own.integral_gain,
-        "speed_loop.sample_time": 0.0 if own is None else own.sample_time,
-        "speed_loop.delay": 0.0 if own is None else own.delay,
+        f"speed_loop.{name}": 0.0 if own is None else getattr(own, name)
+        for name in ("integral_gain", "sample_time", "delay")
     }
 
 
@@ -105,15 +100,14 @@ def _first_samples(actuator: Any) -> list[list[float]]:
         return []
     own, other = actuator.current_loop.sample_time, actuator.speed_loop
     ratio = own / other.sample_time if other is not None and other.sample_time > 0.0 else 0.0
-    again = (n for n in range(1, _MOST) if abs(n * ratio - round(n * ratio)) < _ALIKE)
-    return [[(n + share) * own for share in _SHARES] for n in range(next(again, _MOST))]
+    most = 8  # sample times
+    again = (n for n in range(1, most) if abs(n * ratio - round(n * ratio)) < 1e-3)
+    return [[(n + share) * own for share in _SHARES] for n in range(next(again, most))]
 
 
 def _integrals(actuator: Any) -> list[Values]:
-    gain = actuator.controller.speed_gain
-    return [
-        {**_speed(actuator), "speed_loop.integral_gain": gain / time} for time in _INTEGRAL
-    ]  # fmt: skip
+    gain, times = actuator.controller.speed_gain, (0.01, 0.03, 0.1)  # s
+    return [{**_speed(actuator), "speed_loop.integral_gain": gain / time} for time in times]
 
 
 def _said_of_integral(actuator: Any) -> str:
@@ -124,6 +118,7 @@ def _said_of_integral(actuator: Any) -> str:
 def _current_loops(
     actuator: Any, times: Sequence[float] = (50e-6, 100e-6), delays: Sequence[float] = (0.0, 1.0)
 ) -> list[Values]:
+    bandwidths = (2000.0, 4000.0, 8000.0)  # rad/s
     return [
         {
             "current_loop.proportional_gain": bandwidth * actuator.motor.inductance,
@@ -131,7 +126,7 @@ def _current_loops(
             "current_loop.lost_voltage": 1.0,
             **sampled,
         }
-        for bandwidth, sampled in product(_BANDWIDTH, _sampled("current_loop", times, delays))
+        for bandwidth, sampled in product(bandwidths, _sampled("current_loop", times, delays))
     ]
 
 
@@ -151,23 +146,30 @@ def _coggings(actuator: Any) -> list[Values]:
 
 def _fadings(actuator: Any) -> list[Values]:
     """Stribeck speeds; sliding friction does not show how far bristles bend."""
-    gear = actuator.transmission
+    gear, bent = actuator.transmission, 5e-4  # rad of the motor
     stiffness = {
-        "presliding.motor_stiffness": gear.static_ratio * actuator.motor.friction_torque / _BENT,
-        "presliding.output_stiffness": gear.static_ratio * gear.friction_torque / _BENT,
+        "presliding.motor_stiffness": gear.static_ratio * actuator.motor.friction_torque / bent,
+        "presliding.output_stiffness": gear.static_ratio * gear.friction_torque / bent,
         "presliding.damping": 0.01,
     }
-    return [{**stiffness, "presliding.stribeck_speed": speed} for speed in _FADING]
+    return [{**stiffness, "presliding.stribeck_speed": speed} for speed in (1.0, 3.0, 10.0)]
+
+
+def _softer(actuator: Any) -> list[Values]:
+    contact = actuator.contact
+    return [
+        {
+            "compliance.stiffness": share * contact.stiffness,
+            "compliance.damping": share * contact.damping,
+        }
+        for share in (0.3, 0.1, 0.03)
+    ]
 
 
 INTEGRAL = Form(
-    "integral term in the speed loop",
-    lambda a: a.integrates,
-    ("speed_loop.integral_gain",),
-    _integrals,
-    _said_of_integral,
-    ("speed_loop.integral_gain",),
-)
+    "integral term in the speed loop", lambda a: a.integrates, ("speed_loop.integral_gain",),
+    _integrals, _said_of_integral, ("speed_loop.integral_gain",),
+)  # fmt: skip
 SAMPLED = Form(
     "sampled speed loop",
     lambda a: a.speed_loop is not None and a.speed_loop.sample_time > 0.0,
@@ -177,54 +179,33 @@ SAMPLED = Form(
     alternatives=lambda a: _sampled("speed_loop", _SLOWER),
 )
 CURRENT_LOOP = Form(
-    "current loop",
-    lambda a: a.current_loop is not None,
-    ("current_loop.sample_time", "current_loop.delay"),
-    _current_loops,
-    _said_of_current_loop,
+    "current loop", lambda a: a.current_loop is not None,
+    ("current_loop.sample_time", "current_loop.delay"), _current_loops, _said_of_current_loop,
     ("current_loop.proportional_gain", "current_loop.integral_gain", "current_loop.lost_voltage"),
     lambda a: _sampled("current_loop", _SAMPLED),
-)
+)  # fmt: skip
 COGGING = Form(
-    "cogging",
-    lambda a: a.cogging is not None,
-    ("cogging.cycles",),
-    _coggings,
+    "cogging", lambda a: a.cogging is not None, ("cogging.cycles",), _coggings,
     lambda a: f"cogging of {1e3 * a.cogging.torque:.2g} mN m, {a.cogging.cycles} a turn",
     ("cogging.torque", "cogging.phase"),
-)
+)  # fmt: skip
 ROUNDED = Form(
-    "rounded back-EMF",
-    lambda a: a.emf is not None,
-    ("emf.rounding",),
+    "rounded back-EMF", lambda a: a.emf is not None, ("emf.rounding",),
     lambda a: [{"emf.rounding": 0.2}],
-    lambda a: f"back-EMF rounded by {100.0 * a.emf.rounding:.0f} %",
-    ("emf.rounding",),
-)
+    lambda a: f"back-EMF rounded by {100.0 * a.emf.rounding:.0f} %", ("emf.rounding",),
+)  # fmt: skip
 FADING = Form(
-    "friction that falls with speed",
-    lambda a: a.presliding is not None,
-    ("presliding.stribeck_speed",),
-    _fadings,
+    "friction that falls with speed", lambda a: a.presliding is not None,
+    ("presliding.stribeck_speed",), _fadings,
     lambda a: f"friction that falls with speed (Stribeck, {a.presliding.stribeck_speed:.2g} rad/s)",
     ("presliding.stribeck_speed", "transmission.static_ratio"),
-)
-
-
+)  # fmt: skip
 COMPLIANT = Form(
-    "compliant gear",
-    lambda a: a.compliance is not None,
-    ("compliance.stiffness", "compliance.damping"),
-    lambda a: [
-        {
-            "compliance.stiffness": share * a.contact.stiffness,
-            "compliance.damping": share * a.contact.damping,
-        }
-        for share in _SOFTER
-    ],
+    "compliant gear", lambda a: a.compliance is not None,
+    ("compliance.stiffness", "compliance.damping"), _softer,
     lambda a: f"gear that gives by 1 rad for {a.compliance.stiffness:.3g} N m on the motor shaft",
     ("compliance.stiffness",),
-)
+)  # fmt: skip
 
 
 def _digital(steps: tuple[float, float], ratio: float) -> tuple[Form, Form]:
@@ -258,14 +239,10 @@ def _digital(steps: tuple[float, float], ratio: float) -> tuple[Form, Form]:
         return f"speed from {actuator.encoder.motor_steps:,} counts a turn, {how}"
 
     of_speed = Form(
-        "speed from counts of an encoder",
-        lambda a: a.encoder is not None,
-        ("encoder.filter_time", "speed_loop.sample_time"),
-        starts,
-        said,
-        ("encoder.filter_time",),
+        "speed from counts of an encoder", lambda a: a.encoder is not None,
+        ("encoder.filter_time", "speed_loop.sample_time"), starts, said, ("encoder.filter_time",),
         lambda a: _sampled("speed_loop", _SLOWER),
-    )
+    )  # fmt: skip
     return of_speed, CURRENT_LOOP._replace(starts=with_current_loop)
 
 
@@ -289,10 +266,7 @@ def equations(recording: Recording, actuator: Any, values: Values | None) -> tup
         return (of_controller,)
     balance = TorqueBalance(motion)
     of_mechanics = Equation(
-        "mechanics",
-        balance.left,
-        balance.size,
-        balance.least,
+        "mechanics", balance.left, balance.size, balance.least,
         ("motor.emf_constant", "motor.inertia", "transmission.output_inertia",
          "motor.viscous_damping", "motor.friction_torque", *_FRICTION),
         (COGGING, ROUNDED, FADING),
@@ -353,24 +327,11 @@ def _alone(balance: TorqueBalance, actuator: Any, of_motor: bool, values: Values
     """Motor or output, while the output crosses the gap: faces are those pushed at these values."""
     apart = Contact(balance, actuator, values).apart()
     mass = Crossing(balance, apart, actuator, of_motor)
-    name, fitted, unknowns, error = _OF_MOTOR if of_motor else _OF_OUTPUT
     return Equation(
-        f"{name} in the gap", mass.left, mass.size, mass.least, fitted, (), unknowns,
+        f"{'motor' if of_motor else 'output'} in the gap", mass.left, mass.size, mass.least,
+        _OF_MOTOR if of_motor else _OF_OUTPUT, (),
+        ("friction", *_WINDINGS, *_SENSOR) if of_motor else ("friction", *LOAD),
         rests="mechanics", at=partial(_alone, balance, actuator, of_motor),
-        alike=lambda actuator: error,
+        # friction of a motor that has just turned round bends bristles first
+        alike=lambda actuator: 0.01 if of_motor else LEAST,
     )  # fmt: skip
-
-
-# of a mass alone: name, places, unknowns, and the equation's own error
-_OF_MOTOR = (
-    "motor",
-    ("motor.emf_constant", "motor.inertia", "motor.viscous_damping", "motor.friction_torque"),
-    ("friction", *_WINDINGS, *_SENSOR),
-    _TURNED,
-)
-_OF_OUTPUT = (
-    "output",
-    ("transmission.output_inertia", *_FRICTION),
-    ("friction", *LOAD),
-    LEAST,
-)

@@ -1,4 +1,6 @@
-"""Whether channels of a servo agree: what differs by a sign or a known factor is a mistake.
+"""Refuse recordings of wrong units, signs or sizes, too short ones, and those of no motion.
+
+Channels of a servo agree: what differs by a sign or a known factor is a mistake.
 
 The currents of a star winding add up to zero, whatever the faults. The slope of a position is its
 speed, the output follows the command, and motor and output turn with the ratio of the gear. Two
@@ -6,6 +8,7 @@ columns are compared at the delay at which they are most alike, because the outp
 command.
 """
 
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -13,24 +16,13 @@ import numpy as np
 from ematwin.errors import RecordError
 from ematwin.recordings.recording import Recording
 
-_ALIKE = 0.8  # correlation from which two columns are held for the same motion
-_OPPOSITE = 0.5  # correlation without delay from which two columns have opposite signs
-_LATEST = 0.05  # of the record: the longest delay looked for
 PHASES = ("current_a", "current_b", "current_c")
-_CLOSE = 1.35  # a ratio is within this factor of that of the mistake
 _DEGREES = 180.0 / np.pi
-_SUM = 0.2  # of the RMS of the currents: the sum of three good channels is less
-_FLIPPED = 0.5  # a flip explains the sum if it leaves less than this share of it
+FEWEST = 100  # samples
 
 
 def check_agreement(record: Recording, actuator: Any) -> None:
-    """Compare positions, speeds and the command of a record with one another.
-
-    Raises
-    ------
-    RecordError
-        If two of them differ by the factor of a known mistake.
-    """
+    """Raise `RecordError` if positions, speeds or the command differ by a known mistake."""
     for side in ("motor", "output"):
         _check_speed(record, side)
     if "output_position" not in record.channels:
@@ -67,32 +59,25 @@ def _check_speed(record: Recording, side: str) -> None:
 
 
 def _refuse(
-    one: tuple[str, np.ndarray],
-    other: tuple[str, np.ndarray],
-    other_larger: dict[float, str],
+    one: tuple[str, np.ndarray], other: tuple[str, np.ndarray], other_larger: dict[float, str],
     one_larger: dict[float, str],
-) -> None:
+) -> None:  # fmt: skip
     """Raise if two named columns differ by a sign or by one of the factors."""
-    ratio = _ratio(one[1], other[1])
-    if ratio is None:
+    ratio, close = _ratio(one[1], other[1]), 1.35  # of the factor of a mistake
+    if ratio is None or 1.0 / close < ratio < close:
         return
     size, larger, causes = abs(ratio), other[0], other_larger
     if size < 1.0:
         size, larger, causes = 1.0 / size, one[0], one_larger
-    cause = next(
-        (text.format(larger) for factor, text in causes.items() if _near(size, factor)), None
-    )
-    if cause is None and ratio < 0.0 and _near(size, 1.0):
-        cause = "one of them has the wrong sign"
+    if ratio < 0.0:
+        causes = {**causes, 1.0: "one of them has the wrong sign"}
+    near = (text for factor, text in causes.items() if factor / close < size < factor * close)
+    cause = next(near, None)
     if cause is not None:
         raise RecordError(
             f"{other[0]} is {ratio:.3g} times as large as {one[0]}, though both show the same "
-            f"motion: {cause}. Correct it in the map."
+            f"motion: {cause.format(larger)}. Correct it in the map."
         )
-
-
-def _near(size: float, factor: float) -> bool:
-    return factor / _CLOSE < size < factor * _CLOSE
 
 
 def _ratio(one: np.ndarray, other: np.ndarray) -> float | None:
@@ -104,41 +89,36 @@ def _ratio(one: np.ndarray, other: np.ndarray) -> float | None:
         return None
     size = 2 ** (2 * a.size - 1).bit_length()  # padded: no wrapping round
     spectrum = np.conj(np.fft.rfft(a / norms[0], size)) * np.fft.rfft(b / norms[1], size)
-    alike = np.fft.irfft(spectrum, size)[: max(1, int(_LATEST * a.size))]
-    if float(np.abs(alike).max()) < _ALIKE:
+    alike = np.fft.irfft(spectrum, size)[: max(1, int(0.05 * a.size))]  # correlation by delay
+    if float(np.abs(alike).max()) < 0.8:
         return None
     # the sign without a delay: half a period later a sine is its own opposite
-    return float(np.copysign(norms[1] / norms[0], -1.0 if alike[0] < -_OPPOSITE else 1.0))
+    return float(np.copysign(norms[1] / norms[0], -1.0 if alike[0] < -0.5 else 1.0))
 
 
 def check_sum(record: Recording) -> list[str]:
-    """Warnings if the phase currents do not sum to zero.
-
-    Raises
-    ------
-    RecordError
-        If turning the sign of one phase makes the sum vanish.
-    """
+    """Warnings if phase currents do not add up; `RecordError` if a changed sign explains it."""
     if not set(PHASES) <= record.channels.keys():
         return []
     currents = np.column_stack([record.channels[name] for name in PHASES])
     scale = _rms(currents)
+    good = 0.2 * scale  # the sum of three good channels is less
     offset = currents.sum(axis=1).mean()
     total = _rms(currents.sum(axis=1) - offset)
     warnings = []
-    if scale > 0.0 and abs(offset) > 0.5 * _SUM * scale:
+    if scale > 0.0 and abs(offset) > 0.5 * good:
         warnings.append(
             f"The phase currents sum to {offset:.3g} A on average instead of zero: a sensor has "
             "an offset; give it in the map."
         )
-    if total <= _SUM * scale:
+    if total <= good:
         return warnings
     left = {}
     for k, name in enumerate(PHASES):
         flipped = currents.sum(axis=1) - 2.0 * currents[:, k]
         left[name] = _rms(flipped - flipped.mean())
     best = min(left, key=left.__getitem__)
-    if left[best] < _FLIPPED * total and left[best] <= _SUM * scale:
+    if left[best] < 0.5 * total and left[best] <= good:
         others = " and ".join(name for name in PHASES if name != best)
         raise RecordError(
             f"The phase currents sum to {total:.3g} A (RMS) instead of zero, and to "
@@ -154,3 +134,52 @@ def check_sum(record: Recording) -> list[str]:
 
 def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2)))
+
+
+def check_sizes(
+    traces: Mapping[str, np.ndarray], names: Iterable[str], limit: float, unit: str, said: str,
+    times: float = 3.0,
+) -> None:  # fmt: skip
+    """Raise `RecordError` if one of some traces (S,), SI, by name, is ever ``times`` its limit.
+
+    No fault does that. ``said`` names the actuator and its limit.
+    """
+    smaller, factor = {"A": ("mA", 1e-3), "V": ("mV", 1e-3), "rad/s": ("rpm", np.pi / 30.0)}[unit]
+    for name in (name for name in names if name in traces):
+        largest = float(np.abs(traces[name]).max())
+        if largest <= times * limit:
+            continue
+        hint = (
+            f'It looks like {smaller}: give unit = "{smaller}" in the map.'
+            if largest * factor <= times * limit
+            else "Check its unit and scale, or the actuator."
+        )
+        raise RecordError(f"{name} reaches {largest:.4g} {unit}; {said}. {hint}")
+
+
+def check_enough(recording: Recording) -> None:
+    """Raise `RecordError` unless a recording has samples enough to tell faults apart."""
+    if len(recording) < FEWEST:
+        raise RecordError(
+            f"The record has {len(recording)} samples; at least {FEWEST} are needed to tell "
+            "faults apart. Record longer or faster."
+        )
+
+
+def check_moves(current: np.ndarray) -> None:
+    """Raise `RecordError` if a current (S,), A, never changes."""
+    if np.ptp(current) == 0.0:
+        raise RecordError(
+            f"The current of the record is constant ({current[0]:g} A): nothing moved. Check the "
+            "channel, or record a motion."
+        )
+
+
+def check_travel_of(recording: Recording, name: str) -> None:
+    """Raise `RecordError` if a channel, m, spans more than anything travels."""
+    span = float(np.ptp(recording.channels[name]))
+    if span > 100.0:
+        raise RecordError(
+            f"{recording.name}: {name} spans {span:.4g} m, which no actuator travels; its unit is "
+            f"probably mm. Name it {name}_mm or put [mm] into the name."
+        )

@@ -42,12 +42,11 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.models.bldc.truer.state import Truer, TruerState
+from ematwin.models.bldc.state import Truer, TruerState
 from ematwin.numerics.compile import part, plain
 from ematwin.numerics.scalar import clip
 
 _SOON = 0.499  # of a step: a sample belongs to the nearest one
-_SMALL = 0.1  # A: below it dead time takes less, as the ripple changes the sign of the current
 
 
 @part
@@ -65,14 +64,9 @@ def last_reading(truer, theta_m, w_m):
 
 
 def started(
-    truer: Truer,
-    motor: Any,
-    current: float,
-    theta_m: float,
-    w_m: float,
-    first_sample: float = 0.0,
-    integral: float = 0.0,
-) -> TruerState:
+    truer: Truer, motor: Any, current: float, theta_m: float, w_m: float,
+    first_sample: float = 0.0, integral: float = 0.0,
+) -> TruerState:  # fmt: skip
     """State of loops that have held a current (A) in a motor (rad) that turns at ``w_m``.
 
     The integral term of the speed loop has asked for ``integral`` (A) of it. Both loops sample
@@ -80,17 +74,12 @@ def started(
     """
     voltage = motor.resistance * current + 2.0 * motor.emf_constant * w_m
     return TruerState(
-        asked=current,
-        pending=current,
-        integral=2.0 * motor.emf_constant * integral,
-        voltage=voltage,
-        voltage_pending=voltage,
-        voltage_integral=voltage,
-        read=plain(last_reading)(truer, theta_m, w_m),
-        speed_seen=w_m,
+        asked=current, pending=current, integral=2.0 * motor.emf_constant * integral,
+        voltage=voltage, voltage_pending=voltage, voltage_integral=voltage,
+        read=plain(last_reading)(truer, theta_m, w_m), speed_seen=w_m,
         wait=first_sample % truer.sample_time if truer.sample_time > 0.0 else 0.0,
         voltage_wait=first_sample % truer.current_sample,
-    )
+    )  # fmt: skip
 
 
 @part
@@ -151,5 +140,8 @@ def advance_current_loop(
 
 @part
 def left_of_voltage(voltage, i, truer):
-    """Voltage across the pair after what dead time and switches take, V."""
-    return voltage - truer.lost_voltage * clip(i / _SMALL, -1.0, 1.0)
+    """Voltage across the pair after what dead time and switches take, V.
+
+    Below 0.1 A dead time takes less, as the ripple changes the sign of the current.
+    """
+    return voltage - truer.lost_voltage * clip(i / 0.1, -1.0, 1.0)
