@@ -1,8 +1,8 @@
 """From the end of a search to values with honest intervals.
 
-Around each minimum (`ematwin.estimation.minima`) the curvature, the error of the model, the
-bias of healthy recordings and the misfit along each fault give a normal distribution, and all of
-them the probability of each set of faults (`ematwin.estimation.spike_and_slab`).
+Around each minimum (`ematwin.estimation.minima`) the curvature, the error of the model and the bias
+of healthy recordings give a normal distribution, and all of them the probability of each set of
+faults (`ematwin.estimation.spike_and_slab`).
 """
 
 import math

@@ -1,16 +1,11 @@
-"""How well a recording is explained without a fault, everything else free to take its place.
+"""How well a recording is explained without some faults, everything else free to take their place.
 
-A fault is no more certain than the best explanation that does without it. Its standard error comes
-from the curvature at the best point, and so from slopes there. Slopes of a rough misfit may be
-wrong, the way along which parameters take a fault's place may bend, and a search may have ended
-beside the best point. So each fault that would be named is held at healthy while all else descends,
-parameters within their tolerances included. What data and priors rise by then, in squared standard
-deviations, is the likelihood ratio of the two explanations (Wilks 1938, Ann. Math. Stat. 9, 60-62;
-profile likelihood: Venzon and Moolgavkar 1988, Appl. Stat. 37, 87-94); the standard error is at
-least that by which the fault is so far from healthy.
-
-Faults that are improbable are held together, for the minimum without them. Near the minimum the
-misfit is looked at along each fault (`profiled`).
+Slopes at a peak lead no further than its width, and a search may have ended beside the best point.
+So each fault that may be there is held at healthy while all else descends, parameters within their
+tolerances included. What data and priors rise by then, in squared standard deviations, is the
+likelihood ratio of the two explanations (Wilks 1938, Ann. Math. Stat. 9, 60-62; profile likelihood:
+Venzon and Moolgavkar 1988, Appl. Stat. 37, 87-94). Faults that are improbable are held together,
+for the minimum without them.
 """
 
 from collections.abc import Sequence

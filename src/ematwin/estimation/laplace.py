@@ -7,14 +7,17 @@ The noise is not white: the twin's error is alike from sample to sample. Its siz
 residuals themselves, counted once for each independent sample; `Laplace.widened` allows for errors
 of the twin that are the same throughout.
 
-Impacts make residuals rough, and differences over short steps see that roughness where a change
-of parameters has no effect: unknowns that cannot be told apart would seem to be. Steps of one
-standard deviation, to both sides, look past most of it. Where unknowns compensate each other, a
-step of one alone raises the misfit, and the curvature on its way passes for information.
-So differences are taken along the principal directions of the width found before (`principal`):
-what recordings hardly see is then measured as the small change that it is. Directions that a kind
-knows (`ematwin.estimation.aliases`) are not differenced. At the end all move together by the
-linearised residuals, unknowns that aliases had held included, for as long as that gains.
+Impacts make residuals rough. Differences over short steps see that where a change of parameters
+has no effect: unknowns that cannot be told apart would seem to be. And a residual at one point
+holds its ripple: a descent stops in a dent, standard errors beside the minimum along directions
+that priors hold. So residuals and slopes are regressed on pairs of points as far apart as the peak
+is wide (statistical linear regression; Lefebvre, Bruyninckx and De Schutter 2002, IEEE Trans.
+Autom. Control 47(8), 1406-1408), and the peak is where they lead, by the misfit of the regression.
+
+Where unknowns compensate each other, a step of one alone raises the misfit, and the curvature on
+its way passes for information. So the pairs lie along the principal directions of the width found
+before (`principal`): what recordings hardly see is then measured as the small change that it is.
+Directions that a kind knows (`ematwin.estimation.aliases`) are not stepped along.
 """
 
 from collections.abc import Callable, Collection
