@@ -28,7 +28,7 @@ import numpy as np
 
 from ematwin.estimation.aliases import Aliases, Direction, directions
 from ematwin.estimation.descent import SAME, STEP, Descent, bounded_step
-from ematwin.estimation.levenberg_marquardt import LARGEST_BATCH
+from ematwin.estimation.levenberg_marquardt import LARGEST_BATCH, NOTHING
 from ematwin.estimation.noise import with_shown_noise
 from ematwin.estimation.problem import Problem
 from ematwin.models.chart import Chart
@@ -36,7 +36,6 @@ from ematwin.numerics.linear_algebra import bounded_squares, eigen, inverse
 
 _SHORTEST, _LONGEST = 1e-3, 2e-2  # steps of the last Jacobian, shares of a range
 _STEPS, _SHARES = 8, (1.0, 0.5, 0.25)  # to a peak at most, and of what slopes predict
-STAYS = 0.25  # standard errors: adds 3 % to an error that it widens
 
 
 @dataclass(frozen=True)
@@ -168,7 +167,8 @@ def peak_near(
     slopes = _slopes(seen, z, aliases, information)
     for _ in range(_STEPS if np.isfinite(slopes.jacobian).all() else 0):
         step = bounded_step(slopes.jacobian, slopes.here, z, chart, held)
-        if (np.abs(step) <= STAYS * np.sqrt(np.diag(slopes.covariance))).all():
+        gain = step @ (slopes.data + slopes.priors) @ step
+        if gain < NOTHING:
             z, slopes = z + step, slopes._replace(here=slopes.here + step @ slopes.jacobian)
             break
         for share in _SHARES:
