@@ -1,7 +1,6 @@
 """``ematwin actuators``, ``scenarios`` and ``algorithms``: lists of all that can be named."""
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
@@ -9,17 +8,14 @@ from ematwin.cli import complete, options
 
 
 def actuators(
-    name: Annotated[
-        str | None,
-        typer.Argument(
-            help="Show all parameters of this set or TOML file.",
-            autocompletion=complete.actuators,
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="Write its parameters to this file (.toml), as a start for your own."),
-    ] = None,
+    name: str | None = typer.Argument(
+        None,
+        help="Show all parameters of this set or TOML file.",
+        autocompletion=complete.actuators,
+    ),
+    out: Path | None = typer.Option(
+        None, help="Write its parameters to this file (.toml), as a start for your own."
+    ),
     force: options.ForceOption = False,
     units: options.UnitsOption = None,
     json: options.JsonOption = False,

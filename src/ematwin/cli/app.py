@@ -12,23 +12,21 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
-from ematwin.cli import (
-    actuators,
-    calibrate,
-    channels,
-    compare,
-    demo,
-    design,
-    detect,
-    explore,
-    fleet,
-    identifiability,
-    identify,
-    report,
-    simulate,
-    units,
-    watch,
-)
+from ematwin.cli.actuators import actuators, algorithms, scenarios
+from ematwin.cli.calibrate import calibrate
+from ematwin.cli.channels import channels
+from ematwin.cli.compare import compare
+from ematwin.cli.demo import demo
+from ematwin.cli.design import design
+from ematwin.cli.detect import detect
+from ematwin.cli.explore import explore, serve
+from ematwin.cli.fleet import fleet
+from ematwin.cli.identifiability import identifiability
+from ematwin.cli.identify import identify
+from ematwin.cli.report import report, store
+from ematwin.cli.simulate import export_fmu, simulate
+from ematwin.cli.units import units
+from ematwin.cli.watch import watch
 
 
 class _Commands(TyperGroup):
@@ -55,26 +53,13 @@ _UsageError: Any = next(
     kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException"
 )
 
-app.command("compare")(compare.compare)
-app.command("demo")(demo.demo)
-app.command("identify")(identify.identify)
-app.command("calibrate")(calibrate.calibrate)
-app.command("detect")(detect.detect)
-app.command("watch")(watch.watch)
-app.add_typer(fleet.fleet, name="fleet")
-app.command("serve")(explore.serve)
-app.command("explore")(explore.explore)
-app.command("identifiability")(identifiability.identifiability)
-app.command("design")(design.design)
-app.command("simulate")(simulate.simulate)
-app.command("export-fmu")(simulate.export_fmu)
-app.command("channels")(channels.channels)
-app.command("actuators")(actuators.actuators)
-app.command("scenarios")(actuators.scenarios)
-app.command("algorithms")(actuators.algorithms)
-app.command("units")(units.units)
-app.command("report")(report.report)
-app.add_typer(report.store, name="store")
+for command in (
+    compare, demo, identify, calibrate, detect, watch, serve, explore, identifiability, design,
+    simulate, export_fmu, channels, actuators, scenarios, algorithms, units, report,
+):  # fmt: skip
+    app.command(command.__name__.replace("_", "-"))(command)
+app.add_typer(fleet, name="fleet")
+app.add_typer(store, name="store")
 
 
 def _version(asked: bool) -> None:
@@ -115,10 +100,8 @@ def run() -> int:
         print(f"Error: {for_shell(str(error))}", file=sys.stderr)
         return 2
     except MemoryError:
-        print(
-            "Error: Not enough memory. Shorten the scenario or lower the sample rate.",
-            file=sys.stderr,
-        )
+        text = "Error: Not enough memory. Shorten the scenario or lower the sample rate."
+        print(text, file=sys.stderr)
         return 2
     except typer.Abort:
         return 130

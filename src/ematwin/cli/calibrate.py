@@ -1,7 +1,7 @@
 """``ematwin calibrate``: healthy recordings in, a calibrated actuator out."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -13,30 +13,24 @@ if TYPE_CHECKING:
 
 
 def calibrate(
-    records: Annotated[
-        list[Path],
-        typer.Argument(
-            help="Files with healthy recordings, or folders of them: one for the twin, three runs "
-            "for a healthy population as well."
-        ),
-    ],
-    out: Annotated[Path, typer.Option(help="Where to write the calibrated actuator (.toml).")],
+    records: list[Path] = typer.Argument(
+        ...,
+        help="Files with healthy recordings, or folders of them: one for the twin, three runs "
+        "for a healthy population as well.",
+    ),
+    out: Path = typer.Option(..., help="Where to write the calibrated actuator (.toml)."),
     actuator: options.RecordedActuatorOption = None,
     where: options.WhereOption = None,
-    known: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Recordings of a known fault in the same files, to name later alarms by, e.g. "
-            '"lubrication:condition=dry;run=1,2". Repeatable.'
-        ),
-    ] = None,
-    add: Annotated[
-        Path | None,
-        typer.Option(
-            help="Calibrated actuator (.toml) whose healthy runs these join, such as runs of a "
-            "later occasion; one run is enough. Actuator and known faults stay as in it."
-        ),
-    ] = None,
+    known: list[str] | None = typer.Option(
+        None,
+        help="Recordings of a known fault in the same files, to name later alarms by, e.g. "
+        '"lubrication:condition=dry;run=1,2". Repeatable.',
+    ),
+    add: Path | None = typer.Option(
+        None,
+        help="Calibrated actuator (.toml) whose healthy runs these join, such as runs of a "
+        "later occasion; one run is enough. Actuator and known faults stay as in it.",
+    ),
     column: options.ColumnOption = None,
     map_file: options.MapOption = None,
     report: options.ReportOption = None,

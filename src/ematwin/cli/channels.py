@@ -1,7 +1,7 @@
 """``ematwin channels``: the channels of a file and a proposed map; ``--column`` and ``--map``."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -28,16 +28,14 @@ def map_of(column: list[str] | None, map_file: Path | None, actuator: Any) -> An
 
 
 def channels(
-    file: Annotated[
-        Path, typer.Argument(help="CSV, Parquet, Excel, MAT, MDF4, TDMS, HDF5, ULog or MCAP.")
-    ],
+    file: Path = typer.Argument(
+        ..., help="CSV, Parquet, Excel, MAT, MDF4, TDMS, HDF5, ULog or MCAP."
+    ),
     actuator: options.RecordedActuatorOption = None,
-    write: Annotated[
-        Path | None, typer.Option(help="Write the proposed map here (.toml), for identify --map.")
-    ] = None,
-    plot: Annotated[
-        Path | None, typer.Option(help="Write a page with every channel here (.html).")
-    ] = None,
+    write: Path | None = typer.Option(
+        None, help="Write the proposed map here (.toml), for identify --map."
+    ),
+    plot: Path | None = typer.Option(None, help="Write a page with every channel here (.html)."),
     force: options.ForceOption = False,
     json: options.JsonOption = False,
 ) -> None:

@@ -6,7 +6,7 @@ how loops are sampled, that they integrate, the encoders and the cogging: calibr
 
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
@@ -42,14 +42,11 @@ RUN: dict[str, Any] = {  # at constant speed both ways: shows the cogging
 
 
 def demo(
-    folder: Annotated[Path, typer.Option(help="Write the records and the pages here.")] = Path(
-        "ematwin-demo"
+    folder: Path = typer.Option(Path("ematwin-demo"), help="Write the records and the pages here."),
+    seed: int = typer.Option(1, help="Seed of the sensor noise and of the search."),
+    fleet: bool = typer.Option(
+        False, "--fleet", help="Instead simulate a fleet, 60 actuators over three years."
     ),
-    seed: Annotated[int, typer.Option(help="Seed of the sensor noise and of the search.")] = 1,
-    fleet: Annotated[
-        bool,
-        typer.Option("--fleet", help="Instead simulate a fleet, 60 actuators over three years."),
-    ] = False,
     units: options.UnitsOption = None,
     json: options.JsonOption = False,
 ) -> None:

@@ -4,7 +4,7 @@ or from which the parameters of the healthy actuator can be learnt.
 
 import json as json_text
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -19,59 +19,49 @@ _RECORDED = (".csv", ".parquet")
 
 
 def design(
-    out: Annotated[Path, typer.Option(help="Write the command here (.toml).")],
+    out: Path = typer.Option(..., help="Write the command here (.toml)."),
     actuator: options.ActuatorOption = "servo48",
     scenario: options.ScenarioOption = None,
-    fault: Annotated[
-        str | None,
-        typer.Option(help="The fault to identify; the least identifiable one if not given."),
-    ] = None,
-    limit: Annotated[
-        list[str] | None,
-        typer.Option(
-            help='The most that a healthy actuator may be asked for, e.g. "current=6 A"; also '
-            "travel, speed, load. As the given command if not given. Repeatable."
-        ),
-    ] = None,
-    duration: Annotated[
-        str | None, typer.Option(help='Length of the command, e.g. "0.5 s"; as given otherwise.')
-    ] = None,
-    at: Annotated[
-        list[str] | None,
-        typer.Option(help="A fault at which to look, e.g. friction=0.25. Repeatable."),
-    ] = None,
+    fault: str | None = typer.Option(
+        None, help="The fault to identify; the least identifiable one if not given."
+    ),
+    limit: list[str] | None = typer.Option(
+        None,
+        help='The most that a healthy actuator may be asked for, e.g. "current=6 A"; also '
+        "travel, speed, load. As the given command if not given. Repeatable.",
+    ),
+    duration: str | None = typer.Option(
+        None, help='Length of the command, e.g. "0.5 s"; as given otherwise.'
+    ),
+    at: list[str] | None = typer.Option(
+        None, help="A fault at which to look, e.g. friction=0.25. Repeatable."
+    ),
     noise: options.NoiseOption = None,
     exact: options.ExactOption = False,
-    check: Annotated[
-        int, typer.Option(help="Identify so many simulated recordings of each command.", min=0)
-    ] = 0,
-    trials: Annotated[
-        int | None,
-        typer.Option(
-            help="Recordings on which the most promising commands are tried before one is chosen; "
-            "0 for none.",
-            min=0,
-        ),
-    ] = None,
-    discriminate: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Tell two explanations apart instead: given twice, e.g. short_a=0.05,short_b=0.05 "
-            "and motor.emf_constant=0.071; or once, an answer of identify --json or a recording."
-        ),
-    ] = None,
-    learn: Annotated[
-        bool,
-        typer.Option(
-            "--learn",
-            help="Propose tests of the healthy actuator instead, which determine the parameters "
-            "that its calibration, or its data sheet, leaves open.",
-        ),
-    ] = False,
-    budget: Annotated[
-        int | None, typer.Option(help="Commands to look at; a minute's worth if not given.", min=1)
-    ] = None,
-    seed: Annotated[int, typer.Option(help="Seed of faults, noise and search.", min=0)] = 1,
+    check: int = typer.Option(
+        0, help="Identify so many simulated recordings of each command.", min=0
+    ),
+    trials: int | None = typer.Option(
+        None,
+        help="Recordings on which the most promising commands are tried before one is chosen; "
+        "0 for none.",
+        min=0,
+    ),
+    discriminate: list[str] | None = typer.Option(
+        None,
+        help="Tell two explanations apart instead: given twice, e.g. short_a=0.05,short_b=0.05 "
+        "and motor.emf_constant=0.071; or once, an answer of identify --json or a recording.",
+    ),
+    learn: bool = typer.Option(
+        False,
+        "--learn",
+        help="Propose tests of the healthy actuator instead, which determine the parameters "
+        "that its calibration, or its data sheet, leaves open.",
+    ),
+    budget: int | None = typer.Option(
+        None, help="Commands to look at; a minute's worth if not given.", min=1
+    ),
+    seed: int = typer.Option(1, help="Seed of faults, noise and search.", min=0),
     report: options.ReportOption = None,
     force: options.ForceOption = False,
     units: options.UnitsOption = None,

@@ -1,7 +1,7 @@
 """``ematwin detect``: recordings in, a verdict on each out."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -24,27 +24,21 @@ _ALWAYS = dict.fromkeys(("distance", "load_N", "sensor_coupling"))
 
 
 def detect(
-    records: Annotated[
-        list[Path],
-        typer.Argument(
-            help="Files with recordings to judge, folders of them, or a table of runs "
-            "(docs/recordings.md)."
-        ),
-    ],
-    actuator: Annotated[
-        Path | None,
-        typer.Option(
-            help="Actuator calibrated by `ematwin calibrate` (.toml); a table of runs may name one "
-            "in each row."
-        ),
-    ] = None,
-    each: Annotated[
-        str,
-        typer.Option(
-            help="What to judge: each run (its recordings together, where a healthy population "
-            "judges) or each motion (recording)."
-        ),
-    ] = "run",
+    records: list[Path] = typer.Argument(
+        ...,
+        help="Files with recordings to judge, folders of them, or a table of runs "
+        "(docs/recordings.md).",
+    ),
+    actuator: Path | None = typer.Option(
+        None,
+        help="Actuator calibrated by `ematwin calibrate` (.toml); a table of runs may name one "
+        "in each row.",
+    ),
+    each: str = typer.Option(
+        "run",
+        help="What to judge: each run (its recordings together, where a healthy population "
+        "judges) or each motion (recording).",
+    ),
     where: options.WhereOption = None,
     column: options.ColumnOption = None,
     map_file: options.MapOption = None,

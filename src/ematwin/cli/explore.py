@@ -1,7 +1,6 @@
 """``ematwin explore`` and ``ematwin serve``: the interactive twin and a fleet, on local pages."""
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
@@ -9,13 +8,11 @@ from ematwin.cli import options
 
 
 def explore(
-    record: Annotated[
-        Path | None,
-        typer.Argument(
-            help="A recording: Parquet, CSV, MAT, MDF4, TDMS or HDF5; without one the twin is "
-            "shown beside the healthy one."
-        ),
-    ] = None,
+    record: Path | None = typer.Argument(
+        None,
+        help="A recording: Parquet, CSV, MAT, MDF4, TDMS or HDF5; without one the twin is "
+        "shown beside the healthy one.",
+    ),
     actuator: options.RecordedActuatorOption = None,
     scenario: options.ScenarioOption = None,
     column: options.ColumnOption = None,
@@ -41,7 +38,7 @@ def explore(
 
 
 def serve(
-    fleet: Annotated[Path, typer.Argument(help="The folder of `ematwin watch --fleet`.")],
+    fleet: Path = typer.Argument(..., help="The folder of `ematwin watch --fleet`."),
     port: options.PortOption = 0,
     units: options.UnitsOption = None,
     no_browser: options.NoBrowserOption = False,

@@ -46,14 +46,12 @@ def fleets() -> None:
 def status(
     fleet: FleetArgument,
     report: options.ReportOption = None,
-    table: Annotated[
-        Path | None,
-        typer.Option(help="Write a row for each actuator as a table (.csv or .parquet)."),
-    ] = None,
-    recordings: Annotated[
-        Path | None,
-        typer.Option(help="Write a row for each recording as a table (.csv or .parquet)."),
-    ] = None,
+    table: Path | None = typer.Option(
+        None, help="Write a row for each actuator as a table (.csv or .parquet)."
+    ),
+    recordings: Path | None = typer.Option(
+        None, help="Write a row for each recording as a table (.csv or .parquet)."
+    ),
     fail_on: StepOption = None,
     units: options.UnitsOption = None,
     json: options.JsonOption = False,
@@ -79,9 +77,7 @@ def status(
 def overhaul(
     fleet: FleetArgument,
     serial: SerialArgument,
-    on: Annotated[
-        str | None, typer.Option(help="Day or time, e.g. 2026-05-01; now if not given.")
-    ] = None,
+    on: str | None = typer.Option(None, help="Day or time, e.g. 2026-05-01; now if not given."),
     note: NoteOption = "",
 ) -> None:
     """Record that an actuator was repaired or exchanged: its wear begins anew."""
@@ -107,9 +103,9 @@ def acknowledge(
 def silence(
     fleet: FleetArgument,
     serial: SerialArgument,
-    until: Annotated[
-        str, typer.Option(help="Day or time, e.g. 2026-06-01; one that has passed ends a silence.")
-    ],
+    until: str = typer.Option(
+        ..., help="Day or time, e.g. 2026-06-01; one that has passed ends a silence."
+    ),
     magnitude: MagnitudeArgument = None,
     note: NoteOption = "",
 ) -> None:
@@ -138,9 +134,9 @@ def history(fleet: FleetArgument, serial: SerialArgument, json: options.JsonOpti
 def withdraw(
     fleet: FleetArgument,
     serial: SerialArgument,
-    entries: Annotated[
-        list[str], typer.Argument(help="Entries, as `ematwin fleet history` shows them.")
-    ],
+    entries: list[str] = typer.Argument(
+        ..., help="Entries, as `ematwin fleet history` shows them."
+    ),
     note: NoteOption = "",
 ) -> None:
     """Withdraw wrong entries; the history shows both. Then enter the right ones."""

@@ -1,6 +1,6 @@
 """``ematwin identifiability``: which faults a command can reveal, before any test."""
 
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -12,40 +12,31 @@ if TYPE_CHECKING:
 
 
 def identifiability(
-    commands: Annotated[
-        list[str] | None,
-        typer.Argument(
-            help="Scenarios: shipped ones by name, TOML files, or recordings (.csv, .parquet) of "
-            "which the command is taken. The kind's default if none is given.",
-            autocompletion=complete.scenarios,
-        ),
-    ] = None,
+    commands: list[str] | None = typer.Argument(
+        None,
+        help="Scenarios: shipped ones by name, TOML files, or recordings (.csv, .parquet) of "
+        "which the command is taken. The kind's default if none is given.",
+        autocompletion=complete.scenarios,
+    ),
     actuator: options.ActuatorOption = "servo48",
-    fault: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="A fault at which to look, e.g. friction=0.25; each is just a fault if not given. "
-            "Repeatable."
-        ),
-    ] = None,
+    fault: list[str] | None = typer.Option(
+        None,
+        help="A fault at which to look, e.g. friction=0.25; each is just a fault if not given. "
+        "Repeatable.",
+    ),
     noise: options.NoiseOption = None,
     exact: options.ExactOption = False,
-    false_alarm: Annotated[
-        float | None,
-        typer.Option(
-            help="Probability that a healthy value is taken for a fault; 0.00135 (3 sigma)."
-        ),
-    ] = None,
-    miss: Annotated[
-        float | None, typer.Option(help="Probability that the smallest fault is overlooked; 0.1.")
-    ] = None,
-    sobol: Annotated[
-        bool,
-        typer.Option(
-            "--sobol",
-            help="Also say how much of the answer's variance goes back to each unknown.",
-        ),
-    ] = False,
+    false_alarm: float | None = typer.Option(
+        None, help="Probability that a healthy value is taken for a fault; 0.00135 (3 sigma)."
+    ),
+    miss: float | None = typer.Option(
+        None, help="Probability that the smallest fault is overlooked; 0.1."
+    ),
+    sobol: bool = typer.Option(
+        False,
+        "--sobol",
+        help="Also say how much of the answer's variance goes back to each unknown.",
+    ),
     report: options.ReportOption = None,
     units: options.UnitsOption = None,
     json: options.JsonOption = False,

@@ -1,7 +1,7 @@
 """``ematwin identify``: recordings in, faults of their actuator out."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import typer
 
@@ -16,65 +16,50 @@ if TYPE_CHECKING:
 
 
 def identify(
-    records: Annotated[
-        list[Path],
-        typer.Argument(
-            help="A recording (docs/formats.md). Of several, of a folder, or of a table of runs "
-            "(docs/recordings.md), a table of verdicts."
-        ),
-    ],
+    records: list[Path] = typer.Argument(
+        ...,
+        help="A recording (docs/formats.md). Of several, of a folder, or of a table of runs "
+        "(docs/recordings.md), a table of verdicts.",
+    ),
     actuator: options.RecordedActuatorOption = None,
-    algorithm: Annotated[
-        str | None,
-        typer.Option(
-            help="A name from `ematwin algorithms`; the default method of the kind if not given.",
-            autocompletion=complete.algorithms,
-        ),
-    ] = None,
-    budget: Annotated[
-        int | None,
-        typer.Option(help="Simulations: a maximum for multistart, else exact."),
-    ] = None,
-    population: Annotated[int, typer.Option(help="Size, for a population method.")] = 50,
-    iterations: Annotated[int, typer.Option(help="Number, for a population method.")] = 200,
-    seed: Annotated[int, typer.Option(help="Seed of the search.")] = 1,
-    only: Annotated[
-        str | None,
-        typer.Option(
-            help="Search only these: faults, e.g. friction,backlash, or parameters by their place, "
-            "e.g. motor.emf_constant."
-        ),
-    ] = None,
-    hold: Annotated[
-        list[str] | None,
-        typer.Option(help="Hold a fault that is not searched at a value, e.g. gain=0.6."),
-    ] = None,
+    algorithm: str | None = typer.Option(
+        None,
+        help="A name from `ematwin algorithms`; the default method of the kind if not given.",
+        autocompletion=complete.algorithms,
+    ),
+    budget: int | None = typer.Option(
+        None, help="Simulations: a maximum for multistart, else exact."
+    ),
+    population: int = typer.Option(50, help="Size, for a population method."),
+    iterations: int = typer.Option(200, help="Number, for a population method."),
+    seed: int = typer.Option(1, help="Seed of the search."),
+    only: str | None = typer.Option(
+        None,
+        help="Search only these: faults, e.g. friction,backlash, or parameters by their place, "
+        "e.g. motor.emf_constant.",
+    ),
+    hold: list[str] | None = typer.Option(
+        None, help="Hold a fault that is not searched at a value, e.g. gain=0.6."
+    ),
     column: options.ColumnOption = None,
     map_file: options.MapOption = None,
-    resample_to: Annotated[
-        str | None, typer.Option(help='Bring the record to this rate first, e.g. "20 kHz".')
-    ] = None,
-    gaps: Annotated[
-        str, typer.Option(help="Holes in the record: refuse, longest or mask.")
-    ] = "refuse",
+    resample_to: str | None = typer.Option(
+        None, help='Bring the record to this rate first, e.g. "20 kHz".'
+    ),
+    gaps: str = typer.Option("refuse", help="Holes in the record: refuse, longest or mask."),
     load: options.LoadOption = None,
     exact: options.ExactOption = False,
-    uncertainty: Annotated[
-        str | None,
-        typer.Option(
-            help="How sure the answer is: laplace, profile or posterior (docs/certainty.md)."
-        ),
-    ] = None,
-    threshold: Annotated[
-        list[str] | None,
-        typer.Option(
-            help='Size from which a fault matters, e.g. friction=0.2 or friction="0.04 N*m": '
-            "adds the probability that the fault is larger. Repeatable."
-        ),
-    ] = None,
-    checkpoint: Annotated[
-        Path | None, typer.Option(help="Keep a population method's state here; resume from it.")
-    ] = None,
+    uncertainty: str | None = typer.Option(
+        None, help="How sure the answer is: laplace, profile or posterior (docs/certainty.md)."
+    ),
+    threshold: list[str] | None = typer.Option(
+        None,
+        help='Size from which a fault matters, e.g. friction=0.2 or friction="0.04 N*m": '
+        "adds the probability that the fault is larger. Repeatable.",
+    ),
+    checkpoint: Path | None = typer.Option(
+        None, help="Keep a population method's state here; resume from it."
+    ),
     report: options.ReportOption = None,
     table: options.TableOption = None,
     fail_on: options.FailOption = None,

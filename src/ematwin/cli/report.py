@@ -19,28 +19,21 @@ store = typer.Typer(help="Check the store of a study.", no_args_is_help=True, ri
 
 def report(
     store: Where,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="Write a page, and the tables as CSV and Parquet, to this folder."),
-    ] = None,
-    target: Annotated[
-        list[float] | None,
-        typer.Option(help="Err% to give success rates for. Repeatable; default 0.5, 1, 2, 5."),
-    ] = None,
-    misfit: Annotated[
-        list[float] | None,
-        typer.Option(
-            help="Relative misfit to give the evaluations to. Repeatable; default 0.1, 0.02, 0.005."
-        ),
-    ] = None,
-    threshold: Annotated[
-        float,
-        typer.Option(
-            help="Deviation from healthy that counts as a fault, as a share of the range."
-        ),
-    ] = 0.05,
-    seed: Annotated[int, typer.Option(help="Seed of the bootstrap.")] = 1,
-    json: Annotated[bool, typer.Option("--json", help="Answer with all tables as JSON.")] = False,
+    out: Path | None = typer.Option(
+        None, help="Write a page, and the tables as CSV and Parquet, to this folder."
+    ),
+    target: list[float] | None = typer.Option(
+        None, help="Err% to give success rates for. Repeatable; default 0.5, 1, 2, 5."
+    ),
+    misfit: list[float] | None = typer.Option(
+        None,
+        help="Relative misfit to give the evaluations to. Repeatable; default 0.1, 0.02, 0.005.",
+    ),
+    threshold: float = typer.Option(
+        0.05, help="Deviation from healthy that counts as a fault, as a share of the range."
+    ),
+    seed: int = typer.Option(1, help="Seed of the bootstrap."),
+    json: bool = typer.Option(False, "--json", help="Answer with all tables as JSON."),
 ) -> None:
     """Report a study: errors, times, ranks, tests, convergence and diagnosis, from its store."""
     from ematwin.benchmarking.analysis import analyse

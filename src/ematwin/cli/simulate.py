@@ -1,7 +1,6 @@
 """``ematwin simulate``: an actuator as a recording; ``ematwin export-fmu``: as an FMU."""
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
@@ -9,45 +8,34 @@ from ematwin.cli import complete, options
 
 
 def simulate(
-    fault: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="A fault and its magnitude, e.g. friction=0.25: in [0, 1] for the brushless "
-            "actuator, for other kinds in its own unit (`ematwin actuators NAME`). Repeatable."
-        ),
-    ] = None,
-    model: Annotated[
-        str | None,
-        typer.Option(help="For the brushless actuator: reference (default) or monitor."),
-    ] = None,
+    fault: list[str] | None = typer.Option(
+        None,
+        help="A fault and its magnitude, e.g. friction=0.25: in [0, 1] for the brushless "
+        "actuator, for other kinds in its own unit (`ematwin actuators NAME`). Repeatable.",
+    ),
+    model: str | None = typer.Option(
+        None, help="For the brushless actuator: reference (default) or monitor."
+    ),
     scenario: options.ScenarioOption = None,
     actuator: options.ActuatorOption = "servo48",
-    out: Annotated[
-        Path | None, typer.Option(help="Write the record here (.parquet or .csv).")
-    ] = None,
-    plot: Annotated[
-        Path | None,
-        typer.Option(
-            help="Write a page here that shows the record beside the healthy one (.html)."
-        ),
-    ] = None,
-    noise: Annotated[
-        str | None,
-        typer.Option(help="Sensor noise, e.g. white=0.02,offset=0.05,bits=12,full_scale=25."),
-    ] = None,
-    seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0,
-    sample_rate: Annotated[
-        float | None, typer.Option(help="Samples per second, Hz; the kind's own if not given.")
-    ] = None,
-    step: Annotated[
-        float | None, typer.Option(help="Step of the model, s; the actuator's if not given.")
-    ] = None,
-    also: Annotated[
-        str | None,
-        typer.Option(
-            help="Further channels, with commas, e.g. voltage_a,voltage_b,voltage_c or bus_current."
-        ),
-    ] = None,
+    out: Path | None = typer.Option(None, help="Write the record here (.parquet or .csv)."),
+    plot: Path | None = typer.Option(
+        None, help="Write a page here that shows the record beside the healthy one (.html)."
+    ),
+    noise: str | None = typer.Option(
+        None, help="Sensor noise, e.g. white=0.02,offset=0.05,bits=12,full_scale=25."
+    ),
+    seed: int = typer.Option(0, help="Seed of the noise."),
+    sample_rate: float | None = typer.Option(
+        None, help="Samples per second, Hz; the kind's own if not given."
+    ),
+    step: float | None = typer.Option(
+        None, help="Step of the model, s; the actuator's if not given."
+    ),
+    also: str | None = typer.Option(
+        None,
+        help="Further channels, with commas, e.g. voltage_a,voltage_b,voltage_c or bus_current.",
+    ),
     units: options.UnitsOption = None,
     json: options.JsonOption = False,
 ) -> None:
@@ -112,19 +100,16 @@ def simulate(
 
 
 def export_fmu(
-    actuator: Annotated[
-        str,
-        typer.Argument(
-            help="A shipped parameter set of any kind, a TOML file, or a calibration.",
-            autocompletion=complete.actuators,
-        ),
-    ],
-    out: Annotated[Path, typer.Option(help="Write the archive here (.fmu).")],
-    fidelity: Annotated[
-        str | None,
-        typer.Option(help="reference or monitor, where a kind has both; its first if not given."),
-    ] = None,
-    fmi: Annotated[int, typer.Option(help="Version of the standard: 3 or 2.")] = 3,
+    actuator: str = typer.Argument(
+        ...,
+        help="A shipped parameter set of any kind, a TOML file, or a calibration.",
+        autocompletion=complete.actuators,
+    ),
+    out: Path = typer.Option(..., help="Write the archive here (.fmu)."),
+    fidelity: str | None = typer.Option(
+        None, help="reference or monitor, where a kind has both; its first if not given."
+    ),
+    fmi: int = typer.Option(3, help="Version of the standard: 3 or 2."),
     json: options.JsonOption = False,
 ) -> None:
     """Export an actuator for co-simulation elsewhere: an FMU that needs no Python."""

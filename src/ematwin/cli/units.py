@@ -1,7 +1,5 @@
 """``ematwin units``: the units in which a user wants to see values, kept in the settings."""
 
-from typing import Annotated
-
 import typer
 
 from ematwin.cli.options import JsonOption, print_json
@@ -9,10 +7,9 @@ from ematwin.errors import FileError, InputError
 
 
 def units(
-    keep: Annotated[
-        str | None,
-        typer.Argument(help='Units to keep, e.g. "angle=mrad, torque=mN m"; SI forgets them.'),
-    ] = None,
+    keep: str | None = typer.Argument(
+        None, help='Units to keep, e.g. "angle=mrad, torque=mN m"; SI forgets them.'
+    ),
     json: JsonOption = False,
 ) -> None:
     """List or keep the units in which values are shown, on pages as well.

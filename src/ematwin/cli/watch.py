@@ -3,7 +3,7 @@
 import time
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -17,40 +17,31 @@ if TYPE_CHECKING:
 
 
 def watch(
-    recordings: Annotated[
-        list[Path],
-        typer.Argument(
-            help="Folders or files with recordings: recordings/EMA-17/2026-05-01T08-30.csv, a "
-            "table with a column serial_number, or a table of runs with columns path, serial, time."
-        ),
-    ],
-    fleet: Annotated[Path, typer.Option(help="Folder of the fleet; made where it is missing.")],
-    actuator: Annotated[
-        str | None,
-        typer.Option(
-            help="Twin of actuators without a file calibrations/<serial number>.toml in the fleet."
-        ),
-    ] = None,
-    serial_number: Annotated[
-        str | None,
-        typer.Option(
-            help=r"Regular expression for paths, e.g. '(?P<serial>EMA-\d+)'; a group time is "
-            "the date."
-        ),
-    ] = None,
+    recordings: list[Path] = typer.Argument(
+        ...,
+        help="Folders or files with recordings: recordings/EMA-17/2026-05-01T08-30.csv, a "
+        "table with a column serial_number, or a table of runs with columns path, serial, time.",
+    ),
+    fleet: Path = typer.Option(..., help="Folder of the fleet; made where it is missing."),
+    actuator: str | None = typer.Option(
+        None,
+        help="Twin of actuators without a file calibrations/<serial number>.toml in the fleet.",
+    ),
+    serial_number: str | None = typer.Option(
+        None,
+        help=r"Regular expression for paths, e.g. '(?P<serial>EMA-\d+)'; a group time is "
+        "the date.",
+    ),
     column: options.ColumnOption = None,
     map_file: options.MapOption = None,
-    every: Annotated[
-        float | None,
-        typer.Option(help="Look again every so many seconds, until Ctrl-C; else once."),
-    ] = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(
-            help="Judge on the workers of a Dask scheduler, e.g. tcp://host:8786, which see the "
-            "same folders."
-        ),
-    ] = None,
+    every: float | None = typer.Option(
+        None, help="Look again every so many seconds, until Ctrl-C; else once."
+    ),
+    scheduler: str | None = typer.Option(
+        None,
+        help="Judge on the workers of a Dask scheduler, e.g. tcp://host:8786, which see the "
+        "same folders.",
+    ),
     report: options.ReportOption = None,
     table: options.TableOption = None,
     fail_on: StepOption = None,
