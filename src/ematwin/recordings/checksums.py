@@ -15,12 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.errors import FileError
+from ematwin.errors import FileError, RecordError
 
 FORMAT = 1  # of the metadata of a recording; readers refuse what is newer
 KEY = "ematwin"
 MARK = f"# {KEY} "  # of the first line of a CSV
-_REMAINS = re.compile(r'": "[0-9a-f]{32}"')
 _STARTS = re.compile(r"([,;])([=+\-@])")
 
 
@@ -52,7 +51,7 @@ def checked(text: str | None, path: Path, others: str = "") -> dict[str, Any]:
         If they are not as they were written.
     """
     if text is None:
-        if _REMAINS.search(others):
+        if re.search(r'": "[0-9a-f]{32}"', others):
             raise _damaged(path, "what it says of itself has lost its mark")
         return {}
     try:
@@ -62,7 +61,10 @@ def checked(text: str | None, path: Path, others: str = "") -> dict[str, Any]:
     if not isinstance(found, dict):
         raise _damaged(path, "what it says of itself cannot be read")
     if isinstance(found.get("format"), int) and found["format"] > FORMAT:
-        return found  # of a newer ematwin, which the reader refuses in its own words
+        raise RecordError(
+            f"{path} was written by a newer ematwin (format {found['format']}, this one knows "
+            f"{FORMAT}). Update ematwin."
+        )
     # either shows that it had checksums, in case the other's name is what was damaged
     if {"checksum", "checksums"} & found.keys() and found.get("checksum") != _of_metadata(found):
         raise _damaged(path, "what it says of itself differs from its checksum")

@@ -42,32 +42,19 @@ class MissingChannelError(RecordError):
 
 @dataclass(frozen=True)
 class Candidate:
-    """A channel of the file that may be one of the recording.
+    """A channel of the file that may be one of the recording."""
 
-    Attributes
-    ----------
-    name : in the file
-    score : how strongly name and unit speak for it
-    reason : a part of a sentence
-    """
-
-    name: str
-    score: float
-    reason: str = ""
+    name: str  # in the file
+    score: float  # how strongly name and unit speak for it
+    reason: str = ""  # a part of a sentence
 
 
 @dataclass
 class Matched:
-    """Channels of a recording with their full names in the file and their entries of the map.
+    """Channels of a recording with their full names in the file and their entries of the map."""
 
-    Attributes
-    ----------
-    channels : by channel of the recording, time first
-    assumed, warnings : sentences for the provenance
-    """
-
-    channels: dict[str, tuple[str, MappedChannel]]
-    assumed: list[str] = field(default_factory=list)
+    channels: dict[str, tuple[str, MappedChannel]]  # by channel of the recording, time first
+    assumed: list[str] = field(default_factory=list)  # sentences for the provenance
     warnings: list[str] = field(default_factory=list)
 
 

@@ -61,20 +61,12 @@ _QUANTITY_OF, _PLACE_OF, _PHASE_OF = map(_by_word, (_QUANTITIES, _PLACES, _PHASE
 
 @dataclass(frozen=True)
 class Said:
-    """The words of a name.
+    """The words of a name."""
 
-    Attributes
-    ----------
-    quantities : such as "position" and "command"
-    place : "motor", "output", "bus", or ""
-    phase : "a", "b", "c", "d", "q", or ""
-    other : a word by which it is something else, such as "temperature"; "" without
-    """
-
-    quantities: frozenset[str]
-    place: str = ""
-    phase: str = ""
-    other: str = ""
+    quantities: frozenset[str]  # such as "position" and "command"
+    place: str = ""  # "motor", "output", "bus", or ""
+    phase: str = ""  # "a", "b", "c", "d", "q", or ""
+    other: str = ""  # a word by which it is something else, such as "temperature"; "" without
 
 
 def said_by(name: str) -> Said:

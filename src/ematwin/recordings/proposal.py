@@ -23,24 +23,14 @@ HEADINGS = ("taken for", "channel", "unit", "because")
 
 @dataclass(frozen=True)
 class Entry:
-    """One line of a proposed map.
+    """One line of a proposed map."""
 
-    Attributes
-    ----------
-    column : channel of the recording
-    channel : name in the file
-    unit : of the file's numbers; "" where nobody states one and it is left open
-    unit_from : "file", "name", "plausibility"; "channel" of a ratio, which has no unit; or ""
-    reasons : sentences
-    units : the units that are left, where ``unit`` is open
-    """
-
-    column: str
-    channel: str
-    unit: str
-    unit_from: str
-    reasons: tuple[str, ...]
-    units: tuple[str, ...] = ()
+    column: str  # channel of the recording
+    channel: str  # name in the file
+    unit: str  # of the file's numbers; "" where nobody states one and it is left open
+    unit_from: str  # "file", "name", "plausibility"; "channel" of a ratio, which has no unit; or ""
+    reasons: tuple[str, ...]  # sentences
+    units: tuple[str, ...] = ()  # the units that are left, where ``unit`` is open
 
     @property
     def is_open(self) -> bool:
@@ -65,41 +55,24 @@ class Entry:
 
 @dataclass(frozen=True)
 class Question:
-    """A choice that the file leaves open.
+    """A choice that the file leaves open."""
 
-    Attributes
-    ----------
-    sentence : the question, and how to answer it
-    lines : lines of the map to choose from
-    needed : whether there is no recording without an answer
-    """
-
-    sentence: str
-    lines: tuple[str, ...] = ()
-    needed: bool = False
+    sentence: str  # the question, and how to answer it
+    lines: tuple[str, ...] = ()  # lines of the map to choose from
+    needed: bool = False  # whether there is no recording without an answer
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """A proposed map.
+    """A proposed map."""
 
-    Attributes
-    ----------
-    kind : of actuator
-    entries : by channel of the recording
-    questions : open ones
-    unused : names of the channels of the file that are not used
-    check : doubts about a recording read with this map, or why it is refused
-    refused : whether a recording read with this map would be refused
-    rate : samples per second that its channel of time gives, Hz; None where there is none
-    """
-
-    kind: str
-    entries: Mapping[str, Entry]
-    questions: tuple[Question, ...] = ()
-    unused: tuple[str, ...] = ()
-    check: tuple[str, ...] = ()
-    refused: bool = False
+    kind: str  # of actuator
+    entries: Mapping[str, Entry]  # by channel of the recording
+    questions: tuple[Question, ...] = ()  # open ones
+    unused: tuple[str, ...] = ()  # names of the channels of the file that are not used
+    check: tuple[str, ...] = ()  # doubts about a recording read with this map, or why it is refused
+    refused: bool = False  # whether a recording read with this map would be refused
+    # samples per second that its channel of time gives, Hz; None where there is none
     rate: float | None = None
 
     @property

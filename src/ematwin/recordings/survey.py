@@ -18,33 +18,22 @@ _TOGETHER = 64  # channels that are read at once: a text table is read through f
 
 @dataclass(frozen=True)
 class Surveyed:
-    """One channel of a file.
+    """One channel of a file."""
 
-    Attributes
-    ----------
-    name : full name in the file
-    unit : as the file or the name states it; "" where neither does
-    unit_from : "file", "name" or ""
-    stem : the last part of the name without a unit
-    samples, missing : how many, and how many of them are NaN or infinite
-    low, high : least and largest value, in ``unit``; NaN where there is none
-    rate : samples per second, Hz, where the file itself gives times; else None
-    places, shape : (P,) arrays, numbers of samples and values of a thinned trace
-    text : a few values, where it holds texts or nothing that is a number
-    """
-
-    name: str
-    unit: str
-    unit_from: str
-    stem: str
-    samples: int = 0
+    name: str  # full name in the file
+    unit: str  # as the file or the name states it; "" where neither does
+    unit_from: str  # "file", "name" or ""
+    stem: str  # the last part of the name without a unit
+    samples: int = 0  # how many, and how many of them are NaN or infinite
     missing: int = 0
-    low: float = float("nan")
+    low: float = float("nan")  # least and largest value, in ``unit``; NaN where there is none
     high: float = float("nan")
+    # samples per second, Hz, where the file itself gives times; else None
     rate: float | None = None
+    # (P,) arrays, numbers of samples and values of a thinned trace
     places: np.ndarray = field(default_factory=lambda: np.empty(0))
     shape: np.ndarray = field(default_factory=lambda: np.empty(0))
-    text: str = ""
+    text: str = ""  # a few values, where it holds texts or nothing that is a number
 
     @property
     def is_text(self) -> bool:

@@ -30,18 +30,11 @@ def is_clock(text: str) -> bool:
 
 @dataclass(frozen=True)
 class Clock:
-    """How the clock times of a column are written.
+    """How the clock times of a column are written."""
 
-    Attributes
-    ----------
-    is_dated : whether dates stand before the times
-    is_utc : whether they state a time zone, and are brought to UTC
-    month_first : of dates with slashes; None where there are none
-    """
-
-    is_dated: bool
-    is_utc: bool
-    month_first: bool | None = None
+    is_dated: bool  # whether dates stand before the times
+    is_utc: bool  # whether they state a time zone, and are brought to UTC
+    month_first: bool | None = None  # of dates with slashes; None where there are none
 
     @classmethod
     def of(cls, texts: Sequence[str]) -> "Clock | None":

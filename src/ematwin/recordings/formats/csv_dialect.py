@@ -39,32 +39,22 @@ _BYTE_ORDER_MARKS = (
 
 @dataclass
 class CsvDialect:
-    """How a text table is written.
+    """How a text table is written."""
 
-    Attributes
-    ----------
-    names : of the columns, unique
-    units : of the columns, "" where the file states none
-    delimiter, decimal, encoding : as written
-    start : bytes before the first row of numbers
-    signed : positions of columns with numbers such as ``+1.5``
-    clocks : `Clock` of columns with clock times, by position
-    text : positions of columns that hold neither
-    metadata : what ematwin wrote into the first line, else empty
-    assumed : sentences for the provenance
-    """
-
-    names: list[str]
-    units: list[str]
-    delimiter: str
+    names: list[str]  # of the columns, unique
+    units: list[str]  # of the columns, "" where the file states none
+    delimiter: str  # as written
     decimal: str
     encoding: str
-    start: int
+    start: int  # bytes before the first row of numbers
+    # positions of columns with numbers such as ``+1.5``
     signed: set[int] = field(default_factory=set)
+    # `Clock` of columns with clock times, by position
     clocks: dict[int, Clock] = field(default_factory=dict)
-    text: set[int] = field(default_factory=set)
+    text: set[int] = field(default_factory=set)  # positions of columns that hold neither
+    # what ematwin wrote into the first line, else empty
     metadata: dict[str, Any] = field(default_factory=dict)
-    assumed: list[str] = field(default_factory=list)
+    assumed: list[str] = field(default_factory=list)  # sentences for the provenance
 
 
 def sniff(
