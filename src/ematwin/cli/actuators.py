@@ -24,12 +24,7 @@ def actuators(
     from ematwin.errors import InputError
     from ematwin.files import check_target, write_text
     from ematwin.models.parameter_file import parameter_table
-    from ematwin.models.registry import (
-        broken_kinds,
-        load_actuator,
-        model_of,
-        shipped_actuators,
-    )
+    from ematwin.models.registry import broken_kinds, load_actuator, model_of, shipped_actuators
     from ematwin.quantities import preferred
 
     if name is None:
@@ -95,9 +90,7 @@ def actuators(
     options.answer(json, lambda: plain, tell, out)
 
 
-def scenarios(
-    json: options.JsonOption = False,
-) -> None:
+def scenarios(json: options.JsonOption = False) -> None:
     """List the shipped scenarios of all kinds."""
     from ematwin.models.registry import models
 
@@ -118,9 +111,7 @@ def scenarios(
         typer.echo(f"{s.name:<14} {kind:<12} {s.duration:>5.4g} s  {s.description}")
 
 
-def algorithms(
-    json: options.JsonOption = False,
-) -> None:
+def algorithms(json: options.JsonOption = False) -> None:
     """List the search algorithms with sources, departures and tuning, and the presets."""
     from ematwin.estimation.search import methods
     from ematwin.optimizers.base import EXTRA

@@ -113,10 +113,7 @@ NoBrowserOption = Annotated[
 def pairs(texts: list[str], what: str) -> dict[str, str]:
     """``["friction=0.25"]`` as a mapping.
 
-    Raises
-    ------
-    InputError
-        If a text is not name=value, or a name comes twice.
+    Raises `InputError` if a text is not name=value, or a name comes twice.
     """
     found: dict[str, str] = {}
     for text in texts:

@@ -49,10 +49,7 @@ def load(
 def runs_in(files: list[Path]) -> bool:
     """Whether a table of runs is given in place of recordings.
 
-    Raises
-    ------
-    InputError
-        If it is one of several files.
+    Raises `InputError` if it is one of several files.
     """
     from ematwin.monitoring.runs import is_table_of_runs
 

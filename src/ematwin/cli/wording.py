@@ -12,11 +12,7 @@ from functools import partial
 from typing import Any
 
 # Arguments whose options have another name.
-_OTHERWISE = {
-    "columns": "--column",
-    "held": "--hold",
-    "where": "--where",
-}
+_OTHERWISE = {"columns": "--column", "held": "--hold", "where": "--where"}
 # Entries of a channel map that --column takes as well, beside the channels, and an example of each.
 _ENTRIES = {"sample_rate": '"20 kHz"', "gear_ratio": "100", "phase_order": "acb"}
 # Advice that has another form here.

@@ -36,6 +36,9 @@ class StoppedError(Exception):
 class Explorer:
     """A recording, its actuator's twin, and the unknowns that one may move.
 
+    Raises `RecordError` if candidates cannot be compared with the recording; `InputError` if an
+    argument cannot be used.
+
     Parameters
     ----------
     record : a `Recording`, a file that `ematwin.read` knows, or None: a shipped scenario, with the
@@ -48,13 +51,6 @@ class Explorer:
     ----------
     unknowns : by name, what has a slider: faults, then load and sensors where they matter
     stopped : set it to end a search that is under way
-
-    Raises
-    ------
-    RecordError
-        If candidates cannot be compared with the recording.
-    InputError
-        If an argument cannot be used.
     """
 
     def __init__(
@@ -135,11 +131,7 @@ class Explorer:
             "scenarios": [] if self.recorded else sorted(self.model.scenarios()),
             "sliders": [self._slider(one) for one in self.unknowns.values()],
             "channels": [
-                {
-                    "name": name,
-                    "title": capital(captions[name][0]),
-                    "unit": self._shown_in(name)[0],
-                }
+                {"name": name, "title": capital(captions[name][0]), "unit": self._shown_in(name)[0]}
                 for name in self._target
             ],
             "inputs": self._inputs(),

@@ -50,15 +50,12 @@ def asset(*names: str) -> str:
 class LocalServer(ThreadingHTTPServer):
     """A server on the loopback address, whose pages only those find who know its token.
 
+    Raises `InputError` if the port cannot be used.
+
     Parameters
     ----------
     handler : `LocalHandler`
     port : 0 takes a free one
-
-    Raises
-    ------
-    InputError
-        If the port cannot be used.
     """
 
     daemon_threads = True

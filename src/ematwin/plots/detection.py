@@ -5,14 +5,7 @@ from typing import Any
 
 from ematwin.monitoring.detection import Detection
 from ematwin.monitoring.diagnosis import Diagnosis, Magnitude
-from ematwin.plots.style import (
-    AMBER,
-    GREEN,
-    GREY,
-    colors_of,
-    stacked,
-    tick_labels,
-)
+from ematwin.plots.style import AMBER, GREEN, GREY, colors_of, stacked, tick_labels
 from ematwin.quantities import preferred
 
 _SYMBOLS = ("diamond", "square", "triangle-up", "cross", "x", "star", "pentagon", "hourglass")

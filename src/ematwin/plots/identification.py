@@ -6,17 +6,7 @@ import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.estimation.identification import Identification
-from ematwin.plots.style import (
-    AMBER,
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    PALE,
-    line,
-    stacked,
-    styled,
-)
+from ematwin.plots.style import AMBER, BLUE, GREEN, GREY, ORANGE, PALE, line, stacked, styled
 from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording
 

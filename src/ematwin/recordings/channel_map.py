@@ -88,6 +88,8 @@ class CsvOptions(BaseModel):
 class ChannelMap(BaseModel):
     """Channels of a file by channel of the recording, and what holds for the whole file.
 
+    Raises `InputError` if a column or option is unknown or impossible.
+
     Parameters
     ----------
     channels : of the kind of actuator; time is added
@@ -99,11 +101,6 @@ class ChannelMap(BaseModel):
     gear_ratio : motor turns for one turn of the output, needed for channels of the other side
     without : channels that are left out although the file has them under their own names
     csv : `CsvOptions`
-
-    Raises
-    ------
-    InputError
-        If a column or option is unknown or impossible.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
@@ -205,10 +202,7 @@ class ChannelMap(BaseModel):
 
     @classmethod
     def parse(
-        cls,
-        columns: Sequence[str],
-        channels: Sequence[Channel],
-        base: "ChannelMap | None" = None,
+        cls, columns: Sequence[str], channels: Sequence[Channel], base: "ChannelMap | None" = None
     ) -> "ChannelMap":
         """A map from texts such as ``'i_a=Phase A [A]'``, put over another map.
 

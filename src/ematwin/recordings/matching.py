@@ -63,14 +63,9 @@ def match(file: RecordedFile, channel_map: ChannelMap, needs: Needs) -> Matched:
 
     Channels that the map does not name are found by their own name or alias, with or without a
     unit. Beside a map an optional channel that is ambiguous or of another unit is left out, with a
-    warning, and so is another form of a quantity that the map gives.
-
-    Raises
-    ------
-    MissingChannelError
-        If there is none of a needed channel.
-    RecordError
-        If a channel is ambiguous, or there is none of that name in the map.
+    warning, and so is another form of a quantity that the map gives. Raises `MissingChannelError`
+    if there is none of a needed channel; `RecordError` if a channel is ambiguous, or there is none
+    of that name in the map.
     """
     channels, mapped = channel_map.channels, channel_map.columns
     found = {

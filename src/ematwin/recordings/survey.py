@@ -76,18 +76,14 @@ class Survey:
 def survey(path: Any, *, progress: Progress | None = None, **options: Any) -> Survey:
     """Look at every channel of a file.
 
+    Raises `FileError` if the file cannot be read; `MissingExtraError` if the library for this
+    format is not installed.
+
     Parameters
     ----------
     path : a file of a known format, or a DataFrame
     progress : called with the share read, in [0, 1], now and then
     **options : of a text table, see `ematwin.recordings.channel_map.CsvOptions`
-
-    Raises
-    ------
-    FileError
-        If the file cannot be read.
-    MissingExtraError
-        If the library for this format is not installed.
     """
     with open_file(path, **options) as file:
         names = file.names

@@ -16,12 +16,7 @@ def fault_table(values: Mapping[str, float], actuator: Any) -> Table:
     """Each value, as it is searched and as it is measured; what differs from healthy is marked."""
     rows = [
         Row(
-            [
-                row.name,
-                f"{row.normalised:.3g}",
-                *row.said,
-                row.meaning,
-            ],
+            [row.name, f"{row.normalised:.3g}", *row.said, row.meaning],
             marked=row.value != row.healthy,
         )
         for row in model_of(actuator).describe(actuator, values)

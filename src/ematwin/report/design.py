@@ -10,12 +10,7 @@ from ematwin.experiments.healthy_tests import HealthyTests
 from ematwin.models.base import Demand
 from ematwin.models.registry import model_of
 from ematwin.models.scenario import Scenario
-from ematwin.plots.design import (
-    plot_command,
-    plot_errors,
-    plot_healthy_tests,
-    plot_learnt_errors,
-)
+from ematwin.plots.design import plot_command, plot_errors, plot_healthy_tests, plot_learnt_errors
 from ematwin.report.identifiability import told_table
 from ematwin.report.page import Row, Section, Table, render
 from ematwin.showing.text import number_of, said
@@ -40,11 +35,7 @@ def design_page(found: Design) -> str:
             f"simulated recordings of each command{which}."
         )
     sections = [
-        Section(
-            "Command",
-            table=parts_table(found.scenario),
-            figure=plot_command(found),
-        ),
+        Section("Command", table=parts_table(found.scenario), figure=plot_command(found)),
         Section("Errors", text=text, table=errors_table(found)),
         Section(figure=plot_errors(found)),
         Section(
@@ -85,11 +76,7 @@ def discrimination_page(found: Discrimination) -> str:
         found.sentence,
         [
             Section("Explanations", table=Table(["", "first", "second"], rows)),
-            Section(
-                "Command",
-                table=parts_table(found.scenario),
-                figure=plot_command(found),
-            ),
+            Section("Command", table=parts_table(found.scenario), figure=plot_command(found)),
             Section("How it was found", facts=facts),
         ],
     )

@@ -41,11 +41,7 @@ def sobol_sections(parts: Sensitivity) -> list[Section]:
         "answers: by itself, and with all in which it takes part; standard errors."
     )
     return [
-        Section(
-            f"{parts.scenario.name}: {caption}",
-            text=text,
-            table=sobol_table(parts, channel),
-        )
+        Section(f"{parts.scenario.name}: {caption}", text=text, table=sobol_table(parts, channel))
         for channel, caption in parts.captions.items()
     ]
 

@@ -14,13 +14,8 @@ from ematwin.showing.text import number_of, said_between, with_interval
 def identification_page(found: Identification) -> str:
     """HTML page: faults, measured and fitted channels, residuals, convergence, provenance.
 
-    The recording is as it was identified: with the load that was given, counted from
-    where its rotor stood, and averaged.
-
-    Raises
-    ------
-    InputError
-        If the identification keeps no recording.
+    The recording is as it was identified: with the load that was given, counted from where its
+    rotor stood, and averaged. Raises `InputError` if the identification keeps no recording.
     """
     record = found.recording
     if record is None:

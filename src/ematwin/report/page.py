@@ -116,12 +116,8 @@ def render(
 def write_page(result: Any, path: str | Path, function: str) -> None:
     """Write the page of a result, made by a function of a module here, "module:name".
 
-    Raises
-    ------
-    InputError
-        If the suffix of the name is not .html.
-    FileError
-        If the file cannot be written.
+    Raises `InputError` if the suffix of the name is not .html; `FileError` if the file cannot be
+    written.
     """
     check_target(Path(path), (".html",))
     module, _, name = function.partition(":")

@@ -73,17 +73,14 @@ def _pandas() -> Any:
 def drawn(result: Any, kind: str, functions: Mapping[str, str], *settings: Any) -> Any:
     """The figure of a result.
 
+    Raises `InputError` if there is no such figure.
+
     Parameters
     ----------
     result : to be drawn
     kind : which of its figures
     functions : kind to the name of a function of `ematwin.plots`
     settings : further arguments of the function
-
-    Raises
-    ------
-    InputError
-        If there is no such figure.
     """
     if kind not in functions:
         raise InputError(f"There is no figure {kind!r}; choose {' or '.join(functions)}.")

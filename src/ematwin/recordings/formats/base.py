@@ -153,14 +153,9 @@ class RecordedFile:
 def open_file(path: Any, **options: Any) -> RecordedFile:
     """Open a file by its suffix, or a DataFrame; ``options`` are for text tables.
 
-    Raises
-    ------
-    InputError
-        If no reader knows the suffix, or the options are for another format.
-    FileError
-        If the file cannot be read, is truncated, or is not what its name says.
-    MissingExtraError
-        If the library for this format is not installed.
+    Raises `InputError` if no reader knows the suffix, or the options are for another format;
+    `FileError` if the file cannot be read, is truncated, or is not what its name says;
+    `MissingExtraError` if the library for this format is not installed.
     """
     named = ", ".join(sorted(options))
     if is_frame(path):
@@ -275,10 +270,7 @@ def name_given(error: EmatwinError, path: Path, given: Path) -> None:
 def as_float(values: Any, name: str, path: Path) -> np.ndarray:
     """A fresh (S,) float64 array; clock times become seconds since the first of them.
 
-    Raises
-    ------
-    RecordError
-        If the channel holds something else than numbers.
+    Raises `RecordError` if the channel holds something else than numbers.
     """
     array = np.asarray(values)
     if array.dtype.kind == "M":

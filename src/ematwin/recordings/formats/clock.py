@@ -55,10 +55,7 @@ class Clock:
     def nanoseconds(self, texts: Sequence[str | None]) -> np.ndarray:
         """Times (S,), int64, since 1970 or midnight; `MISSING` where a cell is empty.
 
-        Raises
-        ------
-        RecordError
-            If a text is no clock time.
+        Raises `RecordError` if a text is no clock time.
         """
         days: dict[tuple[str | None, ...], int] = {}
         return np.array([self._one(text, days) for text in texts], dtype=np.int64)

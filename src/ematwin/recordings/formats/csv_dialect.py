@@ -65,12 +65,8 @@ def sniff(
 ) -> CsvDialect:
     """Recognise the dialect of a text table; options that are given are not guessed.
 
-    Raises
-    ------
-    FileError
-        If the file is empty, holds a header only, or is no text.
-    RecordError
-        If no rows of numbers can be recognised.
+    Raises `FileError` if the file is empty, holds a header only, or is no text; `RecordError` if no
+    rows of numbers can be recognised.
     """
     head, middle, encoding, mark = _samples(path)
     lines = head.splitlines(keepends=True)

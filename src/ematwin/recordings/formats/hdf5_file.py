@@ -7,12 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ematwin.errors import FileError
-from ematwin.recordings.formats.base import (
-    RecordedFile,
-    load_library,
-    matrix_columns,
-    refusing,
-)
+from ematwin.recordings.formats.base import RecordedFile, load_library, matrix_columns, refusing
 
 _HEAP = b"GCOL\x01\0\0\0"
 _UNIT_ATTRIBUTES = ("unit", "units", "Unit", "Units", "unit_string")

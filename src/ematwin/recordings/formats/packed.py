@@ -25,12 +25,8 @@ from ematwin.recordings.formats.base import (
 def open_packed(path: Path, **options: Any) -> RecordedFile:
     """Open the content of a gzip or zip file or a workbook; ``options`` are for text tables.
 
-    Raises
-    ------
-    FileError
-        If it is damaged, or holds no recording or several.
-    MissingExtraError
-        If a workbook is given and openpyxl is not installed.
+    Raises `FileError` if it is damaged, or holds no recording or several; `MissingExtraError` if a
+    workbook is given and openpyxl is not installed.
     """
     suffix = path.suffix.lower()
     folder = TemporaryDirectory(prefix="ematwin-")
