@@ -176,7 +176,7 @@ def print_findings(found: "Identification") -> None:
 
 def print_uncertainty(sure: "Uncertainty") -> None:
     """Intervals of the faults by the method that was asked for, and its probabilities."""
-    from ematwin.report.uncertainty import uncertainty_table
+    from ematwin.report.identification import uncertainty_table
 
     options.print_table(f"95 % by {sure.method}", uncertainty_table(sure))
     for sentence in sure.sentences:

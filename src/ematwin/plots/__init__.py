@@ -12,7 +12,7 @@ from typing import Any
 
 _HOMES = {
     "plot_before_and_after": "calibration",
-    "plot_channels": "channels",
+    "plot_channels": "recordings",
     "plot_command": "design",
     "plot_convergence": "identification",
     "plot_correlation": "identifiability",
@@ -24,9 +24,9 @@ _HOMES = {
     "plot_learnt_errors": "design",
     "plot_posterior": "uncertainty",
     "plot_profile": "uncertainty",
-    "plot_recording": "channels",
+    "plot_recording": "recordings",
     "plot_residuals": "calibration",
-    "plot_response": "simulation",
+    "plot_response": "recordings",
     "plot_smallest": "identifiability",
     "plot_study": "study",
     "plot_trend": "detection",

@@ -1,6 +1,4 @@
-"""Figures of designed commands: a command beside the given one, and the errors of both; healthy
-tests, and how well parameters are known after each.
-"""
+"""Figures of designed commands and of healthy tests."""
 
 from typing import Any
 
@@ -47,28 +45,22 @@ def plot_command(found: Design | Discrimination) -> Any:
 
 def plot_errors(found: Design) -> Any:
     """Expected and observed errors of each fault, as shares of its range."""
-    import plotly.graph_objects as go
+    from plotly.graph_objects import Figure
 
-    figure = go.Figure()
-    for name, color, seen, command in (
-        ("given", GREY, "#57606a", found.default),
-        ("designed", BLUE, GREEN, found.promised),
+    figure = Figure()
+    for name, command, color, seen, symbol in (
+        ("given", found.default, GREY, "#57606a", "x"),
+        ("designed", found.promised, BLUE, ORANGE, "diamond"),
     ):
         faults = list(command.shares)
-        figure.add_bar(
-            x=faults,
-            y=[100.0 * command.shares[fault] for fault in faults],
-            name=f"{name}, expected",
-            marker_color=color,
-        )
+        expected = [100.0 * share for share in command.shares.values()]
+        figure.add_bar(x=faults, y=expected, name=f"{name}, expected", marker_color=color)
         if command.observed:
             figure.add_scatter(
                 x=faults,
                 y=[100.0 * command.observed[fault] / command.ranges[fault] for fault in faults],
-                name=f"{name}, observed",
-                mode="markers",
-                marker={"color": seen if name == "given" else ORANGE, "size": 11,
-                        "symbol": "x" if name == "given" else "diamond"},
+                name=f"{name}, observed", mode="markers",
+                marker={"color": seen, "size": 11, "symbol": symbol},
             )  # fmt: skip
     figure.update_yaxes(title_text="error, % of the range", rangemode="tozero")
     return styled(figure, 360)
@@ -118,6 +110,5 @@ def plot_learnt_errors(found: HealthyTests) -> Any:
             hovertemplate="%{y}: %{x:.2g} %",
         )  # fmt: skip
     figure.update_xaxes(title_text="standard error, %", type="log")
-    figure = styled(figure, 130 + 26 * len(places))  # px of a parameter
-    figure.update_layout(hovermode="closest", margin_l=20)
-    return figure
+    height = 130 + 26 * len(places)  # px of a parameter
+    return styled(figure, height, hovermode="closest", margin_l=20)

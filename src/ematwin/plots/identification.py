@@ -10,6 +10,11 @@ from ematwin.plots.style import AMBER, BLUE, GREEN, GREY, ORANGE, PALE, line, st
 from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording
 
+_LOOKS = {
+    "fault": ORANGE, "changed": AMBER, "agrees with healthy": GREEN, "no verdict": GREY,
+    "held": PALE,
+}  # fmt: skip
+
 
 def plot_faults(found: Identification) -> Any:
     """How far each fault lies from healthy, with its interval, coloured by the verdict.
@@ -17,10 +22,6 @@ def plot_faults(found: Identification) -> Any:
     A bar is a share of the fault's range. Green agrees with healthy, amber has changed without a
     name, orange is a fault that the verdict names; grey where there is no verdict or the value was
     held. A diamond is the true value, where the recording is a simulation.
-
-    Returns
-    -------
-    plotly.graph_objects.Figure
     """
     from plotly.graph_objects import Figure
 
@@ -30,9 +31,10 @@ def plot_faults(found: Identification) -> Any:
         if one.name in found.values and one.direction_of is None
     }
     names = list(unknowns)[::-1]  # plotly draws from below
+    healthy = {name: one.healthy for name, one in unknowns.items()}
 
     def deviation(name: str, value: float) -> float:
-        return 100.0 * (value - unknowns[name].healthy) / unknowns[name].width
+        return 100.0 * (value - healthy[name]) / unknowns[name].width
 
     at = {name: deviation(name, found.values[name]) for name in names}
     ends = {
@@ -41,7 +43,8 @@ def plot_faults(found: Identification) -> Any:
         for name in names
     }
     figure = Figure()
-    for label, color, members in _by_verdict(found, names):
+    for label, color in _LOOKS.items():
+        members = [name for name in names if _state(found, name, healthy[name]) == label]
         if not members:
             continue
         figure.add_bar(
@@ -66,36 +69,21 @@ def plot_faults(found: Identification) -> Any:
     figure.update_yaxes(categoryorder="array", categoryarray=names)
     figure.update_xaxes(title_text="deviation from healthy, % of its range", zeroline=True,
                         zerolinewidth=2, ticksuffix=" %")  # fmt: skip
-    figure = styled(figure, 130 + 34 * len(names))  # px of a bar
-    figure.update_layout(hovermode="closest", barmode="overlay", margin_l=20)
-    return figure
+    height = 130 + 34 * len(names)  # px of a bar
+    return styled(figure, height, hovermode="closest", barmode="overlay", margin_l=20)
 
 
-def _by_verdict(found: Identification, names: list[str]) -> list[tuple[str, str, list[str]]]:
-    """Label, colour and faults of each group of bars."""
-    free = [name for name in names if name in found.intervals]
-    groups: dict[str, list[str]] = {"fault": [], "changed": [], "healthy": [], "open": []}
-    for name in free:
-        healthy = next(
-            one.healthy for one in found.model.faults(found.actuator) if one.name == name
-        )
-        low, high = found.intervals[name]
-        if name in found.present:
-            groups["fault"].append(name)
-        elif found.verdict.grade == "none":
-            groups["open"].append(name)
-        elif found.verdict.grade == "changed" and not low <= healthy <= high:
-            groups["changed"].append(name)
-        else:
-            groups["healthy"].append(name)
-    held = [name for name in names if name not in free]
-    return [
-        ("fault", ORANGE, groups["fault"]),
-        ("changed", AMBER, groups["changed"]),
-        ("agrees with healthy", GREEN, groups["healthy"]),
-        ("no verdict", GREY, groups["open"]),
-        ("held", PALE, held),
-    ]
+def _state(found: Identification, name: str, healthy: float) -> str:
+    """The group of bars that a fault belongs to."""
+    if name not in found.intervals:
+        return "held"
+    if name in found.present:
+        return "fault"
+    if found.verdict.grade == "none":
+        return "no verdict"
+    low, high = found.intervals[name]
+    off = found.verdict.grade == "changed" and not low <= healthy <= high
+    return "changed" if off else "agrees with healthy"
 
 
 def true_faults(found: Identification) -> dict[str, float]:
@@ -123,10 +111,6 @@ def plot_fit(found: Identification, recording: Recording | None = None) -> Any:
     ----------
     recording : that was identified; None takes the recording in the identification
 
-    Returns
-    -------
-    plotly.graph_objects.Figure
-
     Raises
     ------
     InputError
@@ -140,7 +124,8 @@ def plot_fit(found: Identification, recording: Recording | None = None) -> Any:
     model = found.model
     comparison = model.compare(recording, found.actuator)
     values = {**found.fitted, **found.values}
-    healthy_values = {**values, **_healthy_faults(found)}
+    # nuisances stay as they were found
+    healthy_values = values | {one.name: one.healthy for one in model.faults(found.actuator)}
     both = {name: np.array([value, healthy_values[name]]) for name, value in values.items()}
     answers = comparison.responses(both, 2)
     measured = comparison.measured()
@@ -161,21 +146,12 @@ def plot_fit(found: Identification, recording: Recording | None = None) -> Any:
     return figure
 
 
-def _healthy_faults(found: Identification) -> dict[str, float]:
-    """Healthy values of the faults; nuisances stay as they were found."""
-    return {one.name: one.healthy for one in found.model.faults(found.actuator)}
-
-
 def plot_convergence(found: Any) -> Any:
     """Best cost over the simulations of a search.
 
     Parameters
     ----------
     found : Identification, or the `MinimizeResult` of `ematwin.minimize`
-
-    Returns
-    -------
-    plotly.graph_objects.Figure
     """
     if isinstance(found, Identification):
         evaluations, cost = found.history.T

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from ematwin.plots.channels import plot_channels
+from ematwin.plots.recordings import plot_channels
 from ematwin.recordings.proposal import HEADINGS, Proposal
 from ematwin.recordings.survey import Survey, Surveyed
 from ematwin.report.page import Row, Section, Table, render

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from ematwin.models.registry import model_of
-from ematwin.plots.simulation import plot_response
+from ematwin.plots.recordings import plot_response
 from ematwin.recordings.recording import Recording
 from ematwin.report.page import Row, Section, Table, listed, render
 from ematwin.showing.text import said

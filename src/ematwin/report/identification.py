@@ -3,11 +3,12 @@
 from ematwin.errors import InputError
 from ematwin.estimation.findings import fault_cells
 from ematwin.estimation.identification import Identification
-from ematwin.models.unknown import PhysicalValue
+from ematwin.estimation.profile import ProfileUncertainty
+from ematwin.estimation.uncertainty import Uncertainty
 from ematwin.plots.identification import plot_convergence, plot_faults, plot_fit, true_faults
+from ematwin.plots.uncertainty import plot_answers, plot_posterior, plot_profile
 from ematwin.recordings.recording import Recording
 from ematwin.report.page import Row, Section, Table, columns_in_words, listed, render
-from ematwin.report.uncertainty import uncertainty_sections
 from ematwin.showing.text import number_of, said_between, with_interval
 
 
@@ -45,33 +46,56 @@ def identification_page(found: Identification) -> str:
     return render(title, found.verdict.sentence, sections, notes, grade=found.verdict.grade)
 
 
+def uncertainty_sections(found: Identification, record: Recording) -> list[Section]:
+    """Intervals and probabilities, then the figures of the method."""
+    sure = found.uncertainty
+    if sure is None:
+        return []
+    points = [*sure.sentences, *(f"Doubt: {sentence}" for sentence in sure.doubts)]
+    sections = [
+        Section(f"How sure: {sure.method}", table=uncertainty_table(sure)),
+        Section(points=points),
+    ]
+    if isinstance(sure, ProfileUncertainty):
+        text = "Where the rise passes the dotted line the 95 % interval ends."
+        sections.append(Section("Profiles of the faults", text=text, figure=plot_profile(found)))
+    return [
+        *sections,
+        Section(
+            "Faults together",
+            text="Each pair of faults by draws: a slanted cloud is two that are traded off.",
+            figure=plot_posterior(found),
+        ),
+        Section(
+            "What the twin may answer",
+            text="The recording over the answers of the twin to draws of everything that is "
+            "unknown. Noise of the sensors is not in the band.",
+            figure=plot_answers(found, record),
+        ),
+    ]
+
+
+def uncertainty_table(sure: Uncertainty) -> Table:
+    """Interval and probability of each fault by the method that was asked for."""
+    rows = [Row(list(row), marked=sure.present[row[0]] > 0.5) for row in sure.rows]
+    return Table(list(sure.headings), rows, last_is_text=True)
+
+
 def fault_table(found: Identification) -> Table:
     """Each value with its interval, physical value and healthy value; the true one if known."""
     truth = true_faults(found)
-    true_rows = {row.name: row for row in found.model.describe(found.actuator, truth)}
+    true = {
+        row.name: number_of(row.value, row.unit)
+        for row in found.model.describe(found.actuator, truth)
+    }
     rows = []
     for row in fault_cells(found):
-        true = true_rows.get(row.name)
-        cells = [
-            row.name,
-            row.value,
-            row.interval,
-            row.healthy,
-            *([_true_text(true)] if truth else []),
-            row.k,
-            row.k_interval,
-            row.meaning,
-        ]
+        cells = [row.name, row.value, row.interval, row.healthy]
+        cells += [true.get(row.name, "")] if truth else []
+        cells += [row.k, row.k_interval, row.meaning]
         rows.append(Row(cells, marked=row.name in found.present))
-    header = [
-        "fault", "value", "95 % of value", "healthy", *(["true"] if truth else []), "k",
-        "95 % of k", "meaning",
-    ]  # fmt: skip
-    return Table(header, rows, last_is_text=True)
-
-
-def _true_text(true: PhysicalValue | None) -> str:
-    return "" if true is None else number_of(true.value, true.unit)
+    header = ["fault", "value", "95 % of value", "healthy", *(["true"] if truth else [])]
+    return Table([*header, "k", "95 % of k", "meaning"], rows, last_is_text=True)
 
 
 def parts_table(found: Identification) -> Table:
