@@ -26,8 +26,6 @@ from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording
 from ematwin.showing.text import capital, said
 
-_PROFILE = 64  # points of a profile, full lanes; a bound at either end
-
 
 class StoppedError(Exception):
     """Nobody waits for the answer any more."""
@@ -39,13 +37,8 @@ class Explorer:
     Raises `RecordError` if candidates cannot be compared with the recording; `InputError` if an
     argument cannot be used.
 
-    Parameters
-    ----------
-    record : a `Recording`, a file that `ematwin.read` knows, or None: a shipped scenario, with the
-        healthy twin in place of a recording
-    actuator : as `ematwin.identify` takes it
-    scenario : simulated with the healthy twin where there is no recording; None takes the
-        kind's default
+    Parameters are as of `ematwin.explore`. Raises `RecordError` if candidates cannot be compared
+    with the recording; `InputError` if an argument cannot be used.
 
     Attributes
     ----------
@@ -122,10 +115,11 @@ class Explorer:
     def setup(self) -> dict[str, Any]:
         """Contents of a page: sliders, channels, and all that does not change as they move."""
         captions = self._comparison.captions()
+        rate = f"{len(self.recording)} samples at {self.recording.sample_rate:g} Hz"
         return {
             "title": f"{self.actuator.name}: {self.model.title}",
             "recorded": self.recorded,
-            "source": self._source(),
+            "source": f"{self.recording.name}, {rate}" if self.recorded else rate,
             "warnings": self.warnings,
             "scenario": self.scenario,
             "scenarios": [] if self.recorded else sorted(self.model.scenarios()),
@@ -149,13 +143,9 @@ class Explorer:
         }
 
     def answer(self, values: Mapping[str, float], channel: str, fitted: bool) -> dict[str, Any]:
-        """The twin's answer where the sliders stand.
+        """The twin's answer in a channel where the sliders stand; missing values are healthy.
 
-        Parameters
-        ----------
-        values : by name of `unknowns`; missing ones are healthy
-        channel : one of `channels`
-        fitted : whether parameters, load and sensors are taken from the last `verdict`
+        ``fitted`` takes parameters, load and sensors from the last `verdict`.
         """
         one = self._batch(values, 1, fitted)
         answer = self._comparison.responses(one, 1)[channel][0]
@@ -171,9 +161,9 @@ class Explorer:
         """The misfit over the range of one unknown, the others where the sliders stand."""
         one = self.unknowns[along]
         space = np.geomspace if one.logarithmic else np.linspace
-        grid = space(one.lower, one.upper, _PROFILE)
-        batch = self._batch(values, _PROFILE, fitted)
-        batch[along] = grid
+        count = 64  # full lanes
+        grid = space(one.lower, one.upper, count)
+        batch = self._batch(values, count, fitted) | {along: grid}
         rows = [one.physical_value(self.actuator, float(x)) for x in grid]
         x, unit = np.array([row.value for row in rows]), rows[0].unit
         if not (np.diff(x) > 0.0).all():
@@ -184,7 +174,7 @@ class Explorer:
             "position": _plain(grid, exact=True),
             "x": _plain(factor * x, exact=True),
             "unit": _spaced(unit),
-            "misfit": self._misfits(batch, _PROFILE),
+            "misfit": self._misfits(batch, count),
         }
 
     def fit(self, values: Mapping[str, float], fitted: bool) -> dict[str, Any]:
@@ -282,7 +272,9 @@ class Explorer:
         return _spaced(unit), factor
 
     def _slider(self, one: Unknown) -> dict[str, Any]:
-        truth = self._truth().get(one.name)
+        source = self.recording.provenance
+        known = self.recorded and source.get("source") == "simulated"
+        truth = (source.get("faults") or {}).get(one.name) if known else None
         return {
             "name": one.name,
             "title": one.name.replace("_", " ").capitalize(),
@@ -296,12 +288,6 @@ class Explorer:
             "truth": truth if truth is not None and one.lower <= truth <= one.upper else None,
         }
 
-    def _truth(self) -> Mapping[str, float]:
-        """The injected faults of a simulated recording."""
-        source = self.recording.provenance
-        known = self.recorded and source.get("source") == "simulated"
-        return source.get("faults") or {} if known else {}
-
     def _inputs(self) -> list[dict[str, Any]]:
         """Command and load over time; a load of zero is left out."""
         found = []
@@ -311,18 +297,9 @@ class Explorer:
                 continue
             one = self.model.channel(name)
             unit, factor = preferred(one.unit)
-            found.append(
-                {
-                    "title": capital(one.meaning),
-                    "unit": _spaced(unit),
-                    "values": _plain(factor * trace[self._shown]),
-                }
-            )
+            shown = _plain(factor * trace[self._shown])
+            found.append({"title": capital(one.meaning), "unit": _spaced(unit), "values": shown})
         return found
-
-    def _source(self) -> str:
-        rate = f"{len(self.recording)} samples at {self.recording.sample_rate:g} Hz"
-        return f"{self.recording.name}, {rate}" if self.recorded else rate
 
 
 def _spaced(text: str) -> str:
@@ -334,7 +311,6 @@ def _plain(values: np.ndarray, exact: bool = False) -> list[float | None]:
     finite = np.isfinite(values)
     if not exact and finite.any():
         largest = float(np.abs(values[finite]).max())
-        if largest > 0.0:
-            # five digits of the largest value
+        if largest > 0.0:  # five digits of it
             values = np.round(values, 5 - math.ceil(math.log10(largest)))
     return [x if ok else None for x, ok in zip(values.tolist(), finite.tolist(), strict=True)]

@@ -23,7 +23,6 @@ from ematwin.errors import InputError
 from ematwin.exploring.door import answered, waits
 from ematwin.exploring.explorer import Explorer, StoppedError
 
-_HOST = "127.0.0.1"
 HEADERS = {
     "Cache-Control": "no-store",
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
@@ -50,12 +49,7 @@ def asset(*names: str) -> str:
 class LocalServer(ThreadingHTTPServer):
     """A server on the loopback address, whose pages only those find who know its token.
 
-    Raises `InputError` if the port cannot be used.
-
-    Parameters
-    ----------
-    handler : `LocalHandler`
-    port : 0 takes a free one
+    Port 0 takes a free one. Raises `InputError` if the port cannot be used.
     """
 
     daemon_threads = True
@@ -65,22 +59,18 @@ class LocalServer(ThreadingHTTPServer):
     def __init__(self, handler: "type[LocalHandler]", port: int = 0) -> None:
         self.token = secrets.token_urlsafe(24)
         try:
-            super().__init__((_HOST, port), handler)
+            super().__init__(("127.0.0.1", port), handler)
         except (OSError, OverflowError) as refusal:
+            in_use = getattr(refusal, "errno", None) == errno.EADDRINUSE
             raise InputError(
-                f"Port {port} "
-                + (
-                    "is in use"
-                    if getattr(refusal, "errno", None) == errno.EADDRINUSE
-                    else "cannot be used"
-                )
-                + "; choose another with --port, or leave it out for a free one."
+                f"Port {port} {'is in use' if in_use else 'cannot be used'}; choose another with "
+                "--port, or leave it out for a free one."
             ) from None
 
     @property
     def hosts(self) -> tuple[str, str]:
         """Names by which a request may address this server."""
-        return f"{_HOST}:{self.server_port}", f"localhost:{self.server_port}"
+        return f"127.0.0.1:{self.server_port}", f"localhost:{self.server_port}"
 
     @property
     def address(self) -> str:
@@ -128,13 +118,7 @@ class LocalHandler(BaseHTTPRequestHandler):
 
 
 class Server(LocalServer):
-    """Serves an explorer until it is closed.
-
-    Parameters
-    ----------
-    explorer : Explorer
-    port : 0 takes a free one
-    """
+    """Serves an explorer until it is closed."""
 
     def __init__(self, explorer: Explorer, port: int = 0) -> None:
         self.explorer = explorer

@@ -13,7 +13,7 @@ import numpy as np
 
 from ematwin.errors import FileError, RecordError
 from ematwin.recordings.checksums import verify
-from ematwin.recordings.formats.arrow import as_floats
+from ematwin.recordings.formats.arrow import to_numpy
 from ematwin.recordings.formats.base import Progress, RecordedFile, refusing
 from ematwin.recordings.formats.clock import MISSING, over_midnight
 from ematwin.recordings.formats.csv_dialect import PLACEHOLDERS, sniff
@@ -164,7 +164,7 @@ class CsvFile(RecordedFile):
             if self._dialect.decimal == ",":
                 column = pc.replace_substring(column, ",", ".")
             column = column.cast(pa.float64())
-        return np.array(as_floats(column))
+        return np.array(to_numpy(column))
 
     def _check_end(self) -> None:
         """Refuse a file of ours that ends within a line; say it of others."""

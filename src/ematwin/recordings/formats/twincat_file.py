@@ -15,7 +15,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from ematwin.errors import FileError
-from ematwin.recordings.formats.arrow import as_floats
+from ematwin.recordings.formats.arrow import to_numpy
 from ematwin.recordings.formats.base import Progress, RecordedFile, refusing
 from ematwin.recordings.formats.csv_dialect import CsvDialect
 from ematwin.recordings.formats.csv_file import CsvFile
@@ -166,7 +166,7 @@ class TwinCatFile(CsvFile):
                         began = began or column[0].as_py()
                         since = pc.subtract(column, began).cast(pa.float64())
                         column = pc.multiply(since, 1e3 * _TICK)
-                    parts[place].append(np.array(as_floats(column)))
+                    parts[place].append(np.array(to_numpy(column)))
         return {place: np.concatenate(parts.pop(place)) for place in places}
 
     def _check_end(self) -> None:
