@@ -22,7 +22,6 @@ from ematwin.showing.results import is_frame
 
 Progress = Callable[[float], None]
 ENTRY_POINTS = "ematwin.readers"
-_MOST_COLUMNS = 64  # of a matrix that is taken for channels side by side
 _TEXT = (".csv", ".tsv", ".txt")
 _FORMATS = {
     **dict.fromkeys(_TEXT, "csv_file:CsvFile"),
@@ -59,6 +58,7 @@ class RecordedFile:
     Attributes
     ----------
     channels : dict, by full name where the channel lies in the file, in the order of the file
+    lengths : dict, samples of each channel, where only channels of one length belong together
     zone : of its calendar times
     path : Path
     given : Path that the user gave: ``path``, or the packed file that holds it
@@ -74,6 +74,7 @@ class RecordedFile:
     def __init__(self, path: Path) -> None:
         self.path = self.given = path
         self.channels: dict[str, Any] = {}
+        self.lengths: dict[str, int] = {}
         self.metadata: dict[str, Any] = {}
         self.assumed: list[str] = []
         self.start: datetime | None = None
@@ -87,7 +88,7 @@ class RecordedFile:
 
     def values(self, name: str) -> Any:
         """Values of a channel as the library of the format gives them."""
-        raise NotImplementedError(f"{type(self).__name__} gives neither values nor read")
+        return self.read([name])[name]
 
     def read(self, names: Sequence[str], progress: Progress | None = None) -> dict[str, np.ndarray]:
         """Values of some channels, and of no others, as the file holds them.
@@ -98,6 +99,8 @@ class RecordedFile:
             Missing samples are NaN; calendar times are s since the first of them, which is put into
             `clocks`.
         """
+        if type(self).values is RecordedFile.values:
+            raise NotImplementedError(f"{type(self).__name__} gives neither values nor read")
         columns: dict[str, np.ndarray] = {}
         with refusing(self.path, self.kind):
             for done, name in enumerate(names, start=1):
@@ -111,9 +114,17 @@ class RecordedFile:
 
     def texts(self, name: str) -> list[str]:
         """Values of a channel as texts, for labels such as a condition or the number of a run."""
-        values = self.read([name])[name]
+        with refusing(self.path, self.kind):
+            values = np.asarray(self.values(name)).reshape(-1)
+        if values.dtype.kind in "SUO":
+            decoded = (
+                one.decode("utf-8", "replace") if isinstance(one, bytes) else str(one)
+                for one in values.tolist()
+            )  # fmt: skip
+            return [text.strip("\0 ") for text in decoded]
+        numbers = as_float(values, name, self.path).tolist()
         # whole numbers in full: days such as 20261121 must stay apart
-        return [f"{x:.0f}" if x == round(x, 0) else f"{x:g}" for x in values.tolist()]
+        return [f"{x:.0f}" if x == round(x, 0) else f"{x:g}" for x in numbers]
 
     def unit(self, name: str) -> str | None:
         """Unit of a channel as the file states it; None where it states none."""
@@ -126,7 +137,7 @@ class RecordedFile:
 
     def time_base(self, name: str) -> str:
         """Key of the time base of a channel: channels of one key were sampled together."""
-        return ""
+        return f"{self.lengths[name]} samples" if name in self.lengths else ""
 
     def base_time(self, key: str) -> np.ndarray | None:
         """Times of a time base, s; None where the file gives time as a channel or not at all."""
@@ -157,17 +168,18 @@ def open_file(path: Any, **options: Any) -> RecordedFile:
     `FileError` if the file cannot be read, is truncated, or is not what its name says;
     `MissingExtraError` if the library for this format is not installed.
     """
-    named = ", ".join(sorted(options))
-    if is_frame(path):
+    is_table = is_frame(path)
+    suffix = "" if is_table else Path(path).suffix.lower()
+    if options and suffix not in (*_TEXT, *_PACKED):
+        raise InputError(
+            f"{', '.join(sorted(options))} can be given only for CSV files; "
+            f"{'a DataFrame' if is_table else path} is not one. Leave it out."
+        )
+    if is_table:
         from ematwin.recordings.formats.frame import FrameFile
 
-        if options:
-            raise InputError(
-                f"{named} can be given only for CSV files; a DataFrame is not one. Leave it out."
-            )
         return FrameFile(path)
     path = Path(path)
-    suffix = path.suffix.lower()
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise FileError(f"{path} is a pipe or a device; save the recording to a file first.")
     if suffix in _PACKED and path.is_file():
@@ -185,10 +197,6 @@ def open_file(path: Any, **options: Any) -> RecordedFile:
     if not path.is_file():
         raise FileError(
             f"{path} is a folder; give a file." if path.is_dir() else f"There is no file {path}."
-        )
-    if options and suffix not in _TEXT:
-        raise InputError(
-            f"{named} can be given only for CSV files; {path} is not one. Leave it out."
         )
     if suffix in _TEXT and not options:
         from ematwin.recordings.formats.twincat_file import TwinCatFile, is_export
@@ -285,17 +293,6 @@ def as_float(values: Any, name: str, path: Path) -> np.ndarray:
     return np.array(array, dtype=np.float64, order="C").reshape(-1)
 
 
-def words(values: np.ndarray) -> list[str] | None:
-    """Texts of an array that holds texts, bytes decoded; None if it holds something else."""
-    if values.dtype.kind not in "SUO":
-        return None
-    items = values.reshape(-1).tolist()
-    return [
-        (one.decode("utf-8", "replace") if isinstance(one, bytes) else str(one)).strip("\0 ")
-        for one in items
-    ]
-
-
 def moment(stamp: np.datetime64, zone: tzinfo | None = None) -> datetime | None:
     """A clock time as a datetime, to the microsecond; None for no time or one out of range."""
     found = stamp.astype("datetime64[us]").item()
@@ -307,11 +304,9 @@ def matrix_columns(name: str, shape: Sequence[int]) -> list[tuple[str, int]]:
 
     A vector is one channel, standing or lying; a matrix of up to 64 columns is one for each.
     """
-    sides = [side for side in shape if side != 1]
+    sides = sorted(side for side in shape if side != 1)
     if len(sides) == 1:
         return [(name, sides[0])]
-    if len(sides) == 2 and sides[1] <= _MOST_COLUMNS and sides[1] < sides[0]:
-        return [(f"{name}[{k}]", sides[0]) for k in range(sides[1])]
-    if len(sides) == 2 and sides[0] <= _MOST_COLUMNS:
+    if len(sides) == 2 and sides[0] <= 64:
         return [(f"{name}[{k}]", sides[1]) for k in range(sides[0])]
     return []

@@ -6,8 +6,6 @@ from typing import Any, ClassVar
 from ematwin.errors import RecordError
 from ematwin.recordings.formats.base import RecordedFile
 
-_TIMES = ("time", "t", "timestamp")  # of an index, in lower case, that it is one of time
-
 
 class FrameFile(RecordedFile):
     """A DataFrame; its index counts as a channel where it is one of times or is called so.
@@ -21,7 +19,9 @@ class FrameFile(RecordedFile):
         super().__init__(Path(str(frame.attrs.get("source", "") or "DataFrame")))
         name = frame.index.name
         dated = frame.index.dtype.kind in "mM"
-        if dated or (name is not None and str(name).strip().casefold() in _TIMES):
+        if dated or (
+            name is not None and str(name).strip().casefold() in ("time", "t", "timestamp")
+        ):
             self.channels["time" if name is None else str(name)] = frame.index
         for place, column in enumerate(frame.columns):
             key = str(column)
@@ -35,9 +35,3 @@ class FrameFile(RecordedFile):
 
     def values(self, name: str) -> Any:  # noqa: D102
         return self.channels[name].to_numpy()
-
-    def texts(self, name: str) -> list[str]:  # noqa: D102
-        values = self.channels[name]
-        if values.dtype.kind in "biufmM":
-            return super().texts(name)
-        return [str(value) for value in values.tolist()]

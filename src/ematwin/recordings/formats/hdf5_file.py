@@ -25,8 +25,6 @@ class Hdf5File(RecordedFile):
         super().__init__(path)
         h5py = load_library("h5py", "h5py", "Reading HDF5 files")
         self._file = h5py.File(path, "r")
-        # channel -> dataset, and the field or column of the channel in it
-        self._lengths: dict[str, int] = {}
         self._heaps_checked = False
         try:
             self._file.visititems(self._note)
@@ -46,9 +44,6 @@ class Hdf5File(RecordedFile):
             text = None if key is None else attributes[key]
         return text.decode(errors="replace") if isinstance(text, bytes) else text and str(text)
 
-    def time_base(self, name: str) -> str:  # noqa: D102
-        return f"{self._lengths[name]} samples"
-
     def close(self) -> None:  # noqa: D102
         self._file.close()
 
@@ -59,7 +54,7 @@ class Hdf5File(RecordedFile):
             return dataset[()]
         if isinstance(part, str):
             return dataset[part]
-        return dataset[part, :] if dataset.shape[0] != self._lengths[name] else dataset[:, part]
+        return dataset[part, :] if dataset.shape[0] != self.lengths[name] else dataset[:, part]
 
     def _note(self, key: str | bytes, item: Any) -> None:
         shape = getattr(item, "shape", None)
@@ -76,7 +71,7 @@ class Hdf5File(RecordedFile):
 
     def _add(self, name: str, key: str, part: str | int | None, length: int) -> None:
         self.channels[name] = (key, part)
-        self._lengths[name] = length
+        self.lengths[name] = length
 
 
 def _check_heaps(path: Path) -> None:

@@ -20,7 +20,6 @@ from ematwin.recordings.formats.base import (
     complaints,
     load_library,
     refusing,
-    words,
 )
 
 _UNSET = datetime(1980, 1, 1, tzinfo=UTC)  # what asammdf gives where a file says nothing
@@ -63,19 +62,12 @@ class MdfFile(RecordedFile):
         with refusing(self.path, self.kind):
             return as_float(self._file.get_master(group), f"time of {key}", self.path)
 
-    def texts(self, name: str) -> list[str]:  # noqa: D102
-        group, index = self.channels[name]
-        with refusing(self.path, self.kind):
-            self._check_place(name, group, index)
-            samples = self._file.get(group=group, index=index, samples_only=True)[0]
-        return words(samples) or super().texts(name)
-
     def close(self) -> None:  # noqa: D102
         if self._file is not None:
             self._file.close()
             self._file = None
 
-    def values(self, name: str) -> np.ndarray:
+    def values(self, name: str) -> Any:
         """Samples of a channel, NaN where the file marks them as invalid."""
         group, index = self.channels[name]
         self._check_place(name, group, index)
@@ -91,9 +83,10 @@ class MdfFile(RecordedFile):
                 f"{self.path} promises {promised} samples of {name!r} and holds {len(samples)}. "
                 "It was truncated; copy it again."
             )
+        if invalid is None:
+            return samples
         values = as_float(samples, name, self.path)
-        if invalid is not None:
-            values[np.asarray(invalid, dtype=bool)] = np.nan
+        values[np.asarray(invalid, dtype=bool)] = np.nan
         return values
 
     def _check_place(self, name: str, group: int, index: int) -> None:
