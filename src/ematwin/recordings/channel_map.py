@@ -24,7 +24,6 @@ from ematwin.recordings.channel import Channel, channel_called, plain, with_time
 from ematwin.validation import load_toml, one_sentence
 
 PHASES = ("current_a", "current_b", "current_c")
-_IN_ORDER = "abc"
 _OPTIONS = ("sample_rate", "phase_order", "gear_ratio", "without")
 _CSV_OPTIONS = ("delimiter", "decimal", "skip_rows")
 
@@ -107,7 +106,7 @@ class ChannelMap(BaseModel):
 
     columns: dict[str, MappedChannel] = {}
     sample_rate: Hertz | None = None
-    phase_order: str = _IN_ORDER
+    phase_order: str = "abc"
     gear_ratio: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     without: tuple[str, ...] = ()
     csv: CsvOptions = CsvOptions()
@@ -146,7 +145,7 @@ class ChannelMap(BaseModel):
 
     def _problem(self) -> str | None:
         """A sentence on entries that do not fit together, or None."""
-        if sorted(self.phase_order) != list(_IN_ORDER):
+        if sorted(self.phase_order) != list("abc"):
             return (
                 "phase_order must name a, b and c once each, "
                 f"received {self.phase_order!r}; write for example acb"
@@ -155,7 +154,7 @@ class ChannelMap(BaseModel):
         if both:
             return f"{', '.join(both)} is mapped and left out; do one of the two"
         names = {channel.name for channel in self._channels}
-        if self.phase_order != _IN_ORDER and not names.issuperset(PHASES):
+        if self.phase_order != "abc" and not names.issuperset(PHASES):
             return "phase_order is for actuators with three phases; remove it"
         if self.sample_rate is not None and "time" in self.columns:
             return "time comes from a channel or from sample_rate; give one of the two"
@@ -179,7 +178,7 @@ class ChannelMap(BaseModel):
         """A map from a map, a mapping, a TOML file, or None: names as in a recording.
 
         A flat mapping may hold the options beside the columns:
-        ``{"i_a": "Phase A [A]", "sample_rate": "20 kHz"}``. ``channels`` belong to the kind.
+        ``{"i_a": "Phase A [A]", "sample_rate": "20 kHz"}``.
         """
         if given is None:
             return cls(channels)
@@ -249,10 +248,7 @@ Columns = ChannelMap | Mapping[str, Any] | str | Path | None
 def _column_name(text: str, channels: Sequence[Channel]) -> str:
     """The name of the channel that a name or alias means.
 
-    Raises
-    ------
-    InputError
-        If there is none; the message names the closest.
+    Raises `InputError`, which names the closest, if there is none.
     """
     channel = channel_called(text, channels)
     if channel is None:

@@ -49,14 +49,10 @@ _OBJECTS = {
 }  # fmt: skip
 _INDEX = re.compile(r"(?i)\b(?:0x(60[67f][0-9a-f])|(60[67f][0-9a-f])h)\b")
 _SERIES = ("phase", "ph", "strang")  # before the letter or number of a phase
-_HEADS = ("soll", "ist", "motor", "last", "abtriebs", "phasen")  # of German compounds
-
-
-def _by_word(table: dict[str, str]) -> dict[str, str]:
-    return {word: key for key, words in table.items() for word in words.split()}
-
-
-_QUANTITY_OF, _PLACE_OF, _PHASE_OF = map(_by_word, (_QUANTITIES, _PLACES, _PHASES))
+_QUANTITY_OF, _PLACE_OF, _PHASE_OF = (
+    {word: key for key, words in table.items() for word in words.split()}
+    for table in (_QUANTITIES, _PLACES, _PHASES)
+)
 
 
 @dataclass(frozen=True)
@@ -122,7 +118,7 @@ def _words(name: str) -> list[str]:
 def _parts(word: str) -> list[str]:
     """A German compound in its parts: ``sollwinkel`` as soll and winkel."""
     known = {**_QUANTITY_OF, **_PLACE_OF}
-    for head in _HEADS:
+    for head in ("soll", "ist", "motor", "last", "abtriebs", "phasen"):
         if word not in known and word.startswith(head) and word[len(head) :] in known:
             return [head, word[len(head) :]]
     return [word]
@@ -133,11 +129,7 @@ def find_channel(names: Sequence[str], wanted: str, path: Path) -> str:
 
     Compared one after the other, until exactly one fits: the full name; the name in another case;
     the last part of a path (``group/name``, ``struct.name``); either without the bracketed unit.
-
-    Raises
-    ------
-    RecordError
-        If no channel or more than one fits; the message names the closest.
+    Raises `RecordError`, which names the closest, if no channel or more than one fits.
     """
     if wanted in names:
         return wanted

@@ -16,8 +16,8 @@ from ematwin.recordings.survey import Survey, Surveyed
 from ematwin.recordings.units import unit_factor
 from ematwin.showing import markup
 from ematwin.showing.results import frame_of_rows
+from ematwin.showing.text import capital
 
-_SAME_SHAFT, _OTHER_SHAFT = (0.5, 2.0), 5.0  # span over that of the command
 HEADINGS = ("taken for", "channel", "unit", "because")
 
 
@@ -117,27 +117,24 @@ class Proposal:
 
     def to_frame(self) -> Any:
         """A pandas DataFrame with a row for each channel of the map; needs pandas."""
-        return frame_of_rows(
-            (
-                {"column": name, "channel": one.channel, "unit": one.unit or None,
-                 "unit_from": one.unit_from or None, "because": " ".join(one.reasons)}
-                for name, one in self.entries.items()
-            ),
-            "column",
+        rows = (
+            {"column": name, "channel": one.channel, "unit": one.unit or None,
+             "unit_from": one.unit_from or None, "because": " ".join(one.reasons)}
+            for name, one in self.entries.items()
         )  # fmt: skip
+        return frame_of_rows(rows, "column")
 
     to_dataframe = to_frame
 
     def _repr_html_(self) -> str:
         """Whether it is complete, then the map and open questions, in a notebook."""
-        return "".join(
-            [
-                markup.verdict(self.sentence, "healthy" if self.is_complete else "changed"),
-                markup.table(HEADINGS, self.rows),
-                *(markup.note(f"Open: {one.sentence}") for one in self.questions),
-                *(markup.note(f"Warning: {text}") for text in self.check),
-            ]
-        )
+        parts = [
+            markup.verdict(self.sentence, "healthy" if self.is_complete else "changed"),
+            markup.table(HEADINGS, self.rows),
+            *(markup.note(f"Open: {one.sentence}") for one in self.questions),
+            *(markup.note(f"Warning: {text}") for text in self.check),
+        ]
+        return "".join(parts)
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -168,12 +165,7 @@ def _lines(columns: Iterable[str], channels: Sequence[tuple[str, str]]) -> tuple
 class Draft:
     """A proposal in the making: which channels are clear, and which have to be asked for.
 
-    Parameters
-    ----------
-    found : Survey
-    channels : of the kind of actuator
-    needs : groups of channels; of each group at least one whole alternative must be there
-    command : name of the channel that is commanded
+    ``command`` is the name of the channel that is commanded.
     """
 
     def __init__(
@@ -193,10 +185,12 @@ class Draft:
     def _assign(self) -> None:
         """Enter the channels that are clear; ask where two are equally likely."""
         may_be: dict[str, list[str]] = {}  # by channel of the file
-        for column, all_of in self.ranked.items():
-            best = [one.name for one in all_of if one.score == all_of[0].score]
-            if not best or all_of[0].score < NAMED:
-                if best and self.channels[column].unit == "N*m":
+        for column, ranked in self.ranked.items():
+            best = [one.name for one in ranked if one.score == ranked[0].score]
+            if not best:
+                continue
+            if ranked[0].score < NAMED:
+                if self.channels[column].unit == "N*m":
                     listed = " or ".join(f"“{name}”" for name in best)
                     said = "or the motor's own torque: the name does not tell which."
                     self._ask(f"{listed} may be the {column}, {said}", [column], best)
@@ -251,15 +245,13 @@ class Draft:
         same = [name for name, side in sides.items() if side == own.side]
         others = [name for name, side in sides.items() if side not in (own.side, None)]
         said = f"it moves {ratio:.3g} times as far as the command, so it is of the"
-        if _SAME_SHAFT[0] < ratio < _SAME_SHAFT[1] and len(same) == 1:
+        if 0.5 < ratio < 2.0 and len(same) == 1:
             return same[0], f"{said} same shaft"
-        if ratio > _OTHER_SHAFT and len(others) == 1:
-            return others[0], f"{said} other shaft"
-        return None
+        return (others[0], f"{said} other shaft") if ratio > 5.0 and len(others) == 1 else None
 
     def _entry(self, column: str, chosen: Candidate, also: Sequence[str]) -> Entry:
         channel, one = self.channels[column], self.found[chosen.name]
-        reasons = [f"{channel.meaning[:1].upper()}{channel.meaning[1:]}: {chosen.reason}."]
+        reasons = [f"{capital(channel.meaning)}: {chosen.reason}."]
         if also:
             listed = " and ".join(also)
             reasons.append(f"By its words {listed} would do as well, but less plainly: check it.")
@@ -281,13 +273,10 @@ class Draft:
         """Ask for needed channels for which there is no name."""
         asked = [line for one in self.questions for line in one.lines]
         for group, wanted in unmet(self.needs, tuple(self.channels.values()), self.entries):
-            choice = [
-                line
-                for name in wanted
-                for line in _lines(
-                    [name], [(c.name, self.found[c.name].unit) for c in self.ranked[name]]
-                )
-            ]
+            choice: list[str] = []
+            for name in wanted:
+                channels = [(one.name, self.found[one.name].unit) for one in self.ranked[name]]
+                choice += _lines([name], channels)
             alternatives = " or ".join(" with ".join(part) for part in group)
             lead = f"Needed and not found for certain: {alternatives}; "
             if any(line.startswith(tuple(f"{name} =" for name in wanted)) for line in asked):

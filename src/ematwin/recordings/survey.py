@@ -12,9 +12,6 @@ from ematwin.recordings.formats.base import Progress, RecordedFile, open_file
 from ematwin.recordings.names import last_part
 from ematwin.recordings.units import bare, beside, is_unit, says_nothing, suffixes
 
-SHOWN_POINTS = 600  # of the small plot of a channel
-_TOGETHER = 64  # channels that are read at once: a text table is read through for each lot
-
 
 @dataclass(frozen=True)
 class Surveyed:
@@ -24,10 +21,10 @@ class Surveyed:
     unit: str  # as the file or the name states it; "" where neither does
     unit_from: str  # "file", "name" or ""
     stem: str  # the last part of the name without a unit
-    samples: int = 0  # how many, and how many of them are NaN or infinite
-    missing: int = 0
-    low: float = float("nan")  # least and largest value, in ``unit``; NaN where there is none
-    high: float = float("nan")
+    samples: int = 0
+    missing: int = 0  # of them, NaN or infinite
+    low: float = float("nan")  # least value, in ``unit``; NaN where there is none
+    high: float = float("nan")  # largest value
     # samples per second, Hz, where the file itself gives times; else None
     rate: float | None = None
     # (P,) arrays, numbers of samples and values of a thinned trace
@@ -74,23 +71,18 @@ class Survey:
 
 
 def survey(path: Any, *, progress: Progress | None = None, **options: Any) -> Survey:
-    """Look at every channel of a file.
+    """Look at every channel of a file of a known format, or of a DataFrame.
 
-    Raises `FileError` if the file cannot be read; `MissingExtraError` if the library for this
-    format is not installed.
-
-    Parameters
-    ----------
-    path : a file of a known format, or a DataFrame
-    progress : called with the share read, in [0, 1], now and then
-    **options : of a text table, see `ematwin.recordings.channel_map.CsvOptions`
+    ``options`` are of a text table, see `ematwin.recordings.channel_map.CsvOptions`. Raises
+    `FileError` if the file cannot be read, `MissingExtraError` if its library is not installed.
     """
     with open_file(path, **options) as file:
         names = file.names
         rates: dict[str, float | None] = {}
         found: list[Surveyed] = []
-        for start in range(0, len(names), _TOGETHER):
-            some = names[start : start + _TOGETHER]
+        together = 64  # channels: a text table is read through for each lot
+        for start in range(0, len(names), together):
+            some = names[start : start + together]
             values = _numbers(file, some)
             found += [_surveyed(file, name, values.get(name), rates) for name in some]
             if progress is not None:
@@ -121,7 +113,7 @@ def _surveyed(
         rates[base] = _rate(file.base_time(base))
     finite = values[np.isfinite(values)]
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (np.nan, np.nan)
-    places = extremes(values, SHOWN_POINTS)
+    places = extremes(values, 600)  # points of a small plot
     return Surveyed(
         name, *stated, values.size, values.size - finite.size, low, high,
         rates[base], places, values[places],
