@@ -5,6 +5,9 @@ from pathlib import Path
 import typer
 
 from ematwin.cli import complete, options
+from ematwin.errors import InputError
+from ematwin.files import check_target, write_text
+from ematwin.quantities import preferred
 
 
 def actuators(
@@ -21,11 +24,8 @@ def actuators(
     json: options.JsonOption = False,
 ) -> None:
     """List the actuators of all kinds, or show one: parameters, channels, faults."""
-    from ematwin.errors import InputError
-    from ematwin.files import check_target, write_text
     from ematwin.models.parameter_file import parameter_table
     from ematwin.models.registry import broken_kinds, load_actuator, model_of, shipped_actuators
-    from ematwin.quantities import preferred
 
     if name is None:
         if out is not None:
@@ -60,8 +60,8 @@ def actuators(
         },
         "unknowns": {
             one.name: {
-                "role": one.role, "unit": one.unit, "meaning": one.meaning,
-                "healthy": one.healthy, "lower": one.lower, "upper": one.upper,
+                key: getattr(one, key)
+                for key in ("role", "unit", "meaning", "healthy", "lower", "upper")
             }
             for one in model.unknowns(actuator)
         },
@@ -100,12 +100,10 @@ def scenarios(json: options.JsonOption = False) -> None:
         for key in model.scenarios()
     ]
     if json:
-        options.print_json(
-            {
-                s.name: {"duration": s.duration, "description": s.description, "kind": kind}
-                for kind, s in found
-            }
-        )
+        options.print_json({
+            s.name: {"duration": s.duration, "description": s.description, "kind": kind}
+            for kind, s in found
+        })  # fmt: skip
         return
     for kind, s in found:
         typer.echo(f"{s.name:<14} {kind:<12} {s.duration:>5.4g} s  {s.description}")

@@ -7,6 +7,7 @@ import typer
 
 from ematwin.cli import options
 from ematwin.cli.recordings import choice, known_fault, load, meant, remarks
+from ematwin.files import check_target
 
 if TYPE_CHECKING:
     from ematwin.monitoring.calibration_report import CalibrationReport
@@ -39,7 +40,6 @@ def calibrate(
     json: options.JsonOption = False,
 ) -> None:
     """Learn from healthy recordings how an actuator behaves and how far healthy runs differ."""
-    from ematwin.files import check_target
     from ematwin.models.registry import load_actuator, shipped_actuators
     from ematwin.monitoring.calibrate import calibrate as run
     from ematwin.monitoring.calibration import Calibration, is_as_written
@@ -99,10 +99,7 @@ def print_calibration(report: "CalibrationReport", out: Path) -> None:
         shown = shown.first(3)
     if shown.rows:
         options.print_table("Parameters", shown, width=110)
-    for sentence in (
-        *forms_sentences(report), *open_sentences(report, str(out)), misfit_sentence(report),
-        *spread_sentences(report)
-    ):  # fmt: skip
-        if sentence:
-            typer.echo(sentence)
+    sentences = [*forms_sentences(report), *open_sentences(report, str(out))]
+    for sentence in filter(None, (*sentences, misfit_sentence(report), *spread_sentences(report))):
+        typer.echo(sentence)
     options.print_notes("Warning", report.notes)

@@ -6,13 +6,12 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from ematwin.cli import options
+from ematwin.files import check_target, write_text
+from ematwin.showing.text import capital
 
 if TYPE_CHECKING:
     from ematwin.recordings.proposal import Proposal
     from ematwin.recordings.survey import Surveyed
-
-_BLOCKS = "▁▂▃▄▅▆▇█"
-_SPARK = 28  # characters
 
 
 def map_of(column: list[str] | None, map_file: Path | None, actuator: Any) -> Any:
@@ -44,12 +43,10 @@ def channels(
     Names, units, rates, ranges and a small plot of each. Open choices are asked.
     """
     from ematwin.cli.recordings import meant
-    from ematwin.files import check_target, write_text
     from ematwin.models.proposing import propose_map
     from ematwin.models.registry import load_actuator
     from ematwin.recordings.survey import survey
     from ematwin.report.channels import channels_page, channels_table
-    from ematwin.showing.text import capital
 
     if write is not None:
         check_target(write, (".toml",), replace=force)
@@ -95,10 +92,8 @@ def print_proposal(proposal: "Proposal", file: Path, actuator: str, written: Pat
             typer.echo(f"      {line}")
     if proposal.unused:
         typer.echo(f"Not used: {', '.join(proposal.unused)}")
-    if proposal.refused:
-        options.print_notes("A recording read so would be refused", proposal.check)
-    else:
-        options.print_notes("Warning", proposal.check)
+    doubt = "A recording read so would be refused" if proposal.refused else "Warning"
+    options.print_notes(doubt, proposal.check)
     if written is None:
         typer.echo(f"Next: ematwin channels {file} --actuator {actuator} --write map.toml")
         return
@@ -115,12 +110,13 @@ def sparkline(one: "Surveyed") -> str:
 
     if one.is_text or not np.isfinite(one.low):
         return ""
-    edges = np.linspace(0, max(one.samples - 1, 1), _SPARK + 1)
-    place = np.clip(np.searchsorted(edges, one.places, side="right") - 1, 0, _SPARK - 1)
-    heights = [one.shape[(place == n) & np.isfinite(one.shape)] for n in range(_SPARK)]
+    count, blocks = 28, "▁▂▃▄▅▆▇█"  # characters
+    edges = np.linspace(0, max(one.samples - 1, 1), count + 1)
+    place = np.clip(np.searchsorted(edges, one.places, side="right") - 1, 0, count - 1)
+    heights = [one.shape[(place == n) & np.isfinite(one.shape)] for n in range(count)]
     means = np.array([piece.mean() if piece.size else np.nan for piece in heights])
     low, high = np.nanmin(means), np.nanmax(means)
     if not high > low:
         return "".join(" " if np.isnan(mean) else "─" for mean in means)
-    steps = np.rint((means - low) / (high - low) * (len(_BLOCKS) - 1))
-    return "".join(" " if np.isnan(step) else _BLOCKS[int(step)] for step in steps)
+    steps = np.rint((means - low) / (high - low) * (len(blocks) - 1))
+    return "".join(" " if np.isnan(step) else blocks[int(step)] for step in steps)

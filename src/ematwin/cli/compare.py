@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from ematwin.cli import complete, options
+from ematwin.errors import InputError
 
 if TYPE_CHECKING:
     from ematwin.benchmarking.engines.base import Engine
@@ -68,7 +69,7 @@ def compare(
         population=population,
         iterations=iterations,
         seed=seed,
-        noise=None if noise is None else Noise.parse(noise),
+        noise=Noise.of(noise),
         box=box,
         actuator=chosen,
         scenario=scenario,
@@ -84,13 +85,9 @@ def compare(
 
 
 def _engine(
-    name: str | None,
-    scheduler: str | None,
-    workers: int | None,
-    time_limit: float | None,
+    name: str | None, scheduler: str | None, workers: int | None, time_limit: float | None,
     patience: float,
-) -> "Engine":
-    from ematwin.errors import InputError
+) -> "Engine":  # fmt: skip
     from ematwin.numerics.side_by_side import cores
 
     if time_limit is not None and not 0.0 < time_limit < float("inf"):

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from ematwin.cli import options
+from ematwin.errors import FileError, InputError
+from ematwin.files import check_target, write_text
+from ematwin.quantities import parse_quantity
 
 if TYPE_CHECKING:
     from ematwin.experiments.design import Design
     from ematwin.experiments.healthy_tests import HealthyTests
     from ematwin.models.parameter_set import ParameterSet
-
-_RECORDED = (".csv", ".parquet")
 
 
 def design(
@@ -68,9 +69,7 @@ def design(
     json: options.JsonOption = False,
 ) -> None:
     """Find the test command with which faults, or parameters, of an actuator are found best."""
-    from ematwin.files import check_target, write_text
     from ematwin.models.registry import load_actuator
-    from ematwin.quantities import parse_quantity
     from ematwin.recordings.noise import Noise
 
     check_target(out, (".toml",), replace=force)
@@ -79,18 +78,17 @@ def design(
     settings: dict[str, Any] = {
         "scenario": scenario,
         "duration": None if duration is None else parse_quantity(duration, "s", "--duration"),
-        "noise": None if noise is None else Noise.parse(noise),
+        "noise": Noise.of(noise),
         "seed": seed,
         **_limits(limit or [], chosen),
     }
     written: Any = out
     found: Any
+    given = {
+        "--fault": fault is not None, "--at": at, "--check": check, "--trials": trials is not None,
+    }  # fmt: skip
     if learn:
-        given = {
-            "--fault": fault is not None, "--at": at, "--check": check, "--exact": exact,
-            "--trials": trials is not None, "--budget": budget is not None,
-            "--discriminate": discriminate,
-        }  # fmt: skip
+        given |= {"--exact": exact, "--budget": budget is not None, "--discriminate": discriminate}
         _refuse("--learn proposes tests of the healthy actuator and", given)
         from ematwin.experiments.healthy_tests import TESTS, healthy_tests, numbered
         from ematwin.report.design import healthy_tests_page as page
@@ -101,10 +99,6 @@ def design(
             found = healthy_tests(actuator, progress=share, **settings)
         written = found.save(out, replace=force)
     elif discriminate:
-        given = {
-            "--fault": fault is not None, "--at": at, "--check": check,
-            "--trials": trials is not None,
-        }  # fmt: skip
         _refuse("--discriminate compares two explanations and", given)
         from ematwin.experiments.discriminate import discriminate as tell_apart
         from ematwin.report.design import discrimination_page as page  # type: ignore[assignment]
@@ -151,8 +145,6 @@ def design(
 
 def _refuse(which: str, given: dict[str, Any]) -> None:
     """Refuse options that do not belong to a way of designing."""
-    from ematwin.errors import InputError
-
     wrong = [name for name, wanted in given.items() if wanted]
     if wrong:
         raise InputError(f"{which} takes no {wrong[0]}; leave it out.")
@@ -161,22 +153,18 @@ def _refuse(which: str, given: dict[str, Any]) -> None:
 def _limits(texts: list[str], actuator: "ParameterSet") -> dict[str, float]:
     """Limits in SI, from numbers with or without units."""
     from ematwin.models.registry import model_of
-    from ematwin.quantities import parse_quantity
 
     units = {one.name: one.unit for one in model_of(actuator).limited}
-    found = {}
-    for name, text in options.pairs(texts, "--limit").items():
-        # a name that there is not is refused below, with those that there are
-        found[name] = parse_quantity(text, units.get(name, ""), f"--limit {name}")
-    return found
+    return {  # a name that there is not is refused later, with those that there are
+        name: parse_quantity(text, units.get(name, ""), f"--limit {name}")
+        for name, text in options.pairs(texts, "--limit").items()
+    }
 
 
 def _explanations(
     texts: list[str], actuator: str, chosen: "ParameterSet"
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Two explanations, from two lists of values, an answer of identify, or a recording."""
-    from ematwin.errors import InputError
-
     if len(texts) == 2:
         first, second = (
             options.numbers([part.strip() for part in text.split(",")], "--discriminate")
@@ -191,7 +179,7 @@ def _explanations(
     path = Path(texts[0])
     if path.suffix.lower() == ".json":
         answer, others = _answer(path)
-    elif path.suffix.lower() in _RECORDED:
+    elif path.suffix.lower() in (".csv", ".parquet"):
         from ematwin.models.reading import read
         from ematwin.monitoring.identify import identify
 
@@ -200,7 +188,7 @@ def _explanations(
     else:
         raise InputError(
             f"--discriminate cannot read {path}; give an answer of identify --json (.json) or a "
-            f"recording ({', '.join(_RECORDED)})."
+            "recording (.csv, .parquet)."
         )
     if not others:
         raise InputError(
@@ -213,17 +201,14 @@ def _explanations(
 
 def _answer(path: Path) -> tuple[dict[str, float], list[dict[str, float]]]:
     """Values and other answers in a file that ``identify --json`` wrote."""
-    from ematwin.errors import FileError, InputError
-
     try:
         table = json_text.loads(path.read_text(encoding="utf-8"))
         return dict(table["faults"]), list(table["other_answers"])
     except OSError as error:
         raise FileError(f"Cannot read {path}: {error.strerror}.") from None
     except (ValueError, KeyError, TypeError):
-        raise InputError(
-            f"{path} is no answer of ematwin identify --json; write one with it."
-        ) from None
+        text = f"{path} is no answer of ematwin identify --json; write one with it."
+        raise InputError(text) from None
 
 
 def _print_tests(found: "HealthyTests", written: list[Path]) -> None:
@@ -233,9 +218,8 @@ def _print_tests(found: "HealthyTests", written: list[Path]) -> None:
         return
     options.print_table("Tests", tests_table(found, [path.name for path in written]), width=170)
     options.print_table(LEARNT, learnt_table(found))
-    for sentence in (found.open_sentence, found.next_sentence):
-        if sentence:
-            typer.echo(sentence)
+    for sentence in filter(None, (found.open_sentence, found.next_sentence)):
+        typer.echo(sentence)
 
 
 def _print(found: "Design") -> None:
@@ -244,9 +228,8 @@ def _print(found: "Design") -> None:
     options.print_table("Expected error of each fault", errors_table(found))
     options.print_table("The price, on a healthy actuator (with faults)", price_table(found))
     if found.held:
-        typer.echo(
-            f"Counted as known, because no command can determine them: {', '.join(found.held)}"
-        )
+        held = ", ".join(found.held)
+        typer.echo(f"Counted as known, because no command can determine them: {held}")
     if found.left_out:
         typer.echo(found.left_out_sentence)
     if found.stopped == "time":

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from ematwin.monitoring.runs import Runs
     from ematwin.recordings.recording import Recording
 
-_EACH = ("motion", "run")
 # Keys that each verdict has, null where they do not apply.
 _ALWAYS = dict.fromkeys(("distance", "load_N", "sensor_coupling"))
 
@@ -57,7 +56,7 @@ def detect(
     from ematwin.monitoring.calibration import Calibration
     from ematwin.monitoring.identify import detect as run
 
-    if each not in _EACH:
+    if each not in ("motion", "run"):
         raise InputError(f"--each must be motion or run, received {each!r}.")
     options.check_outputs(report, table)
     failing = options.grades(fail_on)
@@ -92,14 +91,9 @@ def _needed(actuator: Path | None) -> Path:
 
 
 def answer(
-    found: "Detection",
-    recordings: "list[Recording] | Runs",
-    each: str,
-    table: Path | None,
-    report: Path | None,
-    json: bool,
-    failing: "Collection[str]",
-) -> None:
+    found: "Detection", recordings: "list[Recording] | Runs", each: str, table: Path | None,
+    report: Path | None, json: bool, failing: "Collection[str]",
+) -> None:  # fmt: skip
     """Write table and page if they are wanted, and print the verdicts with assumptions."""
     from ematwin.monitoring.runs import Runs
     from ematwin.recordings.tables import write_rows

@@ -9,12 +9,11 @@ import typer
 
 from ematwin.cli import options
 from ematwin.errors import InputError
+from ematwin.showing.results import plain
 
 if TYPE_CHECKING:
     from ematwin.fleet.actuator import FleetActuator
     from ematwin.fleet.fleet import Fleet
-
-_MOST = 20  # actuators in the terminal; the page has all
 
 FleetArgument = Annotated[Path, typer.Argument(help="The folder of `ematwin watch --fleet`.")]
 SerialArgument = Annotated[str, typer.Argument(help="Serial number of the actuator.")]
@@ -178,8 +177,6 @@ def reached(fleet: "Fleet", fail_on: str | None) -> bool:
 
 def plain_rows(fleet: "Fleet") -> list[dict[str, object]]:
     """Rows of `Fleet.table` for JSON, which knows no infinity."""
-    from ematwin.showing.results import plain
-
     return [plain(row) for row in fleet.table()]
 
 
@@ -192,7 +189,8 @@ def print_fleet(fleet: "Fleet") -> None:
         typer.echo("No recording is judged yet.")
         return
     shown = []
-    for row in rows[:_MOST]:
+    most = 20  # the page has all
+    for row in rows[:most]:
         life = fleet[row["serial_number"]].life_left()
         seen = " (acknowledged)" if row["acknowledged"] else ""
         named = (row["serial_number"], row["advisory"] + seen, life or "", row["advisory_reason"])
@@ -202,5 +200,5 @@ def print_fleet(fleet: "Fleet") -> None:
     if not fleet.limits_given:
         settings = fleet.store.folder / "fleet.toml"
         typer.echo(f"No life left without limits: state some under [limits] in {settings}.")
-    if len(rows) > _MOST:
-        typer.echo(f"and {len(rows) - _MOST} more actuators; --report shows all")
+    if len(rows) > most:
+        typer.echo(f"and {len(rows) - most} more actuators; --report shows all")

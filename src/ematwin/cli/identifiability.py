@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from ematwin.cli import complete, options
+from ematwin.files import write_text
 
 if TYPE_CHECKING:
     from ematwin.experiments.identifiability import Identifiability
@@ -47,16 +48,14 @@ def identifiability(
     """
     from ematwin.experiments.identifiability import FALSE_ALARM, MISS, ranked
     from ematwin.experiments.identifiability import identifiability as run
-    from ematwin.files import write_text
     from ematwin.recordings.noise import Noise
 
     options.check_outputs(report)
-    sensor = None if noise is None else Noise.parse(noise)
     values = options.numbers(fault or [], "--fault")
     given: list[str | None] = [*commands] if commands else [None]
     found = ranked([
         run(
-            command, actuator, faults=values, noise=sensor, exact=exact,
+            command, actuator, faults=values, noise=Noise.of(noise), exact=exact,
             false_alarm=FALSE_ALARM if false_alarm is None else false_alarm,
             miss=MISS if miss is None else miss,
         )

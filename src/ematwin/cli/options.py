@@ -14,6 +14,8 @@ import typer
 from ematwin.cli import complete
 from ematwin.cli.wording import for_shell
 from ematwin.errors import InputError
+from ematwin.files import check_target
+from ematwin.quantities import use_units
 
 if TYPE_CHECKING:
     from ematwin.report.page import Table
@@ -86,8 +88,6 @@ FailOption = Annotated[
 
 
 def _use_units(text: str | None) -> str | None:
-    from ematwin.quantities import use_units
-
     use_units(text)  # without the option those of the user's settings
     return text
 
@@ -150,8 +150,6 @@ def grades(text: str | None) -> set[str]:
 
 def check_outputs(page: Path | None, table: Path | None = None) -> None:
     """Refuse a page or table that cannot be written, before any work is done."""
-    from ematwin.files import check_target
-
     if page is not None:
         check_target(page, (".html",))
     if table is not None:

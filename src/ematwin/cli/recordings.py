@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from ematwin.cli.options import pairs
 from ematwin.errors import InputError
+from ematwin.quantities import parse_quantity
 
 if TYPE_CHECKING:
     from ematwin.models.parameter_set import ParameterSet
@@ -27,12 +28,9 @@ def meant(files: list[Path], column: list[str] | None, map_file: Path | None) ->
 
 
 def load(
-    files: list[Path],
-    column: list[str] | None,
-    map_file: Path | None,
-    actuator: Any,
+    files: list[Path], column: list[str] | None, map_file: Path | None, actuator: Any,
     *choices: Choices,
-) -> "list[Recording]":
+) -> "list[Recording]":  # fmt: skip
     """Recordings of an actuator in files and folders, each motion of a table, that fit a choice.
 
     ``column`` holds texts such as ``set_point=Demand [mm]``, ``map_file`` the same for all files.
@@ -60,13 +58,9 @@ def runs_in(files: list[Path]) -> bool:
 
 
 def runs(
-    table: Path,
-    actuator: Any,
-    column: list[str] | None,
-    map_file: Path | None,
-    known_of: "Callable[[Any, Path], Calibration]",
-    **options: Any,
-) -> "Runs":
+    table: Path, actuator: Any, column: list[str] | None, map_file: Path | None,
+    known_of: "Callable[[Any, Path], Calibration]", **options: Any,
+) -> "Runs":  # fmt: skip
     """The recordings of a table of runs, with the channels that the options name."""
     from ematwin.cli.channels import map_of
     from ematwin.monitoring.runs import read_runs
@@ -79,7 +73,6 @@ def runs(
 def constant_load(text: str | None, actuator: "ParameterSet") -> float | None:
     """A load in SI, from a number with or without its unit; None where none is given."""
     from ematwin.models.registry import model_of
-    from ematwin.quantities import parse_quantity
 
     if text is None:
         return None

@@ -5,6 +5,9 @@ from pathlib import Path
 import typer
 
 from ematwin.cli import complete, options
+from ematwin.errors import InputError
+from ematwin.files import check_target, write_text
+from ematwin.showing.text import said
 
 
 def simulate(
@@ -40,20 +43,15 @@ def simulate(
     json: options.JsonOption = False,
 ) -> None:
     """Simulate an actuator with any mix of its faults."""
-    from ematwin.errors import InputError
-    from ematwin.files import check_target, write_text
     from ematwin.models.reading import WRITTEN, write
     from ematwin.models.registry import load_actuator, model_of
     from ematwin.models.simulating import simulate as run
     from ematwin.models.unknown import table_of
-    from ematwin.recordings.noise import Noise
-    from ematwin.showing.text import said
 
     chosen = load_actuator(actuator)
     kind = model_of(chosen)
     values = kind.values_of(chosen, options.numbers(fault or [], "--fault"))
     asked = kind.load_scenario(scenario)
-    sensor = None if noise is None else Noise.parse(noise)
     if out is not None:
         check_target(out, WRITTEN)
         for source in (scenario or "", actuator):
@@ -62,7 +60,7 @@ def simulate(
     options.check_outputs(plot)
     more = [] if also is None else [name.strip() for name in also.split(",") if name.strip()]
     settings = {
-        "noise": sensor, "seed": seed, "sample_rate": sample_rate, "step": step, "also": more,
+        "noise": noise, "seed": seed, "sample_rate": sample_rate, "step": step, "also": more,
     }  # fmt: skip
     with options.progress_bar(f"Simulating {asked.duration:g} s", not json) as progress:
         record = run(model, asked, values, chosen, progress=progress, **settings)  # type: ignore[arg-type]

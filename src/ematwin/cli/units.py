@@ -1,9 +1,14 @@
 """``ematwin units``: the units in which a user wants to see values, kept in the settings."""
 
+import tomllib
+
+import tomli_w
 import typer
 
 from ematwin.cli.options import JsonOption, print_json
 from ematwin.errors import FileError, InputError
+from ematwin.files import write_text
+from ematwin.quantities import QUANTITIES, parse_units, settings_file, units_in_settings
 
 
 def units(
@@ -16,13 +21,6 @@ def units(
 
     Tables, JSON and DataFrames stay SI.
     """
-    import tomllib
-
-    import tomli_w
-
-    from ematwin.files import write_text
-    from ematwin.quantities import QUANTITIES, parse_units, settings_file, units_in_settings
-
     path = settings_file()
     if keep is not None:
         if "=" not in keep and keep.strip().casefold() != "si":
