@@ -24,7 +24,6 @@ class CsvFile(RecordedFile):
     """A text table; options as in `ematwin.recordings.channel_map.CsvOptions`."""
 
     kind: ClassVar[str] = "csv"
-    _last_row: ClassVar[str | None] = None  # that ends a table and is none of its rows
 
     def __init__(self, path: Path, **options: Any) -> None:
         super().__init__(path)
@@ -54,7 +53,11 @@ class CsvFile(RecordedFile):
         parts: list[list[np.ndarray]] = [[] for _ in names]
         origins: dict[int, int] = {}
         with refusing(self.path, self.kind):
-            self._check_end()
+            if ends_within_a_line(self) and self.metadata:
+                raise FileError(
+                    f"Cannot read {self.path} as csv: it ends within a line. It was truncated; "
+                    "copy it again."
+                )
             for batch, share in self._batches(positions):
                 for place, column in enumerate(batch.columns):
                     parts[place].append(self._numbers(column, positions[place], origins))
@@ -97,8 +100,6 @@ class CsvFile(RecordedFile):
         keys = [f"c{n}" for n in range(len(self._dialect.names))]
         # names were read by us: bytes above 127 in other columns stay undecoded
         encoding = self._dialect.encoding if self._dialect.encoding.startswith("utf-16") else "utf8"
-        if self._last_row is not None:
-            encoding = "latin-1"  # pyarrow decodes rows that it shows, and any bytes may be there
         start = self._dialect.start
         size = max(self.path.stat().st_size - start, 1)
         with self.path.open("rb") as file:
@@ -113,10 +114,7 @@ class CsvFile(RecordedFile):
                         block_size=1 << 20,
                         encoding=encoding,
                     ),
-                    parse_options=csv.ParseOptions(
-                        delimiter=self._dialect.delimiter,
-                        invalid_row_handler=None if self._last_row is None else self._shown,
-                    ),
+                    parse_options=csv.ParseOptions(delimiter=self._dialect.delimiter),
                     convert_options=csv.ConvertOptions(
                         include_columns=[keys[position] for position in positions],
                         column_types={
@@ -130,10 +128,6 @@ class CsvFile(RecordedFile):
                     ),
                 )
             )
-
-    def _shown(self, row: Any) -> str:
-        """Answer pyarrow about a row of another length than the others."""
-        return "skip" if row.text == self._last_row else "error"
 
     def _type(self, position: int) -> Any:
         import pyarrow as pa
@@ -166,17 +160,14 @@ class CsvFile(RecordedFile):
             column = column.cast(pa.float64())
         return np.array(to_numpy(column))
 
-    def _check_end(self) -> None:
-        """Refuse a file of ours that ends within a line; say it of others."""
-        with self.path.open("rb") as file:
-            file.seek(max(self.path.stat().st_size - 2, 0))
-            if file.read().rstrip(b"\x00").endswith((b"\n", b"\r")):
-                return
-        if self.metadata:
-            raise FileError(
-                f"Cannot read {self.path} as csv: it ends within a line. It was truncated; copy it "
-                "again."
-            )
-        said = "the file ends without a line break: its last row was taken as it stands"
-        if said not in self.assumed:
-            self.assumed.append(said)
+
+def ends_within_a_line(file: RecordedFile) -> bool:
+    """Whether a table ends without a line break, which is noted for the provenance."""
+    with file.path.open("rb") as content:
+        content.seek(max(file.path.stat().st_size - 2, 0))
+        if content.read().rstrip(b"\x00").endswith((b"\n", b"\r")):
+            return False
+    said = "the file ends without a line break: its last row was taken as it stands"
+    if said not in file.assumed:
+        file.assumed.append(said)
+    return True
