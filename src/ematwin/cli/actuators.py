@@ -4,6 +4,7 @@ from pathlib import Path
 
 import typer
 
+import ematwin
 from ematwin.cli import complete, options
 from ematwin.errors import InputError
 from ematwin.files import check_target, write_text
@@ -25,12 +26,12 @@ def actuators(
 ) -> None:
     """List the actuators of all kinds, or show one: parameters, channels, faults."""
     from ematwin.models.parameter_file import parameter_table
-    from ematwin.models.registry import broken_kinds, load_actuator, model_of, shipped_actuators
+    from ematwin.models.registry import broken_kinds, model_of, shipped_actuators
 
     if name is None:
         if out is not None:
             raise InputError("--out needs the name of an actuator; see ematwin actuators.")
-        found = [load_actuator(key) for key in shipped_actuators()]
+        found = [ematwin.load_actuator(key) for key in shipped_actuators()]
         if json:
             options.print_json({one.name: one.description for one in found})
         else:
@@ -38,7 +39,7 @@ def actuators(
                 typer.echo(f"{one.name:<12} {one.kind:<12} {one.description}")
             options.print_notes("Warning", broken_kinds())
         return
-    actuator = load_actuator(name)
+    actuator = ematwin.load_actuator(name)
     model = model_of(actuator)
     rows = list(actuator.parameters())
     if out is not None:

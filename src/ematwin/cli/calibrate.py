@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
+import ematwin
 from ematwin.cli import options
 from ematwin.cli.recordings import choice, known_fault, load, meant, remarks
 from ematwin.files import check_target
@@ -40,18 +41,17 @@ def calibrate(
     json: options.JsonOption = False,
 ) -> None:
     """Learn from healthy recordings how an actuator behaves and how far healthy runs differ."""
-    from ematwin.models.registry import load_actuator, shipped_actuators
-    from ematwin.monitoring.calibrate import calibrate as run
-    from ematwin.monitoring.calibration import Calibration, is_as_written
+    from ematwin.models.registry import shipped_actuators
+    from ematwin.monitoring.calibration import is_as_written
     from ematwin.recordings.motions import fitting
 
     check_target(out, (".toml",), replace=force or is_as_written(out))
     options.check_outputs(report)
-    before = None if add is None else Calibration.load(add)
+    before = None if add is None else ematwin.Calibration.load(add)
     if before is not None:
         template = before.actuator
     else:
-        template = load_actuator(actuator or meant(records, column, map_file))
+        template = ematwin.load_actuator(actuator or meant(records, column, map_file))
     wanted = choice(where or [], "--where")
     taught = [(text, *known_fault(text)) for text in known or []]
     recordings = load(
@@ -62,7 +62,7 @@ def calibrate(
         for text, fault, labels in taught
     }
     with options.progress_bar("Calibrating", not json) as progress:
-        found = run(
+        found = ematwin.calibrate(
             fitting(recordings, wanted),
             template,
             known=faults or None,

@@ -1,29 +1,19 @@
-"""``ematwin channels``: the channels of a file and a proposed map; ``--column`` and ``--map``."""
+"""``ematwin channels``: the channels of a file and a proposed map."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
+import ematwin
 from ematwin.cli import options
+from ematwin.cli.recordings import meant
 from ematwin.files import check_target, write_text
 from ematwin.showing.text import capital
 
 if TYPE_CHECKING:
     from ematwin.recordings.proposal import Proposal
     from ematwin.recordings.survey import Surveyed
-
-
-def map_of(column: list[str] | None, map_file: Path | None, actuator: Any) -> Any:
-    """The channel map of the options for recordings of an actuator, or None without any."""
-    if not column and map_file is None:
-        return None
-    from ematwin.models.registry import model_of
-    from ematwin.recordings.channel_map import ChannelMap
-
-    channels = model_of(actuator).channels
-    base = None if map_file is None else ChannelMap.of(map_file, channels)
-    return ChannelMap.parse(column or [], channels, base)
 
 
 def channels(
@@ -42,19 +32,16 @@ def channels(
 
     Names, units, rates, ranges and a small plot of each. Open choices are asked.
     """
-    from ematwin.cli.recordings import meant
-    from ematwin.models.proposing import propose_map
-    from ematwin.models.registry import load_actuator
     from ematwin.recordings.survey import survey
     from ematwin.report.channels import channels_page, channels_table
 
     if write is not None:
         check_target(write, (".toml",), replace=force)
     options.check_outputs(plot)
-    chosen = load_actuator(actuator or meant([file], None, None))
+    chosen = ematwin.load_actuator(actuator or meant([file], None, None))
     with options.progress_bar(f"Reading {file.name}", not json) as progress:
         found = survey(file, progress=progress)
-        proposal = propose_map(file, chosen, found)
+        proposal = ematwin.propose_map(file, chosen, found)
     if write is not None:
         write_text(write, proposal.as_toml())
     if plot is not None:

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
+import ematwin
 from ematwin.cli import complete, options
 from ematwin.errors import InputError
 
@@ -55,13 +56,12 @@ def compare(
     json: options.JsonOption = False,
 ) -> None:
     """Compare search algorithms over fault cases; continue where an earlier call stopped."""
-    from ematwin import Noise, load_actuator
     from ematwin.benchmarking.cases import cases_of
     from ematwin.benchmarking.plan import Plan
     from ematwin.benchmarking.store import Store
     from ematwin.benchmarking.study import run_study
 
-    chosen = load_actuator(actuator)
+    chosen = ematwin.load_actuator(actuator)
     plan = Plan(
         cases=cases_of(cases, chosen, count=count, seed=seed),
         algorithms=tuple(name.strip() for name in algorithms.split(",") if name.strip()),
@@ -69,7 +69,7 @@ def compare(
         population=population,
         iterations=iterations,
         seed=seed,
-        noise=Noise.of(noise),
+        noise=ematwin.Noise.of(noise),
         box=box,
         actuator=chosen,
         scenario=scenario,

@@ -10,8 +10,12 @@ from typing import Any
 
 import typer
 
+import ematwin
 from ematwin.cli import options
+from ematwin.cli.fleet import print_fleet
 from ematwin.cli.identify import print_findings
+from ematwin.errors import FileError, InputError
+from ematwin.files import write_text
 
 DRIVE, SHEET = "servo48-drive", "servo48"
 KNOWN = ("controller.position_gain", "controller.speed_gain")  # as commissioned, to 1 %
@@ -51,12 +55,6 @@ def demo(
     json: options.JsonOption = False,
 ) -> None:
     """Learn how a drive is built from healthy records, and find the faults of a later one."""
-    from ematwin import Faults, Noise, Scenario, load_actuator, simulate
-    from ematwin.errors import FileError
-    from ematwin.files import write_text
-    from ematwin.models.reading import read, write
-    from ematwin.monitoring.calibrate import calibrate
-    from ematwin.monitoring.identify import identify
     from ematwin.report.comparison import comparison_page
 
     try:
@@ -68,13 +66,13 @@ def demo(
     if fleet:
         _fleet(folder, seed, json)
         return
-    drive = load_actuator(DRIVE)
-    sheet = load_actuator(SHEET).changed({place: drive.value(place) for place in KNOWN})
+    drive = ematwin.load_actuator(DRIVE)
+    sheet = ematwin.load_actuator(SHEET).changed({place: drive.value(place) for place in KNOWN})
     sheet = sheet.with_tolerances(dict.fromkeys(KNOWN, 0.01))
     actual = drive.changed({place: drive.value(place) * factor for place, factor in OFF.items()})
-    injected = Faults.of(FAULTS)
-    sensor = Noise(white=0.02, bits=12)
-    commands: list[Scenario | str] = ["default", Scenario(**REVERSALS), Scenario(**RUN)]
+    injected = ematwin.Faults.of(FAULTS)
+    sensor = ematwin.Noise(white=0.02, bits=12)
+    commands: list[Any] = ["default", ematwin.Scenario(**REVERSALS), ematwin.Scenario(**RUN)]
     files = [folder / f"healthy-{n}.parquet" for n in range(1, len(commands) + 1)]
     record_file, twin_file = folder / "today.parquet", folder / "calibrated.toml"
     sheet_file = folder / "sheet.toml"
@@ -82,26 +80,28 @@ def demo(
     with options.progress_bar("Compiling (first run only) and recording", not json) as progress:
         healthy = []
         for n, (command, file) in enumerate(zip(commands, files, strict=True), start=1):
-            record = simulate(
+            record = ematwin.simulate(
                 "reference", command, actuator=actual, noise=sensor, seed=10 * seed + n
             )
-            write(record, file)
+            ematwin.write(record, file)
             healthy.append(record)
             progress(n / (len(files) + 1))
-        faulty = simulate("reference", faults=injected, actuator=actual, noise=sensor, seed=seed)
-        write(faulty, record_file)
+        faulty = ematwin.simulate(
+            "reference", faults=injected, actuator=actual, noise=sensor, seed=seed
+        )
+        ematwin.write(faulty, record_file)
         progress(1.0)
     page = comparison_page(faulty, healthy[0], injected.as_dict(), sheet)
     write_text(folder / "simulated.html", page)
     with options.progress_bar("Calibrating on the healthy records", not json) as progress:
-        twin = calibrate(files, sheet_file, name="calibrated", progress=progress)
+        twin = ematwin.calibrate(files, sheet_file, name="calibrated", progress=progress)
     twin.save(twin_file)
     twin.report(folder / "calibrated.html")
-    record = read(record_file)
+    record = ematwin.read(record_file)
     with options.progress_bar("searching", not json) as show:
         tell = options.searching(show, "simulations", "misfit")
-        found = identify(record, twin, seed=seed, progress=tell)
-        without = identify(record, sheet_file, seed=seed, progress=tell)
+        found = ematwin.identify(record, twin, seed=seed, progress=tell)
+        without = ematwin.identify(record, sheet_file, seed=seed, progress=tell)
     found.report(folder / "report.html")
     without.report(folder / "uncalibrated.html")
     if json:
@@ -138,9 +138,6 @@ def demo(
 
 def _fleet(folder: Path, seed: int, json: bool) -> None:
     """Fill a fleet with simulated estimates, and write its page."""
-    from ematwin.cli.fleet import print_fleet
-    from ematwin.errors import InputError
-    from ematwin.fleet.fleet import Fleet
     from ematwin.fleet.simulated import SimulatedFleet
 
     if any((folder / name).exists() for name in ("rows", "fleet.toml")):
@@ -149,7 +146,7 @@ def _fleet(folder: Path, seed: int, json: bool) -> None:
         options.progress_bar("Simulating the fleet", not json) as progress,
         TemporaryDirectory(dir=folder, prefix=".") as draft,  # gone where Ctrl-C ends this
     ):
-        fleet = Fleet(draft)
+        fleet = ematwin.Fleet(draft)
         SimulatedFleet(seed=seed).fill(fleet.store)
         progress(0.3)
         fleet.refresh()

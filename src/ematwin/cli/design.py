@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+import ematwin
 from ematwin.cli import options
 from ematwin.errors import FileError, InputError
 from ematwin.files import check_target, write_text
@@ -69,16 +70,13 @@ def design(
     json: options.JsonOption = False,
 ) -> None:
     """Find the test command with which faults, or parameters, of an actuator are found best."""
-    from ematwin.models.registry import load_actuator
-    from ematwin.recordings.noise import Noise
-
     check_target(out, (".toml",), replace=force)
     options.check_outputs(report)
-    chosen = load_actuator(actuator)
+    chosen = ematwin.load_actuator(actuator)
     settings: dict[str, Any] = {
         "scenario": scenario,
         "duration": None if duration is None else parse_quantity(duration, "s", "--duration"),
-        "noise": Noise.of(noise),
+        "noise": ematwin.Noise.of(noise),
         "seed": seed,
         **_limits(limit or [], chosen),
     }
@@ -90,34 +88,32 @@ def design(
     if learn:
         given |= {"--exact": exact, "--budget": budget is not None, "--discriminate": discriminate}
         _refuse("--learn proposes tests of the healthy actuator and", given)
-        from ematwin.experiments.healthy_tests import TESTS, healthy_tests, numbered
+        from ematwin.experiments.healthy_tests import TESTS, numbered
         from ematwin.report.design import healthy_tests_page as page
 
         for one in numbered(out, TESTS):
             check_target(one, (".toml",), replace=force)
         with options.progress_bar("Comparing tests", not json) as share:
-            found = healthy_tests(actuator, progress=share, **settings)
+            found = ematwin.healthy_tests(actuator, progress=share, **settings)
         written = found.save(out, replace=force)
     elif discriminate:
         _refuse("--discriminate compares two explanations and", given)
-        from ematwin.experiments.discriminate import discriminate as tell_apart
         from ematwin.report.design import discrimination_page as page  # type: ignore[assignment]
 
         first, second = _explanations(discriminate, actuator, chosen)
         with options.progress_bar("searching", not json) as show:
-            found = tell_apart(
+            found = ematwin.discriminate(
                 first, second, actuator, exact=exact, budget=budget,
                 progress=options.searching(show, "commands", "distance"), **settings,
             )  # fmt: skip
         found.save(out)
     else:
-        from ematwin.experiments.design import design as run
         from ematwin.report.design import design_page as page  # type: ignore[assignment]
 
         if trials is not None:
             settings["trials"] = trials
         with options.progress_bar("searching", not json) as show:
-            found = run(
+            found = ematwin.design(
                 actuator, fault=fault, faults=options.numbers(at or [], "--at"), exact=exact,
                 budget=budget, progress=options.searching(show, "commands", "expected error"),
                 trying=lambda share: show(share, "identifying simulated recordings of the best"),
@@ -180,10 +176,7 @@ def _explanations(
     if path.suffix.lower() == ".json":
         answer, others = _answer(path)
     elif path.suffix.lower() in (".csv", ".parquet"):
-        from ematwin.models.reading import read
-        from ematwin.monitoring.identify import identify
-
-        found = identify(read(path, actuator=chosen), actuator)
+        found = ematwin.identify(ematwin.read(path, actuator=chosen), actuator)
         answer, others = {**found.values, **found.fitted}, list(found.others)
     else:
         raise InputError(

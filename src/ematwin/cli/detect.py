@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+import ematwin
 from ematwin.cli import options
 from ematwin.cli.recordings import choice, constant_load, remarks, runs, runs_in
 from ematwin.cli.recordings import load as loaded
@@ -53,9 +54,6 @@ def detect(
     healthy; changed: by no more than drift, or like no fault that can be named; fault: all faults
     by name, and an alarm; none: no verdict, with the reason.
     """
-    from ematwin.monitoring.calibration import Calibration
-    from ematwin.monitoring.identify import detect as run
-
     if each not in ("motion", "run"):
         raise InputError(f"--each must be motion or run, received {each!r}.")
     options.check_outputs(report, table)
@@ -66,18 +64,18 @@ def detect(
     if runs_in(records):
         recordings = runs(
             records[0], actuator, column, map_file,
-            lambda given, first: Calibration.load(_needed(given)),
+            lambda given, first: ematwin.Calibration.load(_needed(given)),
             where=[wanted] if wanted else None,
         )  # fmt: skip
         given = None if load is None else constant_load(load, recordings.groups[0].known.actuator)
     else:
-        calibration = Calibration.load(_needed(actuator))
+        calibration = ematwin.Calibration.load(_needed(actuator))
         recordings = loaded(
             records, column, map_file, calibration.actuator, *([wanted] if wanted else [])
         )
         given = constant_load(load, calibration.actuator)
     with options.progress_bar("Judging", not json) as progress:
-        found = run(recordings, calibration, load=given, progress=progress)
+        found = ematwin.detect(recordings, calibration, load=given, progress=progress)
     answer(found, recordings, each, table, report, json, failing)
 
 

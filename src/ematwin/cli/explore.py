@@ -4,7 +4,9 @@ from pathlib import Path
 
 import typer
 
+import ematwin
 from ematwin.cli import options
+from ematwin.cli.recordings import map_of, meant
 
 
 def explore(
@@ -22,18 +24,14 @@ def explore(
     no_browser: options.NoBrowserOption = False,
 ) -> None:
     """Drag the faults of the twin, and see its answer beside a recording's, in the browser."""
-    from ematwin.cli.channels import map_of
-    from ematwin.cli.recordings import meant
     from ematwin.exploring.explorer import Explorer
     from ematwin.exploring.server import Server
-    from ematwin.models.reading import read
-    from ematwin.monitoring.calibration import Calibration
 
-    recording, known = None, Calibration.of(actuator)
+    recording, known = None, ematwin.Calibration.of(actuator)
     if record is not None:
-        known = Calibration.of(actuator or meant([record], column, map_file))
+        known = ematwin.Calibration.of(actuator or meant([record], column, map_file))
         columns = map_of(column, map_file, known.actuator)
-        recording = read(record, columns, actuator=known.actuator)
+        recording = ematwin.read(record, columns, actuator=known.actuator)
     options.serve_page(Server(Explorer(recording, known, scenario), port), "The twin", no_browser)
 
 
@@ -44,7 +42,8 @@ def serve(
     no_browser: options.NoBrowserOption = False,
 ) -> None:
     """Show a fleet in the browser, as it is at each moment: read only, on this machine only."""
-    from ematwin.fleet.fleet import Fleet
     from ematwin.fleet.serve import FleetServer
 
-    options.serve_page(FleetServer(Fleet(fleet, create=False), port), "The fleet", no_browser)
+    options.serve_page(
+        FleetServer(ematwin.Fleet(fleet, create=False), port), "The fleet", no_browser
+    )

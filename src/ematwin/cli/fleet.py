@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+import ematwin
 from ematwin.cli import options
 from ematwin.errors import InputError
 from ematwin.showing.results import plain
@@ -59,7 +60,7 @@ def status(
     check_step(fail_on)
     options.check_outputs(report, table)
     options.check_outputs(None, recordings)
-    known = _opened(fleet)
+    known = ematwin.Fleet(fleet, create=False)
     if table is not None:
         known.export(table, "advisory")
     if recordings is not None:
@@ -83,7 +84,7 @@ def overhaul(
     from ematwin.fleet.store import moment_of
 
     when = datetime.now(UTC) if on is None else moment_of(on)
-    _opened(fleet)[serial].overhaul(when, note)
+    ematwin.Fleet(fleet, create=False)[serial].overhaul(when, note)
     typer.echo(f"{serial}: overhaul on {when:%Y-%m-%d} recorded.")
 
 
@@ -117,7 +118,7 @@ def history(fleet: FleetArgument, serial: SerialArgument, json: options.JsonOpti
     """Show alarms of an actuator and entries of its maintainers, the latest first."""
     from ematwin.fleet.pages import history as known
 
-    unit = _opened(fleet)[serial]
+    unit = ematwin.Fleet(fleet, create=False)[serial]
     plain = [
         one | {name: one[name].isoformat() for name in ("time", "known")}
         | {"withdrawn": one not in unit.events}
@@ -139,20 +140,14 @@ def withdraw(
     note: NoteOption = "",
 ) -> None:
     """Withdraw wrong entries; the history shows both. Then enter the right ones."""
-    for one in _opened(fleet)[serial].withdraw(*entries, note=note):
+    for one in ematwin.Fleet(fleet, create=False)[serial].withdraw(*entries, note=note):
         typer.echo(f"{serial}: {one['what']} of {one['time']:%Y-%m-%d} withdrawn.")
-
-
-def _opened(folder: Path) -> "Fleet":
-    from ematwin.fleet.fleet import Fleet
-
-    return Fleet(folder, create=False)
 
 
 def _told(
     folder: Path, serial: str, how: str, tell: Callable[["FleetActuator"], tuple[str, ...]]
 ) -> None:
-    names = tell(_opened(folder)[serial])
+    names = tell(ematwin.Fleet(folder, create=False)[serial])
     typer.echo(f"{serial}: {', '.join(names)} {how}.")
 
 

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
+import ematwin
 from ematwin.cli import complete, options
 from ematwin.files import write_text
 
@@ -47,15 +48,13 @@ def identifiability(
     Several commands are compared, the most telling first.
     """
     from ematwin.experiments.identifiability import FALSE_ALARM, MISS, ranked
-    from ematwin.experiments.identifiability import identifiability as run
-    from ematwin.recordings.noise import Noise
 
     options.check_outputs(report)
     values = options.numbers(fault or [], "--fault")
     given: list[str | None] = [*commands] if commands else [None]
     found = ranked([
-        run(
-            command, actuator, faults=values, noise=Noise.of(noise), exact=exact,
+        ematwin.identifiability(
+            command, actuator, faults=values, noise=ematwin.Noise.of(noise), exact=exact,
             false_alarm=FALSE_ALARM if false_alarm is None else false_alarm,
             miss=MISS if miss is None else miss,
         )
@@ -63,11 +62,9 @@ def identifiability(
     ])  # fmt: skip
     parts = {}
     if sobol:
-        from ematwin.experiments.sensitivity import sensitivity
-
         for one in found:
             with options.progress_bar(f"Varying all of {one.scenario.name}", not json) as progress:
-                parts[one.scenario.name] = sensitivity(
+                parts[one.scenario.name] = ematwin.sensitivity(
                     one.scenario, actuator, exact=exact, progress=progress
                 )
     if report is not None:

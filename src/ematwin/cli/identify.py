@@ -5,9 +5,12 @@ from typing import TYPE_CHECKING, Any, cast
 
 import typer
 
+import ematwin
 from ematwin.cli import complete, options
-from ematwin.cli.recordings import constant_load, meant, runs, runs_in
+from ematwin.cli.detect import answer
+from ematwin.cli.recordings import constant_load, map_of, meant, runs, runs_in
 from ematwin.errors import InputError
+from ematwin.showing.text import with_interval
 
 if TYPE_CHECKING:
     from ematwin.estimation.identification import Identification
@@ -67,16 +70,11 @@ def identify(
     json: options.JsonOption = False,
 ) -> None:
     """Find the faults with which the digital twin behaves like the recorded actuator."""
-    from ematwin.cli.channels import map_of
-    from ematwin.cli.detect import answer
-    from ematwin.models.reading import read
-    from ematwin.monitoring.calibration import Calibration
     from ematwin.monitoring.gather import files_of, is_one
-    from ematwin.monitoring.identify import identify as run
 
     options.check_outputs(report, table)
     failing = options.grades(fail_on)
-    several = runs_in(records)
+    several, twin = runs_in(records), ematwin.Calibration.of
     recordings: Any
     with options.progress_bar(f"Reading {records[0].name}", not json) as progress:
         reading: dict[str, Any] = {
@@ -85,15 +83,16 @@ def identify(
         if several:
             recordings = runs(
                 records[0], actuator, column, map_file,
-                lambda given, first: Calibration.of(given or meant([first], column, map_file)),
-                **reading,
+                lambda given, first: twin(given or meant([first], column, map_file)), **reading,
             )  # fmt: skip
             known = recordings.groups[0].known
         else:
             files = [file for path in records for file in files_of(path)]
-            known = Calibration.of(actuator or meant(files, column, map_file))
+            known = twin(actuator or meant(files, column, map_file))
             columns = map_of(column, map_file, known.actuator)
-            recordings = read(files, columns, actuator=known.actuator, split=True, **reading)
+            recordings = ematwin.read(
+                files, columns, actuator=known.actuator, split=True, **reading
+            )
     settings: dict[str, Any] = {
         "budget": budget,
         "population": population,
@@ -109,7 +108,7 @@ def identify(
     }
     if several or len(records) > 1 or len(recordings) > 1 or not is_one(records[0]):
         with options.progress_bar("Judging", not json) as show:
-            judged = run(
+            judged = ematwin.identify(
                 recordings, known, algorithm, **settings,
                 progress=lambda done, cost, count: show(done / count),
             )  # fmt: skip
@@ -119,7 +118,7 @@ def identify(
         raise InputError("--table is of several recordings; give more, or a folder.")
     with options.progress_bar("searching", not json) as show:
         # given away, so that what was sampled faster than it is compared can be freed
-        found = run(
+        found = ematwin.identify(
             recordings.pop(), known, algorithm, **settings,
             progress=options.searching(show, "simulations", "misfit"),
         )  # fmt: skip
@@ -144,7 +143,6 @@ def print_findings(found: "Identification") -> None:
     """The verdict, then the table for people."""
     from ematwin.estimation.findings import fault_cells
     from ematwin.report.page import Row, Table
-    from ematwin.showing.text import with_interval
 
     typer.echo(f"{found.verdict.sentence}\n")
     shown = Table(

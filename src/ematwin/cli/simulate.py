@@ -4,6 +4,7 @@ from pathlib import Path
 
 import typer
 
+import ematwin
 from ematwin.cli import complete, options
 from ematwin.errors import InputError
 from ematwin.files import check_target, write_text
@@ -43,12 +44,11 @@ def simulate(
     json: options.JsonOption = False,
 ) -> None:
     """Simulate an actuator with any mix of its faults."""
-    from ematwin.models.reading import WRITTEN, write
-    from ematwin.models.registry import load_actuator, model_of
-    from ematwin.models.simulating import simulate as run
+    from ematwin.models.reading import WRITTEN
+    from ematwin.models.registry import model_of
     from ematwin.models.unknown import table_of
 
-    chosen = load_actuator(actuator)
+    chosen = ematwin.load_actuator(actuator)
     kind = model_of(chosen)
     values = kind.values_of(chosen, options.numbers(fault or [], "--fault"))
     asked = kind.load_scenario(scenario)
@@ -63,14 +63,14 @@ def simulate(
         "noise": noise, "seed": seed, "sample_rate": sample_rate, "step": step, "also": more,
     }  # fmt: skip
     with options.progress_bar(f"Simulating {asked.duration:g} s", not json) as progress:
-        record = run(model, asked, values, chosen, progress=progress, **settings)  # type: ignore[arg-type]
+        record = ematwin.simulate(model, asked, values, chosen, progress=progress, **settings)  # type: ignore[arg-type]
     if out is not None:
-        write(record, out)
+        ematwin.write(record, out)
     if plot is not None:
         from ematwin.report.comparison import comparison_page
 
         with options.progress_bar("Simulating healthy", not json) as progress:
-            healthy = run(model, asked, None, chosen, progress=progress, **settings)  # type: ignore[arg-type]
+            healthy = ematwin.simulate(model, asked, None, chosen, progress=progress, **settings)  # type: ignore[arg-type]
         write_text(plot, comparison_page(record, healthy, values, chosen))
     summary = kind.summary(record, chosen)
     described = kind.describe(chosen, values)
@@ -111,11 +111,10 @@ def export_fmu(
     json: options.JsonOption = False,
 ) -> None:
     """Export an actuator for co-simulation elsewhere: an FMU that needs no Python."""
-    from ematwin.fmu.export import export_fmu as export
-    from ematwin.models.registry import load_actuator, model_of
+    from ematwin.models.registry import model_of
 
-    chosen = load_actuator(actuator)
-    written = export(chosen, out, fidelity=fidelity, fmi=fmi)
+    chosen = ematwin.load_actuator(actuator)
+    written = ematwin.export_fmu(chosen, out, fidelity=fidelity, fmi=fmi)
     form = fidelity or model_of(chosen).fidelities[0]
     plain = {
         "out": written, "actuator": chosen.name, "kind": chosen.kind, "fidelity": form, "fmi": fmi,

@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 
 import typer
 
+import ematwin
 from ematwin.cli import options
 from ematwin.cli.fleet import StepOption, check_step, plain_rows, print_fleet, reached
+from ematwin.cli.recordings import map_of
 from ematwin.errors import InputError
 
 if TYPE_CHECKING:
@@ -53,10 +55,7 @@ def watch(
     Each recording is judged once, and its estimate is kept in the folder of the fleet. Ctrl-C
     or a crash loses nothing: the same command goes on.
     """
-    from ematwin.cli.channels import map_of
-    from ematwin.fleet.fleet import Fleet
     from ematwin.fleet.paths import Hashes, Paths
-    from ematwin.models.registry import load_actuator
 
     check_step(fail_on)
     if every is not None and not every > 0.0:
@@ -64,9 +63,9 @@ def watch(
     options.check_outputs(report, table)
     columns = None
     if column or map_file:
-        columns = map_of(column, map_file, load_actuator(actuator))
+        columns = map_of(column, map_file, ematwin.load_actuator(actuator))
     Paths(recordings, serial_number)  # refuses what is not there before a fleet is made
-    known, hashes = Fleet(fleet), Hashes()
+    known, hashes = ematwin.Fleet(fleet), Hashes()
     while True:
         with options.progress_bar("Judging", not json) as progress:
             found = known.watch(
