@@ -33,7 +33,7 @@ def channels(
     Names, units, rates, ranges and a small plot of each. Open choices are asked.
     """
     from ematwin.recordings.survey import survey
-    from ematwin.report.channels import channels_page, channels_table
+    from ematwin.report.recordings import channels_page, channels_table
 
     if write is not None:
         check_target(write, (".toml",), replace=force)

@@ -55,7 +55,7 @@ def demo(
     json: options.JsonOption = False,
 ) -> None:
     """Learn how a drive is built from healthy records, and find the faults of a later one."""
-    from ematwin.report.comparison import comparison_page
+    from ematwin.report.recordings import comparison_page
 
     try:
         folder.mkdir(parents=True, exist_ok=True)

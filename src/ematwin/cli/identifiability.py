@@ -1,16 +1,10 @@
 """``ematwin identifiability``: which faults a command can reveal, before any test."""
 
-from typing import TYPE_CHECKING
-
 import typer
 
 import ematwin
 from ematwin.cli import complete, options
 from ematwin.files import write_text
-
-if TYPE_CHECKING:
-    from ematwin.experiments.identifiability import Identifiability
-    from ematwin.experiments.sensitivity import Sensitivity
 
 
 def identifiability(
@@ -91,7 +85,7 @@ def identifiability(
     options.answer(json, plain, tell, report)
 
 
-def _print(found: "Identifiability") -> None:
+def _print(found: "ematwin.Identifiability") -> None:
     from ematwin.report.identifiability import told_table
 
     title = f"{found.scenario.name}, {found.scenario.duration:g} s, on {found.actuator.name}"
@@ -104,7 +98,7 @@ def _print(found: "Identifiability") -> None:
     typer.echo("")
 
 
-def _print_sobol(parts: "Sensitivity") -> None:
+def _print_sobol(parts: "ematwin.Sensitivity") -> None:
     from ematwin.report.identifiability import sobol_table
 
     for channel, caption in parts.captions.items():

@@ -1,7 +1,7 @@
 """``ematwin identify``: recordings in, faults of their actuator out."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any
 
 import typer
 
@@ -11,11 +11,6 @@ from ematwin.cli.detect import answer
 from ematwin.cli.recordings import constant_load, map_of, meant, runs, runs_in
 from ematwin.errors import InputError
 from ematwin.showing.text import with_interval
-
-if TYPE_CHECKING:
-    from ematwin.estimation.identification import Identification
-    from ematwin.estimation.uncertainty import Uncertainty
-    from ematwin.recordings.cleaning import Policy
 
 
 def identify(
@@ -77,9 +72,7 @@ def identify(
     several, twin = runs_in(records), ematwin.Calibration.of
     recordings: Any
     with options.progress_bar(f"Reading {records[0].name}", not json) as progress:
-        reading: dict[str, Any] = {
-            "resample_to": resample_to, "gaps": cast("Policy", gaps), "progress": progress,
-        }  # fmt: skip
+        reading: dict[str, Any] = {"resample_to": resample_to, "gaps": gaps, "progress": progress}
         if several:
             recordings = runs(
                 records[0], actuator, column, map_file,
@@ -139,9 +132,10 @@ def identify(
     )  # fmt: skip
 
 
-def print_findings(found: "Identification") -> None:
+def print_findings(found: "ematwin.Identification") -> None:
     """The verdict, then the table for people."""
     from ematwin.estimation.findings import fault_cells
+    from ematwin.report.identification import uncertainty_table
     from ematwin.report.page import Row, Table
 
     typer.echo(f"{found.verdict.sentence}\n")
@@ -166,17 +160,10 @@ def print_findings(found: "Identification") -> None:
     )
     if found.stopped == "interrupted":
         typer.echo("Interrupted: this is the best found so far.")
-    if found.uncertainty is not None:
-        print_uncertainty(found.uncertainty)
+    if (sure := found.uncertainty) is not None:
+        options.print_table(f"95 % by {sure.method}", uncertainty_table(sure))
+        for sentence in sure.sentences:
+            typer.echo(sentence)
+        options.print_notes("Doubt", sure.doubts)
     options.print_notes("Assumed", found.assumed)
     options.print_notes("Warning", found.warnings)
-
-
-def print_uncertainty(sure: "Uncertainty") -> None:
-    """Intervals of the faults by the method that was asked for, and its probabilities."""
-    from ematwin.report.identification import uncertainty_table
-
-    options.print_table(f"95 % by {sure.method}", uncertainty_table(sure))
-    for sentence in sure.sentences:
-        typer.echo(sentence)
-    options.print_notes("Doubt", sure.doubts)

@@ -1,15 +1,13 @@
 """``ematwin report`` and ``ematwin store``: the runs of a study in, their analysis out."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+import ematwin
 from ematwin.cli import options
 from ematwin.errors import InputError
-
-if TYPE_CHECKING:
-    from ematwin.benchmarking.analysis import StudyAnalysis
 
 Where = Annotated[
     str, typer.Argument(help="The store of `ematwin compare`: a file or a database URL.")
@@ -67,7 +65,7 @@ def report(
     options.answer(json, lambda: {**analysis.as_dict(), "report": written}, tell)
 
 
-def _print_summary(analysis: "StudyAnalysis") -> None:
+def _print_summary(analysis: "ematwin.StudyAnalysis") -> None:
     from ematwin.benchmarking.page import diagnosis_table, success_table
 
     options.print_table("Share of runs that reached an Err%", success_table(analysis), width=140)

@@ -67,7 +67,7 @@ def simulate(
     if out is not None:
         ematwin.write(record, out)
     if plot is not None:
-        from ematwin.report.comparison import comparison_page
+        from ematwin.report.recordings import comparison_page
 
         with options.progress_bar("Simulating healthy", not json) as progress:
             healthy = ematwin.simulate(model, asked, None, chosen, progress=progress, **settings)  # type: ignore[arg-type]

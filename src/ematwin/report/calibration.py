@@ -12,9 +12,6 @@ from ematwin.plots.calibration import plot_before_and_after, plot_learnt, plot_r
 from ematwin.report.page import Row, Section, Table, render
 from ematwin.showing.text import in_unit, number_of, plain, said_between
 
-_ON_FIGURE = "Lines are 95 % intervals. Pale: not determined by these recordings."
-_ROUNDING = 1e-9  # shares of a range: recordings without noise differ by no more
-
 
 def calibration_page(report: CalibrationReport) -> str:
     """HTML page: parameters beside their template, undetermined ones, spread of healthy runs."""
@@ -25,10 +22,16 @@ def calibration_page(report: CalibrationReport) -> str:
         f"recordings. {misfit_sentence(report)}"
     )
     sections = [
-        Section(
-            "Change from the template",
-            _ON_FIGURE if told else "",
-            figure=plot_learnt(report) if told else None,
+        *(
+            [
+                Section(
+                    "Change from the template",
+                    "Lines are 95 % intervals. Pale: not determined by these recordings.",
+                    figure=plot_learnt(report),
+                )
+            ]
+            if told
+            else []
         ),
         Section("How it is built", points=forms_sentences(report), table=_forms_table(report)),
         Section("Parameters", table=parameter_table(report)),
@@ -89,11 +92,9 @@ def misfit_sentence(report: CalibrationReport) -> str:
     known = report.baseline
     if not math.isfinite(known.misfit):
         return ""
-    floor = (
-        f" (noise and known errors of the twin: {100.0 * known.expected_misfit:.2f} %)"
-        if math.isfinite(known.expected_misfit)
-        else ""
-    )
+    floor = ""
+    if math.isfinite(known.expected_misfit):
+        floor = f" (noise and known errors of the twin: {100.0 * known.expected_misfit:.2f} %)"
     return f"The twin leaves {100.0 * known.misfit:.2f} % of healthy recordings unexplained{floor}."
 
 
@@ -119,19 +120,10 @@ def open_sentences(report: CalibrationReport, file: str = "CALIBRATED.toml") -> 
         for group in report.tied
     ]
     if missing:
-        said.insert(
-            0,
-            f"These recordings do not determine {', '.join(missing)}: they stay within the "
-            "tolerances of the template."
-            + (
-                ""
-                if model_of(report.actuator).recordings_differ
-                else (
-                    " Tests that would: "
-                    f"ematwin design --learn --actuator {shlex.quote(file)} --out test.toml"
-                )
-            ),
-        )
+        learn = f"ematwin design --learn --actuator {shlex.quote(file)} --out test.toml"
+        tests = "" if model_of(report.actuator).recordings_differ else f" Tests that would: {learn}"
+        within = "they stay within the tolerances of the template."
+        said.insert(0, f"These recordings do not determine {', '.join(missing)}: {within}{tests}")
     return [*said, f"Not fitted: {', '.join(fixed)}."]
 
 
@@ -142,7 +134,8 @@ def spread_sentences(report: CalibrationReport) -> list[str]:
         scatter = report.baseline.scatter
         if not scatter:
             return []
-        off = [f"{name} {plain(value, 2)}" for name, value in scatter.items() if value > _ROUNDING]
+        # recordings without noise differ by rounding, as shares of a range
+        off = [f"{name} {plain(value, 2)}" for name, value in scatter.items() if value > 1e-9]
         if not off:
             return ["Estimates on healthy recordings are healthy within their standard errors."]
         return [

@@ -23,9 +23,8 @@ def design_page(found: Design) -> str:
         "and model discrepancy."
     )
     if found.held:
-        text += (
-            f" Counted as known, because no command can determine them: {', '.join(found.held)}."
-        )
+        held = ", ".join(found.held)
+        text += f" Counted as known, because no command can determine them: {held}."
     if found.left_out:
         text += f" {found.left_out_sentence}"
     if found.promised.checks:
@@ -166,16 +165,12 @@ def price_table(found: Design) -> Table:
         text = said(one.demands.get(demand.name, math.nan), demand.unit)
         return text if more is None else f"{text} ({number_of(more, demand.unit)})"
 
-    rows = [
-        Row(["duration", *(f"{one.scenario.duration:g} s"
-                           for one in (found.default, found.promised)), ""]),
-        *(
-            Row([one.name, asked(found.default, one), asked(found.promised, one),
-                 said(found.limits[one.name], one.unit)])
-            for one in found.experiment.model.limited
-            if one.name in found.limits
-        ),
-    ]  # fmt: skip
+    both = (found.default, found.promised)
+    rows = [Row(["duration", *(f"{one.scenario.duration:g} s" for one in both), ""])]
+    for one in found.experiment.model.limited:
+        if one.name in found.limits:
+            limit = said(found.limits[one.name], one.unit)
+            rows.append(Row([one.name, *(asked(each, one) for each in both), limit]))
     return Table(["", "given", "designed", "limit"], rows)
 
 
@@ -193,9 +188,9 @@ def parts_table(scenario: Scenario) -> Table:
 def _shown(value: object) -> str:
     if isinstance(value, list):
         return f"[{', '.join(_shown(x) for x in value)}]"
-    return (
-        f"{value:.4g}" if isinstance(value, float | int) else ("" if value is None else str(value))
-    )
+    if isinstance(value, float | int):
+        return f"{value:.4g}"
+    return "" if value is None else str(value)
 
 
 def _listed(values: Mapping[str, float]) -> str:

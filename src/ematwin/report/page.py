@@ -1,15 +1,10 @@
 """Self-contained HTML pages: verdict, tables, facts and interactive figures in one file."""
 
 from dataclasses import dataclass, field, replace
-from importlib import import_module, resources
-from pathlib import Path
+from importlib import resources
 from typing import Any
 
 from ematwin import __version__
-from ematwin.files import check_target, write_text
-
-_BASIC = {"scatter", "bar", "pie"}  # traces that the small bundle of plotly draws
-_BASIC_BUNDLE = "assets/plotly-basic-4.1.1.min.js"
 
 
 @dataclass(frozen=True)
@@ -73,13 +68,9 @@ class Section:
 
 
 def render(
-    title: str,
-    lead: str,
-    sections: list[Section],
-    warnings: list[str] | None = None,
-    *,
+    title: str, lead: str, sections: list[Section], warnings: list[str] | None = None, *,
     grade: str = "",
-) -> str:
+) -> str:  # fmt: skip
     """The page as one HTML text.
 
     Parameters
@@ -113,17 +104,6 @@ def render(
     )
 
 
-def write_page(result: Any, path: str | Path, function: str) -> None:
-    """Write the page of a result, made by a function of a module here, "module:name".
-
-    Raises `InputError` if the suffix of the name is not .html; `FileError` if the file cannot be
-    written.
-    """
-    check_target(Path(path), (".html",))
-    module, _, name = function.partition(":")
-    write_text(path, getattr(import_module(f"ematwin.report.{module}"), name)(result))
-
-
 def _text(name: str) -> str:
     return resources.files("ematwin.report").joinpath(name).read_text("utf-8")
 
@@ -136,8 +116,8 @@ def _as_json(figure: Any) -> str:
 def _plotly_js(figures: list[Any]) -> str:
     """The smallest bundle of plotly that draws the figures: a quarter of the whole, if it can."""
     drawn = {trace.type for figure in figures for trace in figure.data}
-    if drawn <= _BASIC:
-        return _text(_BASIC_BUNDLE)
+    if drawn <= {"scatter", "bar", "pie"}:
+        return _text("assets/plotly-basic-4.1.1.min.js")
     from plotly.offline import get_plotlyjs
 
     return str(get_plotlyjs())

@@ -12,20 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from ematwin.errors import InputError, MissingExtraError
+from ematwin.files import check_target, write_text
 
 
 def frame(columns: Mapping[str, Any], index: str | None = None) -> Any:
-    """A pandas DataFrame of columns by name.
+    """A pandas DataFrame of columns (N,) by name, of which ``index`` may label the rows.
 
-    Parameters
-    ----------
-    columns : name to (N,) values
-    index : name of the column that labels the rows
-
-    Raises
-    ------
-    MissingExtraError
-        If pandas is not installed; the message names the command that installs it.
+    Raises `MissingExtraError`, which names the command that installs it, without pandas.
     """
     made = _pandas().DataFrame(dict(columns))
     return made if index is None else made.set_index(index)
@@ -71,16 +64,10 @@ def _pandas() -> Any:
 
 
 def drawn(result: Any, kind: str, functions: Mapping[str, str], *settings: Any) -> Any:
-    """The figure of a result.
+    """The figure ``kind`` of a result, which a function of `ematwin.plots` draws.
 
-    Raises `InputError` if there is no such figure.
-
-    Parameters
-    ----------
-    result : to be drawn
-    kind : which of its figures
-    functions : kind to the name of a function of `ematwin.plots`
-    settings : further arguments of the function
+    ``functions`` are their names, by kind; ``settings`` further arguments. Raises `InputError` if
+    there is no such figure.
     """
     if kind not in functions:
         raise InputError(f"There is no figure {kind!r}; choose {' or '.join(functions)}.")
@@ -88,5 +75,10 @@ def drawn(result: Any, kind: str, functions: Mapping[str, str], *settings: Any) 
 
 
 def page_written(result: Any, path: str | Path, function: str) -> None:
-    """Write the page of a result; ``function`` of `ematwin.report`, by name, as "module:name"."""
-    import_module("ematwin.report.page").write_page(result, path, function)
+    """Write the page of a result; ``function`` of `ematwin.report`, by name, as "module:name".
+
+    Raises `InputError` if the name does not end in .html, `FileError` if it cannot be written.
+    """
+    check_target(Path(path), (".html",))
+    module, _, name = function.partition(":")
+    write_text(path, getattr(import_module(f"ematwin.report.{module}"), name)(result))
