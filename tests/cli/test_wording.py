@@ -92,11 +92,7 @@ def rows():
             lambda rows: [row[1:] for row in rows],
             'give --column sample_rate="20 kHz".',
         ),
-        (
-            "time,command,current",
-            lambda rows: [(*row[:2], 1e3 * row[2]) for row in rows],
-            "--map.",
-        ),
+        ("time,command,current", lambda rows: [(*row[:2], 1e3 * row[2]) for row in rows], "--map."),
     ],
     ids=["gaps", "no time", "unit"],
 )
