@@ -7,6 +7,7 @@ on standard error); 130 interrupted.
 import errno
 import os
 import sys
+from functools import partial
 from typing import Any
 
 import typer
@@ -89,20 +90,17 @@ def run() -> int:
     from ematwin.errors import EmatwinError
 
     if sys.stderr.isatty():
-        numerics.compile_listener = _say_compiling
+        said = "Compiling the twin (first run only, up to half a minute) ..."
+        numerics.compile_listener = partial(print, said, file=sys.stderr)
     try:
         answer = app(prog_name="ematwin", standalone_mode=False)
         sys.stdout.flush()
     except _UsageError as error:
-        print(f"Error: {_usage_sentence(error)}", file=sys.stderr)
-        return 2
+        return _refused(_usage_sentence(error))
     except EmatwinError as error:
-        print(f"Error: {for_shell(str(error))}", file=sys.stderr)
-        return 2
+        return _refused(for_shell(str(error)))
     except MemoryError:
-        text = "Error: Not enough memory. Shorten the scenario or lower the sample rate."
-        print(text, file=sys.stderr)
-        return 2
+        return _refused("Not enough memory. Shorten the scenario or lower the sample rate.")
     except typer.Abort:
         return 130
     except BrokenPipeError:
@@ -112,9 +110,8 @@ def run() -> int:
     except OSError as error:
         if error.errno not in (errno.ENOSPC, errno.EIO, errno.EBADF):
             raise
-        print(f"Error: Cannot write the answer: {error.strerror}.", file=sys.stderr)
         _drop_answer()
-        return 2
+        return _refused(f"Cannot write the answer: {error.strerror}.")
     return answer if isinstance(answer, int) else 0
 
 
@@ -123,8 +120,9 @@ def _drop_answer() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _say_compiling() -> None:
-    print("Compiling the twin (first run only, up to half a minute) ...", file=sys.stderr)
+def _refused(sentence: str) -> int:
+    print(f"Error: {sentence}", file=sys.stderr)
+    return 2
 
 
 def _usage_sentence(error: Any) -> str:

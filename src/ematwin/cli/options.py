@@ -87,16 +87,11 @@ FailOption = Annotated[
 ]
 
 
-def _use_units(text: str | None) -> str | None:
-    use_units(text)  # without the option those of the user's settings
-    return text
-
-
 UnitsOption = Annotated[
     str | None,
     typer.Option(
         "--units",
-        callback=_use_units,
+        callback=use_units,  # without the option it takes those of the user's settings
         help='Show values in these units, e.g. "angle=mrad, torque=mN m"; ematwin units keeps '
         "them. Tables and JSON stay SI.",
     ),

@@ -77,15 +77,9 @@ def _looks(found: Detection) -> dict[str, tuple[str, str]]:
 
 
 def _marks(
-    figure: Any,
-    row: int,
-    x: list[Any],
-    y: list[float],
-    verdicts: Sequence[Diagnosis],
-    texts: list[str],
-    looks: dict[str, tuple[str, str]],
-    bars: dict[str, Any] | None = None,
-) -> None:
+    figure: Any, row: int, x: list[Any], y: list[float], verdicts: Sequence[Diagnosis],
+    texts: list[str], looks: dict[str, tuple[str, str]], bars: dict[str, Any] | None = None,
+) -> None:  # fmt: skip
     for name, (color, symbol) in looks.items():
         members = [n for n, verdict in enumerate(verdicts) if verdict.said == name]
         if not members:

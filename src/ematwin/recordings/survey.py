@@ -110,7 +110,9 @@ def _surveyed(
         return Surveyed(name, *stated, text=_texts(file, name))
     base = file.time_base(name)
     if base not in rates:
-        rates[base] = _rate(file.base_time(base))
+        time = file.base_time(base)
+        step = 0.0 if time is None or time.size < 2 else float(np.median(np.diff(time)))
+        rates[base] = 1.0 / step if step > 0.0 else None
     finite = values[np.isfinite(values)]
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (np.nan, np.nan)
     places = extremes(values, 600)  # points of a small plot
@@ -141,13 +143,6 @@ def _texts(file: RecordedFile, name: str) -> str:
     except RecordError:
         return "no numbers"
     return ", ".join(seen[:3]) + (" ..." if len(seen) > 3 else "") or "empty"
-
-
-def _rate(time: np.ndarray | None) -> float | None:
-    if time is None or time.size < 2:
-        return None
-    step = float(np.median(np.diff(time)))
-    return 1.0 / step if step > 0.0 else None
 
 
 def extremes(values: np.ndarray, points: int) -> np.ndarray:

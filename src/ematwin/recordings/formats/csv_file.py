@@ -102,32 +102,25 @@ class CsvFile(RecordedFile):
         encoding = self._dialect.encoding if self._dialect.encoding.startswith("utf-16") else "utf8"
         start = self._dialect.start
         size = max(self.path.stat().st_size - start, 1)
+        chosen = {keys[n]: (types or {}).get(n, self._type(n)) for n in positions}
         with self.path.open("rb") as file:
             file.seek(start)
-            yield from (
-                (batch, min(max(file.tell() - start, 1) / size, 1.0))
-                for batch in csv.open_csv(
-                    file,
-                    read_options=csv.ReadOptions(
-                        column_names=keys,
-                        # pyarrow reads dozens ahead: four times as much took 100 MB more
-                        block_size=1 << 20,
-                        encoding=encoding,
-                    ),
-                    parse_options=csv.ParseOptions(delimiter=self._dialect.delimiter),
-                    convert_options=csv.ConvertOptions(
-                        include_columns=[keys[position] for position in positions],
-                        column_types={
-                            keys[position]: (types or {}).get(position, self._type(position))
-                            for position in positions
-                        },
-                        null_values=[*csv.ConvertOptions().null_values, *PLACEHOLDERS],
-                        decimal_point=self._dialect.decimal,
-                        check_utf8=False,
-                        strings_can_be_null=True,
-                    ),
-                )
+            batches = csv.open_csv(
+                file,
+                # pyarrow reads dozens of blocks ahead: four times as much took 100 MB more
+                csv.ReadOptions(column_names=keys, block_size=1 << 20, encoding=encoding),
+                csv.ParseOptions(delimiter=self._dialect.delimiter),
+                csv.ConvertOptions(
+                    include_columns=list(chosen),
+                    column_types=chosen,
+                    null_values=[*csv.ConvertOptions().null_values, *PLACEHOLDERS],
+                    decimal_point=self._dialect.decimal,
+                    check_utf8=False,
+                    strings_can_be_null=True,
+                ),
             )
+            for batch in batches:
+                yield batch, min(max(file.tell() - start, 1) / size, 1.0)
 
     def _type(self, position: int) -> Any:
         import pyarrow as pa

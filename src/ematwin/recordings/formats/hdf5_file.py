@@ -9,9 +9,6 @@ import numpy as np
 from ematwin.errors import FileError
 from ematwin.recordings.formats.base import RecordedFile, load_library, matrix_columns, refusing
 
-_HEAP = b"GCOL\x01\0\0\0"
-_UNIT_ATTRIBUTES = ("unit", "units", "Unit", "Units", "unit_string")
-
 
 class Hdf5File(RecordedFile):
     """An HDF5 file; units are taken from the attribute ``unit`` or ``units`` of a dataset.
@@ -35,7 +32,8 @@ class Hdf5File(RecordedFile):
     def unit(self, name: str) -> str | None:  # noqa: D102
         with refusing(self.path, self.kind):
             attributes = self._file[self.channels[name][0]].attrs
-            key = next((key for key in _UNIT_ATTRIBUTES if key in attributes), None)
+            known = ("unit", "units", "Unit", "Units", "unit_string")
+            key = next((key for key in known if key in attributes), None)
             if key is not None and not self._heaps_checked:
                 self._heaps_checked = True
                 kind = attributes.get_id(key).get_type()
@@ -61,17 +59,14 @@ class Hdf5File(RecordedFile):
         # left out: names that are no text, groups, scalars, empty datasets
         if isinstance(key, bytes) or not shape:
             return
-        if item.dtype.names:
-            for field in item.dtype.names:
-                self._add(f"{key}/{field}", key, field, int(np.prod(shape)))
-        elif item.dtype.kind in "biuf":
+        for field in item.dtype.names or ():
+            name = f"{key}/{field}"
+            self.channels[name], self.lengths[name] = (key, field), int(np.prod(shape))
+        if item.dtype.kind in "biuf":
             found = matrix_columns(key, shape)
             for k, (name, length) in enumerate(found):
-                self._add(name, key, None if len(found) == 1 else k, length)
-
-    def _add(self, name: str, key: str, part: str | int | None, length: int) -> None:
-        self.channels[name] = (key, part)
-        self.lengths[name] = length
+                self.channels[name] = (key, None if len(found) == 1 else k)
+                self.lengths[name] = length
 
 
 def _check_heaps(path: Path) -> None:
@@ -85,7 +80,7 @@ def _check_heaps(path: Path) -> None:
         def number(place: int, size: int) -> int:
             return int.from_bytes(content[place : place + size], "little")
 
-        start = content.find(_HEAP)
+        start = content.find(b"GCOL\x01\0\0\0")
         while start >= 0:
             place = start + 16
             end = min(start + number(start + 8, 8), len(content))
@@ -97,4 +92,4 @@ def _check_heaps(path: Path) -> None:
                         f"Cannot read {path} as HDF5: its heap of texts is damaged. Copy it again."
                     )
                 place += step
-            start = content.find(_HEAP, start + 4)
+            start = content.find(b"GCOL\x01\0\0\0", start + 4)

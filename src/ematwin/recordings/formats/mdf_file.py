@@ -22,9 +22,6 @@ from ematwin.recordings.formats.base import (
     refusing,
 )
 
-_UNSET = datetime(1980, 1, 1, tzinfo=UTC)  # what asammdf gives where a file says nothing
-_VIRTUAL = {3, 6}  # channel types of version 4 without bytes in the record
-
 
 class MdfFile(RecordedFile):
     """An MDF file: each channel group has its time base."""
@@ -92,8 +89,8 @@ class MdfFile(RecordedFile):
     def _check_place(self, name: str, group: int, index: int) -> None:
         """Refuse a channel that lies outside its records: asammdf would read foreign memory."""
         channel = self._file.groups[group].channels[index]
-        if getattr(channel, "channel_type", 0) in _VIRTUAL:
-            return
+        if getattr(channel, "channel_type", 0) in (3, 6):
+            return  # of version 4, without bytes in the record
         if hasattr(channel, "byte_offset"):  # version 4
             bits = 8 * channel.byte_offset + channel.bit_offset + channel.bit_count
         else:
@@ -113,7 +110,8 @@ def _start_of(file: Any) -> datetime | None:
         aware = start if start.tzinfo is not None else start.replace(tzinfo=UTC)
     except (AttributeError, OverflowError, ValueError, OSError):  # a date that there is not
         return None
-    return aware if aware > _UNSET else None
+    # asammdf gives 1980 where a file says nothing
+    return aware if aware > datetime(1980, 1, 1, tzinfo=UTC) else None
 
 
 def _open(library: Any, path: Path) -> Any:

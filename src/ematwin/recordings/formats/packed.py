@@ -30,13 +30,9 @@ def open_packed(path: Path, **options: Any) -> RecordedFile:
     """
     suffix = path.suffix.lower()
     folder = TemporaryDirectory(prefix="ematwin-")
+    content = {".gz": _ungzipped, ".zip": _unzipped}.get(suffix, _sheet)
     with refusing(path, suffix[1:]):
-        if suffix == ".gz":
-            inside, assumed = _ungzipped(path, Path(folder.name)), ""
-        elif suffix == ".zip":
-            inside, assumed = _unzipped(path, Path(folder.name)), ""
-        else:
-            inside, assumed = _sheet(path, Path(folder.name))
+        inside, assumed = content(path, Path(folder.name))
     try:
         opened = open_file(inside, **options)
     except EmatwinError as error:
@@ -48,14 +44,14 @@ def open_packed(path: Path, **options: Any) -> RecordedFile:
     return opened
 
 
-def _ungzipped(path: Path, folder: Path) -> Path:
+def _ungzipped(path: Path, folder: Path) -> tuple[Path, str]:
     inside = folder / path.stem
     with gzip.open(path) as source, inside.open("wb") as target:
         shutil.copyfileobj(source, target)
-    return inside
+    return inside, ""
 
 
-def _unzipped(path: Path, folder: Path) -> Path:
+def _unzipped(path: Path, folder: Path) -> tuple[Path, str]:
     with zipfile.ZipFile(path) as archive:
         names = [
             one.filename
@@ -71,7 +67,7 @@ def _unzipped(path: Path, folder: Path) -> Path:
         inside = folder / Path(names[0]).name
         with archive.open(names[0]) as source, inside.open("wb") as target:
             shutil.copyfileobj(source, target)
-    return inside
+    return inside, ""
 
 
 def _sheet(path: Path, folder: Path) -> tuple[Path, str]:
