@@ -65,15 +65,9 @@ def compare(
     plan = Plan(
         cases=cases_of(cases, chosen, count=count, seed=seed),
         algorithms=tuple(name.strip() for name in algorithms.split(",") if name.strip()),
-        runs=runs,
-        population=population,
-        iterations=iterations,
-        seed=seed,
-        noise=ematwin.Noise.of(noise),
-        box=box,
-        actuator=chosen,
-        scenario=scenario,
-    )
+        runs=runs, population=population, iterations=iterations, seed=seed,
+        noise=ematwin.Noise.of(noise), box=box, actuator=chosen, scenario=scenario,
+    )  # fmt: skip
     carrier = _engine(engine, scheduler, workers, time_limit, patience)
     with Store(store) as opened, options.progress_bar("Runs", not json) as show:
         tally = run_study(

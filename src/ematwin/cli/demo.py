@@ -21,14 +21,10 @@ DRIVE, SHEET = "servo48-drive", "servo48"
 KNOWN = ("controller.position_gain", "controller.speed_gain")  # as commissioned, to 1 %
 # How the actuator differs from its data sheet, as factors: nobody knows these numbers.
 OFF = {
-    "motor.emf_constant": 0.97,
-    "motor.inertia": 1.06,
-    "motor.viscous_damping": 1.3,
-    "motor.friction_torque": 1.2,
-    "transmission.friction_torque": 0.8,
-    "transmission.output_inertia": 1.15,
-    "transmission.backlash": 1.25,
-}
+    "motor.emf_constant": 0.97, "motor.inertia": 1.06, "motor.viscous_damping": 1.3,
+    "motor.friction_torque": 1.2, "transmission.friction_torque": 0.8,
+    "transmission.output_inertia": 1.15, "transmission.backlash": 1.25,
+}  # fmt: skip
 FAULTS = {"friction": 0.25, "short_b": 0.15}
 # What such a drive is learnt from, beside the default command.
 REVERSALS: dict[str, Any] = {  # slow ones show the gap
@@ -105,28 +101,18 @@ def demo(
     found.report(folder / "report.html")
     without.report(folder / "uncalibrated.html")
     if json:
-        options.print_json(
-            {
-                **found.as_dict(),
-                "injected": injected.as_dict(),
-                "uncalibrated": without.as_dict(),
-                "forms": twin.baseline.forms,
-                "record": record_file,
-                "healthy_records": files,
-                "twin": twin_file,
-                "report": folder / "report.html",
-            }
-        )
+        options.print_json({
+            **found.as_dict(), "injected": injected.as_dict(), "uncalibrated": without.as_dict(),
+            "forms": twin.baseline.forms, "record": record_file, "healthy_records": files,
+            "twin": twin_file, "report": folder / "report.html",
+        })  # fmt: skip
         return
     off = ", ".join(f"{place} x{factor:g}" for place, factor in OFF.items())
     typer.echo(f"The actuator differs from its data sheet: {off}.")
     typer.echo("The sheet leaves out how loops are sampled and integrate, encoders and cogging.")
     fitted = {p.place: p for p in twin.parameters}
-    told = ", ".join(
-        f"{place} x{fitted[place].value / sheet.value(place):.3g}"
-        for place in OFF
-        if place in fitted
-    )
+    shares = {place: fitted[place].value / sheet.value(place) for place in OFF if place in fitted}
+    told = ", ".join(f"{place} x{share:.3g}" for place, share in shares.items())
     typer.echo(f"\nLearnt from {len(files)} healthy records: {told}.\n{twin.baseline.forms}")
     text = ", ".join(f"{name} {value:g}" for name, value in FAULTS.items())
     typer.echo(f"\nThen injected: {text}; sensor: 2 % white noise, 12 bits, 20 kHz.\n")
@@ -156,13 +142,9 @@ def _fleet(folder: Path, seed: int, json: bool) -> None:
         for one in Path(draft).iterdir():
             one.rename(folder / one.name)
     if json:
-        options.print_json(
-            {
-                "fleet": folder,
-                "report": folder / "fleet.html",
-                "advisories": {r["serial_number"]: r["advisory"] for r in fleet.table()},
-            }
-        )
+        advisories = {row["serial_number"]: row["advisory"] for row in fleet.table()}
+        page = folder / "fleet.html"
+        options.print_json({"fleet": folder, "report": page, "advisories": advisories})
         return
     print_fleet(fleet)
     typer.echo(f"wrote {folder / 'fleet.html'}. See it live: ematwin serve {folder}")

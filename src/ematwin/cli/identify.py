@@ -87,18 +87,12 @@ def identify(
                 files, columns, actuator=known.actuator, split=True, **reading
             )
     settings: dict[str, Any] = {
-        "budget": budget,
-        "population": population,
-        "iterations": iterations,
-        "seed": seed,
+        "budget": budget, "population": population, "iterations": iterations, "seed": seed,
         "only": None if only is None else [name.strip() for name in only.split(",")],
-        "held": options.numbers(hold or [], "--hold"),
-        "checkpoint": checkpoint,
-        "load": constant_load(load, known.actuator),
-        "exact": exact,
-        "uncertainty": uncertainty,
+        "held": options.numbers(hold or [], "--hold"), "checkpoint": checkpoint,
+        "load": constant_load(load, known.actuator), "exact": exact, "uncertainty": uncertainty,
         "thresholds": options.pairs(threshold or [], "--threshold"),
-    }
+    }  # fmt: skip
     if several or len(records) > 1 or len(recordings) > 1 or not is_one(records[0]):
         with options.progress_bar("Judging", not json) as show:
             judged = ematwin.identify(
@@ -139,14 +133,12 @@ def print_findings(found: "ematwin.Identification") -> None:
     from ematwin.report.page import Row, Table
 
     typer.echo(f"{found.verdict.sentence}\n")
-    shown = Table(
-        ["fault", "value", "95 % interval", "healthy", "k", "meaning"],
-        [
-            Row([r.name, r.value, r.interval, r.healthy, r.k, r.meaning], r.name in found.present)
-            for r in fault_cells(found)
-        ],
-        last_is_text=True,
-    )
+    header = ["fault", "value", "95 % interval", "healthy", "k", "meaning"]
+    rows = [
+        Row([r.name, r.value, r.interval, r.healthy, r.k, r.meaning], r.name in found.present)
+        for r in fault_cells(found)
+    ]
+    shown = Table(header, rows, last_is_text=True)
     title, values = f"Faults of {found.actuator.name}", shown.first(5)
     options.print_table(title, shown if options.has_room() else values, whole=values.header)
     for one in found.model.contrasts(found.actuator):

@@ -213,21 +213,15 @@ class Explorer:
             self._searched = (0, 0)
         known = {**found.fitted, **found.values}
         self._fitted = {n: x for n, x in known.items() if n not in self.unknowns}
+        sliders = {n: one for n, one in self.unknowns.items() if n in known}
         return {
-            "grade": found.verdict.grade,
-            "sentence": found.verdict.sentence,
-            "warnings": found.warnings,
-            "values": {
-                name: min(max(known[name], one.lower), one.upper)
-                for name, one in self.unknowns.items()
-                if name in known
-            },
+            "grade": found.verdict.grade, "sentence": found.verdict.sentence,
+            "warnings": found.warnings, "present": list(found.present),
+            "values": {n: min(max(known[n], o.lower), o.upper) for n, o in sliders.items()},
             "intervals": {n: list(e) for n, e in found.intervals.items() if n in self.unknowns},
-            "present": list(found.present),
-            "fitted": bool(self._fitted),
-            "evaluations": found.evaluations,
+            "fitted": bool(self._fitted), "evaluations": found.evaluations,
             "seconds": found.seconds,
-        }
+        }  # fmt: skip
 
     def progress(self) -> dict[str, Any]:
         """Simulations of the `verdict` under way, and their maximum; may be asked meanwhile."""
@@ -276,17 +270,12 @@ class Explorer:
         known = self.recorded and source.get("source") == "simulated"
         truth = (source.get("faults") or {}).get(one.name) if known else None
         return {
-            "name": one.name,
-            "title": one.name.replace("_", " ").capitalize(),
-            "meaning": capital(one.meaning),
-            "fault": one.role == "fault",
-            "lower": one.lower,
-            "upper": one.upper,
-            "healthy": one.healthy,
-            "logarithmic": one.logarithmic,
+            "name": one.name, "title": one.name.replace("_", " ").capitalize(),
+            "meaning": capital(one.meaning), "fault": one.role == "fault", "lower": one.lower,
+            "upper": one.upper, "healthy": one.healthy, "logarithmic": one.logarithmic,
             "ends": [self._said(one.name, {one.name: x}) for x in (one.lower, one.upper)],
             "truth": truth if truth is not None and one.lower <= truth <= one.upper else None,
-        }
+        }  # fmt: skip
 
     def _inputs(self) -> list[dict[str, Any]]:
         """Command and load over time; a load of zero is left out."""

@@ -37,35 +37,23 @@ def _hertz(value: Any) -> Any:
         raise ValueError(str(error)) from None
 
 
-Hertz = Annotated[float, BeforeValidator(_hertz), Field(gt=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
 class MappedChannel(BaseModel):
-    """One channel of a file: value in the unit = sign (scale x number in the file + offset).
-
-    Parameters
-    ----------
-    channel : name in the file
-    unit : of ``scale x number + offset``; None takes the unit in the file or the name, else SI
-    sign : +1 or -1
-    scale : factor on the number in the file, such as A per V of a current probe
-    offset : in the unit, added after the scale
-    full_scale : in the unit, where the converter saturates at plus and minus; None: unknown
-    side : "motor" or "output", the shaft on which it was measured; None: the recording's own
-    unwrap : whether an angle starts anew at each full turn and is to be counted on
-    """
+    """One channel of a file: value in the unit = sign (scale x number in the file + offset)."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
-    channel: Annotated[str, Field(min_length=1)]
-    unit: str | None = None
+    channel: Annotated[str, Field(min_length=1)]  # name in the file
+    unit: str | None = None  # None takes the unit in the file or the name, else SI
     sign: Literal[1, -1] = 1
-    scale: Finite = 1.0
-    offset: Finite = 0.0
-    full_scale: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
-    side: Literal["motor", "output"] | None = None
-    unwrap: bool = False
+    scale: Finite = 1.0  # such as A per V of a current probe
+    offset: Finite = 0.0  # in the unit
+    full_scale: Positive | None = None  # in the unit, where the converter saturates on both sides
+    side: Literal["motor", "output"] | None = None  # the shaft; None: the recording's own
+    unwrap: bool = False  # an angle that starts anew at each full turn is counted on
 
     @model_validator(mode="after")
     def _scale_keeps_something(self) -> Self:
@@ -105,9 +93,9 @@ class ChannelMap(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
     columns: dict[str, MappedChannel] = {}
-    sample_rate: Hertz | None = None
+    sample_rate: Annotated[Positive, BeforeValidator(_hertz)] | None = None
     phase_order: str = "abc"
-    gear_ratio: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    gear_ratio: Positive | None = None
     without: tuple[str, ...] = ()
     csv: CsvOptions = CsvOptions()
     _channels: tuple[Channel, ...] = PrivateAttr(default=())

@@ -1,8 +1,6 @@
 """Recordings in files, for the channels of a given kind of actuator.
 
-Channels are collected in SI (`collect`), tables cut into motions (`motions`), times tidied and
-brought to one constant rate (`sampling`), holes and saturated samples dealt with (`cleaning`). Each
-step adds to the provenance. `ematwin.models.reading` gives the public `read`, which knows the
+Each step adds to the provenance. `ematwin.models.reading` gives the public `read`, which knows the
 kinds.
 """
 
@@ -51,11 +49,6 @@ def read_file(
     inputs : channels that drive the model
     own : whether a file that ematwin wrote is read as it is, whatever its channels; else if it
         has the needed channels
-
-    Returns
-    -------
-    list of Recording, one unless the file was cut into several motions; only chosen motions have
-        to be sound
     """
     channel_map = ChannelMap.of(columns, channels)
     if gaps not in (known := get_args(Policy)):
@@ -105,8 +98,15 @@ def _cleaned(
     derive(found, found.time)
     make_sound(found, gaps, inputs)
     for channel in channels:
-        if channel.refreshed and channel.name in found.columns:
-            _put_at_samples(found, channel)
+        if not channel.refreshed or channel.name not in found.columns:
+            continue
+        moved_to = sampled(found.time, found.columns[channel.name], channel.refreshed)
+        if moved_to is not None:  # each read was a sample of before
+            found.columns[channel.name], period = moved_to
+            found.changed.append(
+                f"{channel.name} is read up to {1e3 * period:.3g} ms after it was sampled, as its "
+                "steps show; it was brought to the times of the reads"
+            )
     time, columns, changed = to_constant_rate(found.time, found.columns, rate, found.name, means)
     provenance: dict[str, Any] = {
         "source": "file",
@@ -133,17 +133,6 @@ def _cleaned(
         source=file.given.name,
         provenance=provenance,
     )
-
-
-def _put_at_samples(found: Collected, channel: Channel) -> None:
-    """Values of a channel at the times of the reads, each read being a sample of before."""
-    moved = sampled(found.time, found.columns[channel.name], channel.refreshed)
-    if moved is not None:
-        found.columns[channel.name], period = moved
-        found.changed.append(
-            f"{channel.name} is read up to {1e3 * period:.3g} ms after it was sampled, as its "
-            "steps show; it was brought to the times of the reads"
-        )
 
 
 def _bring_to_one_base(
@@ -205,9 +194,8 @@ def _as_written(
             )
     values = file.read(file.names, progress)
     time = values.pop("time")
-    provenance = dict(
-        file.metadata.get("provenance") or {"source": "file", "file": file.given.name}
-    )
+    unknown = {"source": "file", "file": file.given.name}
+    provenance = dict(file.metadata.get("provenance") or unknown)
     if rate is not None:
         means = file.metadata.get("means", [one.name for one in channels if one.is_mean])
         time, values, changed = to_constant_rate(time, values, rate, file.path, means)

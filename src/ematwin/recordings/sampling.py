@@ -1,13 +1,11 @@
 """The time grid of a recording: its times tidied, and all columns at one constant rate.
 
-Jittered times are interpolated by Akima's cubics (J. ACM 17, 1970), which do not overshoot at the
-steps that commands have; on a sine of 100 samples a turn their error is 2e-5, where monotone
-cubics (PCHIP) have 3e-4. A lower rate is reached through a linear-phase low-pass
-that is down by 80 dB at the new Nyquist frequency, applied without delay.
+Jittered times are interpolated by Akima's cubics (J. ACM 17, 1970), which do not overshoot at
+steps of commands; on a sine of 100 samples a turn their error is 2e-5 (monotone cubics: 3e-4). A
+lower rate is reached through a linear-phase low-pass, 80 dB down at the new Nyquist frequency.
 
-A current of a brushless actuator is the mean over the interval that ends at its time: it comes half
-an interval late, and half a longer interval once the rate is lowered. Such channels are therefore
-taken that little earlier, so that they are such means before and after.
+A current of a brushless actuator is the mean over the interval that ends at its time. Such channels
+are taken half the difference of the intervals earlier, so that they are such means afterwards.
 """
 
 from collections.abc import Callable, Collection

@@ -1,12 +1,10 @@
-"""Writing columns and recordings to CSV and Parquet files, through pyarrow.
+"""Writing columns and recordings to CSV and Parquet files, through pyarrow, bit for bit.
 
-Numbers survive the round trip bit for bit. All else about a recording is kept
-with checksums (`checksums`); pages of Parquet have their own. A table of several recordings has no
-such metadata; its columns say labels and units.
+All else about a recording is kept with checksums (`checksums`); a table of several recordings has
+labels and units in its columns alone.
 
-No text in a CSV starts a formula: a cell that begins with = + - @, a tab or a line break is
-computed by spreadsheets, whoever wrote it (OWASP, "CSV injection"). An apostrophe before it makes
-it a text. Numbers stay numbers.
+No text in a CSV starts a formula: spreadsheets compute a cell that begins with = + - @, a tab or a
+line break (OWASP, "CSV injection"). An apostrophe before it makes it a text. Numbers stay numbers.
 """
 
 import re

@@ -56,13 +56,10 @@ def channels_table(
 
 def fault_table(values: Mapping[str, float], actuator: Any) -> Table:
     """Each value, as it is searched and as it is measured; what differs from healthy is marked."""
-    rows = [
-        Row(
-            [row.name, f"{row.normalised:.3g}", *row.said, row.meaning],
-            marked=row.value != row.healthy,
-        )
-        for row in model_of(actuator).describe(actuator, values)
-    ]
+    rows = []
+    for row in model_of(actuator).describe(actuator, values):
+        cells = [row.name, f"{row.normalised:.3g}", *row.said, row.meaning]
+        rows.append(Row(cells, marked=row.value != row.healthy))
     return Table(["fault", "k", "value", "healthy", "meaning"], rows, last_is_text=True)
 
 
@@ -76,20 +73,16 @@ def comparison_page(
     rms = float(np.sqrt(np.mean(difference**2)))
     level = float(np.sqrt(np.mean(base.values**2)))
     source = record.provenance
+    facts = {
+        "model": str(source.get("model")), "actuator": f"{actuator.name}: {actuator.description}",
+        "scenario": str(source.get("scenario")),
+        "samples": f"{len(record)} at {record.sample_rate:g} Hz",
+        "noise": listed(source.get("noise")), "seed": str(source.get("seed")),
+    }  # fmt: skip
     sections = [
         Section("Faults", table=fault_table(values, actuator)),
         Section("Response", figure=plot_response(record, healthy, actuator)),
-        Section(
-            "Where this comes from",
-            facts={
-                "model": str(source.get("model")),
-                "actuator": f"{actuator.name}: {actuator.description}",
-                "scenario": str(source.get("scenario")),
-                "samples": f"{len(record)} at {record.sample_rate:g} Hz",
-                "noise": listed(source.get("noise")),
-                "seed": str(source.get("seed")),
-            },
-        ),
+        Section("Where this comes from", facts=facts),
     ]
     what = first.title.partition(",")[0].lower()
     lead = (

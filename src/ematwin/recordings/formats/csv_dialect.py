@@ -1,10 +1,8 @@
 """How a text table is written: encoding, delimiter, decimal sign, header, units, first row.
 
-Looked for in the first lines and in a piece from the middle, because the first rows may hold
-zeros only and so show no decimal sign. The provenance records the dialect.
-
-Libraries were tried on such tables and left out: clevercsv finds delimiters only, csv.Sniffer took
-a carriage return for one, and charset-normalizer took Windows-1252 for a code page of DOS.
+Looked for in the first lines and in a piece from the middle: the first rows may hold zeros only,
+which show no decimal sign. clevercsv finds delimiters only, csv.Sniffer took a carriage return for
+one, and charset-normalizer took Windows-1252 for a code page of DOS.
 """
 
 import csv
