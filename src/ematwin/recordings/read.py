@@ -109,14 +109,10 @@ def _cleaned(
             )
     time, columns, changed = to_constant_rate(found.time, found.columns, rate, found.name, means)
     provenance: dict[str, Any] = {
-        "source": "file",
-        "file": file.given.name,
-        "format": file.kind,
-        "columns": found.channels,
-        "assumed": found.assumed,
-        "changed": found.changed + changed,
+        "source": "file", "file": file.given.name, "format": file.kind,
+        "columns": found.channels, "assumed": found.assumed, "changed": found.changed + changed,
         "warnings": found.warnings,
-    }
+    }  # fmt: skip
     if file.metadata.get("provenance"):
         provenance["origin"] = file.metadata["provenance"]
     if counts:
@@ -125,14 +121,10 @@ def _cleaned(
         provenance["masked_s"] = found.masked
     in_order = [one for one in channels if one.name in columns]
     return Recording(
-        time,
-        {one.name: columns.pop(one.name) for one in in_order},
-        units={one.name: one.unit for one in in_order},
-        labels=found.labels,
-        start=start,
-        source=file.given.name,
-        provenance=provenance,
-    )
+        time, {one.name: columns.pop(one.name) for one in in_order},
+        units={one.name: one.unit for one in in_order}, labels=found.labels, start=start,
+        source=file.given.name, provenance=provenance,
+    )  # fmt: skip
 
 
 def _bring_to_one_base(
@@ -202,11 +194,7 @@ def _as_written(
         provenance["changed"] = [*provenance.get("changed", []), *changed]
     start = file.metadata.get("start")
     return Recording(
-        time,
-        values,
-        units=units,
-        labels=file.metadata.get("labels"),
-        start=None if start is None else datetime.fromisoformat(start),
-        source=file.given.name,
+        time, values, units=units, labels=file.metadata.get("labels"),
+        start=None if start is None else datetime.fromisoformat(start), source=file.given.name,
         provenance=provenance,
-    )
+    )  # fmt: skip

@@ -7,6 +7,7 @@ cannot tell a measurement from a simulation, except by the provenance that is ke
 import json
 from collections.abc import Iterator, Mapping
 from datetime import datetime
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -255,11 +256,7 @@ class Recording:
 
     def __reduce__(self) -> Any:
         parts = {name: getattr(self, name) for name in _RESERVED - {"time", "channels"}}
-        return _rebuilt, (self.time, self.channels, parts)
-
-
-def _rebuilt(time: np.ndarray, channels: dict[str, np.ndarray], parts: Any) -> Recording:
-    return Recording(time, channels, **parts)
+        return partial(Recording, **parts), (self.time, self.channels)
 
 
 def label_text(labels: Mapping[str, str]) -> str:

@@ -22,17 +22,6 @@ def calibration_page(report: CalibrationReport) -> str:
         f"recordings. {misfit_sentence(report)}"
     )
     sections = [
-        *(
-            [
-                Section(
-                    "Change from the template",
-                    "Lines are 95 % intervals. Pale: not determined by these recordings.",
-                    figure=plot_learnt(report),
-                )
-            ]
-            if told
-            else []
-        ),
         Section("How it is built", points=forms_sentences(report), table=_forms_table(report)),
         Section("Parameters", table=parameter_table(report)),
         Section("What they leave open", points=open_sentences(report)),
@@ -40,6 +29,9 @@ def calibration_page(report: CalibrationReport) -> str:
         Section("How healthy runs differ", points=spread_sentences(report)),
         Section("Learnt from", facts={"runs": ", ".join(report.learnt), "kind": actuator.kind}),
     ]
+    if told:
+        text = "Lines are 95 % intervals. Pale: not determined by these recordings."
+        sections.insert(0, Section("Change from the template", text, figure=plot_learnt(report)))
     return render(f"{actuator.name}: calibration", lead.rstrip(), sections, list(report.notes))
 
 
@@ -58,19 +50,14 @@ def _fit_sections(report: CalibrationReport) -> list[Section]:
     """Recordings beside the twin before and after, and residuals; none where that is not known."""
     if report.basis is None or not report.basis.nuisances:
         return []
+    beside = "A healthy recording of each command beside the template and the calibrated twin."
+    by_parts = (
+        "Root mean square of the difference in each of 48 parts. What depends on the angle is "
+        "cogging or the winding, on the speed friction or back-EMF, on the time warming or a load."
+    )
     return [
-        Section(
-            "Before and after",
-            "A healthy recording of each command beside the template and the calibrated twin.",
-            figure=plot_before_and_after(report),
-        ),
-        Section(
-            "Residuals by angle, speed and time",
-            "Root mean square of the difference in each of 48 parts. What depends on the angle is "
-            "cogging or the winding, on the speed friction or back-EMF, on the time warming or a "
-            "load.",
-            figure=plot_residuals(report),
-        ),
+        Section("Before and after", beside, figure=plot_before_and_after(report)),
+        Section("Residuals by angle, speed and time", by_parts, figure=plot_residuals(report)),
     ]
 
 

@@ -33,21 +33,16 @@ def design_page(found: Design) -> str:
             f" Observed: root mean square of what identify erred on {found.promised.checks} "
             f"simulated recordings of each command{which}."
         )
+    price = "On a healthy actuator; in brackets the most that was seen with faults."
+    begun = "Identifiability of faults that have just begun"
+    every = "With everything that is unknown, also what no command can determine."
     sections = [
         Section("Command", table=parts_table(found.scenario), figure=plot_command(found)),
         Section("Errors", text=text, table=errors_table(found)),
         Section(figure=plot_errors(found)),
-        Section(
-            "The price",
-            text="On a healthy actuator; in brackets the most that was seen with faults.",
-            table=price_table(found),
-        ),
+        Section("The price", price, table=price_table(found)),
         *(
-            Section(
-                f"Identifiability of faults that have just begun: {title} command",
-                text="With everything that is unknown, also what no command can determine.",
-                table=told_table(one.told),
-            )
+            Section(f"{begun}: {title} command", every, table=told_table(one.told))
             for title, one in (("the designed", found.promised), ("the given", found.default))
             if one.told is not None
         ),
@@ -67,8 +62,7 @@ def discrimination_page(found: Discrimination) -> str:
         f"distance with {found.default.name}": f"{found.default_distance:.3g}",
         "limits": _listed(found.limits),
         "demands": _listed(found.demands),
-        "search": f"{found.evaluations} commands in {found.seconds:.1f} s, seed {found.seed}, "
-        f"{found.stopped}",
+        "search": _search(found),
     }
     return render(
         f"{found.actuator.name}: command to tell two explanations apart",
@@ -200,8 +194,11 @@ def _listed(values: Mapping[str, float]) -> str:
 def _facts(found: Design) -> dict[str, str]:
     return {
         "made for": found.fault or "the fault with the largest expected error, as a share of range",
-        "search": f"{found.evaluations} commands in {found.seconds:.1f} s, seed {found.seed}, "
-        f"{found.stopped}",
-        "faults": f"{found.draws} vectors drawn from their prior",
+        "search": _search(found), "faults": f"{found.draws} vectors drawn from their prior",
         "limits": _listed(found.limits),
-    }
+    }  # fmt: skip
+
+
+def _search(found: Design | Discrimination) -> str:
+    spent = f"{found.evaluations} commands in {found.seconds:.1f} s"
+    return f"{spent}, seed {found.seed}, {found.stopped}"

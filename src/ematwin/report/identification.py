@@ -22,22 +22,16 @@ def identification_page(found: Identification) -> str:
     if record is None:
         raise InputError("The identification keeps no recording; identify from it again.")
     truth = true_faults(found)
+    bars = "Bars are shares of a fault's range, lines their 95 % intervals."
+    bars += " Diamonds are the true values of the simulation." if truth else ""
+    fit = "Both went through the same filter. A pattern in the residual is something that the twin "
+    fit += "does not model."
     sections = [
-        Section(
-            "Deviation from healthy",
-            text="Bars are shares of a fault's range, lines their 95 % intervals."
-            + (" Diamonds are the true values of the simulation." if truth else ""),
-            figure=plot_faults(found),
-        ),
+        Section("Deviation from healthy", bars, figure=plot_faults(found)),
         Section("Faults", table=fault_table(found)),
         Section("Parts", table=parts_table(found)),
         *uncertainty_sections(found, record),
-        Section(
-            "Measured and fitted",
-            text="Both went through the same filter. A pattern in the residual is something that "
-            "the twin does not model.",
-            figure=plot_fit(found),
-        ),
+        Section("Measured and fitted", fit, figure=plot_fit(found)),
         Section("Convergence", figure=plot_convergence(found)),
         Section("How it was found", facts=_facts(found, record)),
     ]
@@ -59,19 +53,15 @@ def uncertainty_sections(found: Identification, record: Recording) -> list[Secti
     if isinstance(sure, ProfileUncertainty):
         text = "Where the rise passes the dotted line the 95 % interval ends."
         sections.append(Section("Profiles of the faults", text=text, figure=plot_profile(found)))
+    pairs = "Each pair of faults by draws: a slanted cloud is two that are traded off."
+    band = (
+        "The recording over the answers of the twin to draws of everything that is unknown. Noise "
+        "of the sensors is not in the band."
+    )
     return [
         *sections,
-        Section(
-            "Faults together",
-            text="Each pair of faults by draws: a slanted cloud is two that are traded off.",
-            figure=plot_posterior(found),
-        ),
-        Section(
-            "What the twin may answer",
-            text="The recording over the answers of the twin to draws of everything that is "
-            "unknown. Noise of the sensors is not in the band.",
-            figure=plot_answers(found, record),
-        ),
+        Section("Faults together", pairs, figure=plot_posterior(found)),
+        Section("What the twin may answer", band, figure=plot_answers(found, record)),
     ]
 
 
@@ -115,6 +105,9 @@ def parts_table(found: Identification) -> Table:
 
 def _facts(found: Identification, record: Recording) -> dict[str, str]:
     source = found.provenance
+    known = "healthy recordings and their drift" if found.calibrated else (
+        "the tolerances of the data sheet"
+    )  # fmt: skip
     facts = {
         "record": str(source.get("file") or f"{source.get('source')} {source.get('model', '')}"),
         "samples": f"{len(record)} at {record.sample_rate:g} Hz",
@@ -124,11 +117,7 @@ def _facts(found: Identification, record: Recording) -> dict[str, str]:
         "stopped": found.stopped,
         "misfit": f"{found.cost:.4g}; {100.0 * found.relative_misfit:.2f} %",
         "intervals": "95 %, over noise, the twin's own error, and parameters, load and sensors as "
-        + (
-            "far as healthy recordings and their drift leave them open"
-            if found.calibrated
-            else "far as the tolerances of the data sheet leave them open"
-        ),
+        f"far as {known} leave them open",
     }
     if source.get("columns"):
         facts["columns"] = columns_in_words(source["columns"])

@@ -15,19 +15,22 @@ from ematwin.errors import InputError, MissingExtraError
 from ematwin.files import check_target, write_text
 
 
-def frame(columns: Mapping[str, Any], index: str | None = None) -> Any:
+def frame(columns: Any, index: str | None = None) -> Any:
     """A pandas DataFrame of columns (N,) by name, of which ``index`` may label the rows.
 
     Raises `MissingExtraError`, which names the command that installs it, without pandas.
     """
-    made = _pandas().DataFrame(dict(columns))
+    try:
+        from pandas import DataFrame
+    except ImportError:
+        raise MissingExtraError("pandas", "pandas", "A table") from None
+    made = DataFrame(columns)
     return made if index is None else made.set_index(index)
 
 
 def frame_of_rows(rows: Iterable[Mapping[str, Any]], index: str | None = None) -> Any:
     """A pandas DataFrame of rows; values that a row does not have are missing."""
-    made = _pandas().DataFrame(list(rows))
-    return made if index is None else made.set_index(index)
+    return frame(list(rows), index)
 
 
 def is_frame(value: Any) -> bool:
@@ -53,14 +56,6 @@ def plain(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
-
-
-def _pandas() -> Any:
-    try:
-        import pandas
-    except ImportError:
-        raise MissingExtraError("pandas", "pandas", "A table") from None
-    return pandas
 
 
 def drawn(result: Any, kind: str, functions: Mapping[str, str], *settings: Any) -> Any:
