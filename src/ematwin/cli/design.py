@@ -1,6 +1,4 @@
-"""``ematwin design``: the test command with the smallest errors, that tells two explanations apart,
-or from which the parameters of the healthy actuator can be learnt.
-"""
+"""``ematwin design``: a test that shows faults, tells two explanations apart, or lets one learn."""
 
 import json as json_text
 from pathlib import Path

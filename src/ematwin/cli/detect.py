@@ -104,15 +104,11 @@ def answer(
         found.report(report)
 
     def plain() -> dict[str, object]:
-        told = [
-            {
-                **({"name": name} if name else {}),
-                "actuator": known.actuator.name,
-                "kind": known.actuator.kind,
-                "verdicts": [{**_ALWAYS, **one.as_dict()} for one in found[name].each(each)],
-            }
-            for name, known in found.calibrations.items()
-        ]
+        told = []
+        for name, known in found.calibrations.items():
+            actuator = {"actuator": known.actuator.name, "kind": known.actuator.kind}
+            verdicts = [{**_ALWAYS, **one.as_dict()} for one in found[name].each(each)]
+            told.append({**({"name": name} if name else {}), **actuator, "verdicts": verdicts})
         return {
             **({"actuators": told} if found.is_named else told[0]), "each": each,
             "not_judged": found.missing, "report": report, "assumed": assumed,

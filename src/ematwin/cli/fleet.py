@@ -37,11 +37,6 @@ fleet = typer.Typer(
 )
 
 
-@fleet.callback()
-def fleets() -> None:
-    """Show a fleet, record overhauls, acknowledge and silence alarms, withdraw such entries."""
-
-
 @fleet.command("status")
 def status(
     fleet: FleetArgument,
@@ -58,8 +53,7 @@ def status(
 ) -> None:
     """Say which actuator needs what, and when, from the recordings that are judged."""
     check_step(fail_on)
-    options.check_outputs(report, table)
-    options.check_outputs(None, recordings)
+    options.check_outputs(report, table, recordings)
     known = ematwin.Fleet(fleet, create=False)
     if table is not None:
         known.export(table, "advisory")
@@ -68,7 +62,7 @@ def status(
     if report is not None:
         known.report(report)
     options.answer(
-        json, lambda: {"actuators": plain_rows(known)}, lambda: print_fleet(known), table,
+        json, lambda: {"actuators": plain(known.table())}, lambda: print_fleet(known), table,
         recordings, report, fails=reached(known, fail_on),
     )  # fmt: skip
 
@@ -119,13 +113,13 @@ def history(fleet: FleetArgument, serial: SerialArgument, json: options.JsonOpti
     from ematwin.fleet.pages import history as known
 
     unit = ematwin.Fleet(fleet, create=False)[serial]
-    plain = [
+    told = [
         one | {name: one[name].isoformat() for name in ("time", "known")}
         | {"withdrawn": one not in unit.events}
         for one in reversed(unit.history)
     ]  # fmt: skip
     options.answer(
-        json, lambda: {"events": plain},
+        json, lambda: {"events": told},
         lambda: options.print_table("", known(unit), whole=("day", "entry"), width=200),
     )  # fmt: skip
 
@@ -168,11 +162,6 @@ def reached(fleet: "Fleet", fail_on: str | None) -> bool:
     return fail_on is not None and any(
         row["advisory_level"] >= STEPS.index(fail_on) for row in fleet.table()
     )
-
-
-def plain_rows(fleet: "Fleet") -> list[dict[str, object]]:
-    """Rows of `Fleet.table` for JSON, which knows no infinity."""
-    return [plain(row) for row in fleet.table()]
 
 
 def print_fleet(fleet: "Fleet") -> None:

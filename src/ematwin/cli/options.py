@@ -143,12 +143,14 @@ def grades(text: str | None) -> set[str]:
     return found
 
 
-def check_outputs(page: Path | None, table: Path | None = None) -> None:
+def check_outputs(page: Path | None, *tables: Path | None) -> None:
     """Refuse a page or table that cannot be written, before any work is done."""
-    if page is not None:
-        check_target(page, (".html",))
-    if table is not None:
-        check_target(table, (".csv", ".parquet"))
+    for path, suffixes in (
+        (page, (".html",)),
+        *((table, (".csv", ".parquet")) for table in tables),
+    ):
+        if path is not None:
+            check_target(path, suffixes)
 
 
 def print_json(answer: Any) -> None:

@@ -9,9 +9,10 @@ import typer
 
 import ematwin
 from ematwin.cli import options
-from ematwin.cli.fleet import StepOption, check_step, plain_rows, print_fleet, reached
+from ematwin.cli.fleet import StepOption, check_step, print_fleet, reached
 from ematwin.cli.recordings import map_of
 from ematwin.errors import InputError
+from ematwin.showing.results import plain
 
 if TYPE_CHECKING:
     from ematwin.fleet.fleet import Fleet
@@ -77,8 +78,8 @@ def watch(
         if report is not None:
             known.report(report)
         fails = every is None and reached(known, fail_on)
-        plain, tell = partial(_plain, known, found), partial(_tell, known, found)
-        options.answer(json, plain, tell, table, report, fails=fails)
+        told = partial(_plain, known, found), partial(_tell, known, found)
+        options.answer(json, *told, table, report, fails=fails)
         if every is None:
             break
         time.sleep(every)
@@ -88,7 +89,7 @@ def _plain(fleet: "Fleet", found: "Watched") -> dict[str, object]:
     return {
         "judged": found.judged, "known": found.known, "duplicates": found.duplicates,
         "set_aside": [{"source": a, "reason": b} for a, b in found.set_aside],
-        "actuators": plain_rows(fleet),
+        "actuators": plain(fleet.table()),
     }  # fmt: skip
 
 
