@@ -20,9 +20,9 @@ def actuators(
     out: Path | None = typer.Option(
         None, help="Write its parameters to this file (.toml), as a start for your own."
     ),
-    force: options.ForceOption = False,
-    units: options.UnitsOption = None,
-    json: options.JsonOption = False,
+    force: bool = options.FORCE,
+    units: str | None = options.UNITS,
+    json: bool = options.JSON,
 ) -> None:
     """List the actuators of all kinds, or show one: parameters, channels, faults."""
     from ematwin.models.parameter_file import parameter_table
@@ -91,7 +91,7 @@ def actuators(
     options.answer(json, lambda: plain, tell, out)
 
 
-def scenarios(json: options.JsonOption = False) -> None:
+def scenarios(json: bool = options.JSON) -> None:
     """List the shipped scenarios of all kinds."""
     from ematwin.models.registry import models
 
@@ -110,7 +110,7 @@ def scenarios(json: options.JsonOption = False) -> None:
         typer.echo(f"{s.name:<14} {kind:<12} {s.duration:>5.4g} s  {s.description}")
 
 
-def algorithms(json: options.JsonOption = False) -> None:
+def algorithms(json: bool = options.JSON) -> None:
     """List the search algorithms with sources, departures and tuning, and the presets."""
     from ematwin.estimation.search import methods
     from ematwin.optimizers.base import EXTRA

@@ -21,8 +21,8 @@ def calibrate(
         "for a healthy population as well.",
     ),
     out: Path = typer.Option(..., help="Where to write the calibrated actuator (.toml)."),
-    actuator: options.RecordedActuatorOption = None,
-    where: options.WhereOption = None,
+    actuator: str | None = options.RECORDED_ACTUATOR,
+    where: list[str] | None = options.WHERE,
     known: list[str] | None = typer.Option(
         None,
         help="Recordings of a known fault in the same files, to name later alarms by, e.g. "
@@ -33,12 +33,12 @@ def calibrate(
         help="Calibrated actuator (.toml) whose healthy runs these join, such as runs of a "
         "later occasion; one run is enough. Actuator and known faults stay as in it.",
     ),
-    column: options.ColumnOption = None,
-    map_file: options.MapOption = None,
-    report: options.ReportOption = None,
-    force: options.ForceOption = False,
-    units: options.UnitsOption = None,
-    json: options.JsonOption = False,
+    column: list[str] | None = options.COLUMN,
+    map_file: Path | None = options.MAP,
+    report: Path | None = options.REPORT,
+    force: bool = options.FORCE,
+    units: str | None = options.UNITS,
+    json: bool = options.JSON,
 ) -> None:
     """Learn from healthy recordings how an actuator behaves and how far healthy runs differ."""
     from ematwin.models.registry import shipped_actuators

@@ -20,13 +20,13 @@ def channels(
     file: Path = typer.Argument(
         ..., help="CSV, Parquet, Excel, MAT, MDF4, TDMS, HDF5, ULog or MCAP."
     ),
-    actuator: options.RecordedActuatorOption = None,
+    actuator: str | None = options.RECORDED_ACTUATOR,
     write: Path | None = typer.Option(
         None, help="Write the proposed map here (.toml), for identify --map."
     ),
     plot: Path | None = typer.Option(None, help="Write a page with every channel here (.html)."),
-    force: options.ForceOption = False,
-    json: options.JsonOption = False,
+    force: bool = options.FORCE,
+    json: bool = options.JSON,
 ) -> None:
     """List the channels of a file, and propose which is which, with reasons.
 

@@ -32,10 +32,10 @@ def compare(
     population: int = typer.Option(50, help="Size of the population."),
     iterations: int = typer.Option(200, help="The budget is population times this."),
     seed: int = typer.Option(1, help="Seed of the study; all others follow from it."),
-    noise: options.NoiseOption = None,
+    noise: str | None = options.NOISE,
     box: str = typer.Option("plain", help="plain; or remapped, where healthy is not in a corner."),
-    actuator: options.ActuatorOption = "servo48",
-    scenario: options.ScenarioOption = None,
+    actuator: str = options.ACTUATOR,
+    scenario: str | None = options.SCENARIO,
     store: str = typer.Option("study.db", help="SQLite file, or postgresql://user@host/name."),
     workers: int | None = typer.Option(
         None, min=1, help="Processes on this machine, all cores if not given."
@@ -53,7 +53,7 @@ def compare(
     retry_failed: bool = typer.Option(
         False, "--retry-failed", help="Repeat failed and timed-out runs."
     ),
-    json: options.JsonOption = False,
+    json: bool = options.JSON,
 ) -> None:
     """Compare search algorithms over fault cases; continue where an earlier call stopped."""
     from ematwin.benchmarking.cases import cases_of

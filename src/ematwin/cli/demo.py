@@ -47,8 +47,8 @@ def demo(
     fleet: bool = typer.Option(
         False, "--fleet", help="Instead simulate a fleet, 60 actuators over three years."
     ),
-    units: options.UnitsOption = None,
-    json: options.JsonOption = False,
+    units: str | None = options.UNITS,
+    json: bool = options.JSON,
 ) -> None:
     """Learn how a drive is built from healthy records, and find the faults of a later one."""
     from ematwin.report.recordings import comparison_page

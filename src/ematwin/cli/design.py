@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 def design(
     out: Path = typer.Option(..., help="Write the command here (.toml)."),
-    actuator: options.ActuatorOption = "servo48",
-    scenario: options.ScenarioOption = None,
+    actuator: str = options.ACTUATOR,
+    scenario: str | None = options.SCENARIO,
     fault: str | None = typer.Option(
         None, help="The fault to identify; the least identifiable one if not given."
     ),
@@ -36,8 +36,8 @@ def design(
     at: list[str] | None = typer.Option(
         None, help="A fault at which to look, e.g. friction=0.25. Repeatable."
     ),
-    noise: options.NoiseOption = None,
-    exact: options.ExactOption = False,
+    noise: str | None = options.NOISE,
+    exact: bool = options.EXACT,
     check: int = typer.Option(
         0, help="Identify so many simulated recordings of each command.", min=0
     ),
@@ -62,10 +62,10 @@ def design(
         None, help="Commands to look at; a minute's worth if not given.", min=1
     ),
     seed: int = typer.Option(1, help="Seed of faults, noise and search.", min=0),
-    report: options.ReportOption = None,
-    force: options.ForceOption = False,
-    units: options.UnitsOption = None,
-    json: options.JsonOption = False,
+    report: Path | None = options.REPORT,
+    force: bool = options.FORCE,
+    units: str | None = options.UNITS,
+    json: bool = options.JSON,
 ) -> None:
     """Find the test command with which faults, or parameters, of an actuator are found best."""
     check_target(out, (".toml",), replace=force)

@@ -39,15 +39,15 @@ def detect(
         help="What to judge: each run (its recordings together, where a healthy population "
         "judges) or each motion (recording).",
     ),
-    where: options.WhereOption = None,
-    column: options.ColumnOption = None,
-    map_file: options.MapOption = None,
-    load: options.LoadOption = None,
-    report: options.ReportOption = None,
-    table: options.TableOption = None,
-    fail_on: options.FailOption = None,
-    units: options.UnitsOption = None,
-    json: options.JsonOption = False,
+    where: list[str] | None = options.WHERE,
+    column: list[str] | None = options.COLUMN,
+    map_file: Path | None = options.MAP,
+    load: str | None = options.LOAD,
+    report: Path | None = options.REPORT,
+    table: Path | None = options.TABLE,
+    fail_on: str | None = options.FAIL,
+    units: str | None = options.UNITS,
+    json: bool = options.JSON,
 ) -> None:
     """Judge recordings against the healthy actuator: the verdict of identify on each, as a table.
 

@@ -15,13 +15,13 @@ def explore(
         help="A recording: Parquet, CSV, MAT, MDF4, TDMS or HDF5; without one the twin is "
         "shown beside the healthy one.",
     ),
-    actuator: options.RecordedActuatorOption = None,
-    scenario: options.ScenarioOption = None,
-    column: options.ColumnOption = None,
-    map_file: options.MapOption = None,
-    port: options.PortOption = 0,
-    units: options.UnitsOption = None,
-    no_browser: options.NoBrowserOption = False,
+    actuator: str | None = options.RECORDED_ACTUATOR,
+    scenario: str | None = options.SCENARIO,
+    column: list[str] | None = options.COLUMN,
+    map_file: Path | None = options.MAP,
+    port: int = options.PORT,
+    units: str | None = options.UNITS,
+    no_browser: bool = options.NO_BROWSER,
 ) -> None:
     """Drag the faults of the twin, and see its answer beside a recording's, in the browser."""
     from ematwin.exploring.explorer import Explorer
@@ -37,9 +37,9 @@ def explore(
 
 def serve(
     fleet: Path = typer.Argument(..., help="The folder of `ematwin watch --fleet`."),
-    port: options.PortOption = 0,
-    units: options.UnitsOption = None,
-    no_browser: options.NoBrowserOption = False,
+    port: int = options.PORT,
+    units: str | None = options.UNITS,
+    no_browser: bool = options.NO_BROWSER,
 ) -> None:
     """Show a fleet in the browser, as it is at each moment: read only, on this machine only."""
     from ematwin.fleet.serve import FleetServer

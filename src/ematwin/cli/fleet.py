@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -16,19 +16,17 @@ if TYPE_CHECKING:
     from ematwin.fleet.actuator import FleetActuator
     from ematwin.fleet.fleet import Fleet
 
-FleetArgument = Annotated[Path, typer.Argument(help="The folder of `ematwin watch --fleet`.")]
-SerialArgument = Annotated[str, typer.Argument(help="Serial number of the actuator.")]
-MagnitudeArgument = Annotated[
-    str | None, typer.Argument(help="The magnitude of the alarm, e.g. friction; else all of them.")
-]
-NoteOption = Annotated[str, typer.Option(help="A remark that is kept, e.g. who and why.")]
-StepOption = Annotated[
-    str | None,
-    typer.Option(
-        help="End with exit code 1 if an actuator has reached this step (watch, plan, act), or if "
-        "its latest recording has a fault (fault)."
-    ),
-]
+FLEET = typer.Argument(..., help="The folder of `ematwin watch --fleet`.")
+SERIAL = typer.Argument(..., help="Serial number of the actuator.")
+MAGNITUDE = typer.Argument(
+    None, help="The magnitude of the alarm, e.g. friction; else all of them."
+)
+NOTE = typer.Option("", help="A remark that is kept, e.g. who and why.")
+STEP = typer.Option(
+    None,
+    help="End with exit code 1 if an actuator has reached this step (watch, plan, act), or if "
+    "its latest recording has a fault (fault).",
+)
 
 fleet = typer.Typer(
     help="Show a fleet, record overhauls, acknowledge and silence alarms, withdraw such entries.",
@@ -39,17 +37,17 @@ fleet = typer.Typer(
 
 @fleet.command("status")
 def status(
-    fleet: FleetArgument,
-    report: options.ReportOption = None,
+    fleet: Path = FLEET,
+    report: Path | None = options.REPORT,
     table: Path | None = typer.Option(
         None, help="Write a row for each actuator as a table (.csv or .parquet)."
     ),
     recordings: Path | None = typer.Option(
         None, help="Write a row for each recording as a table (.csv or .parquet)."
     ),
-    fail_on: StepOption = None,
-    units: options.UnitsOption = None,
-    json: options.JsonOption = False,
+    fail_on: str | None = STEP,
+    units: str | None = options.UNITS,
+    json: bool = options.JSON,
 ) -> None:
     """Say which actuator needs what, and when, from the recordings that are judged."""
     check_step(fail_on)
@@ -69,10 +67,10 @@ def status(
 
 @fleet.command("overhaul")
 def overhaul(
-    fleet: FleetArgument,
-    serial: SerialArgument,
+    fleet: Path = FLEET,
+    serial: str = SERIAL,
     on: str | None = typer.Option(None, help="Day or time, e.g. 2026-05-01; now if not given."),
-    note: NoteOption = "",
+    note: str = NOTE,
 ) -> None:
     """Record that an actuator was repaired or exchanged: its wear begins anew."""
     from ematwin.fleet.store import moment_of
@@ -84,10 +82,7 @@ def overhaul(
 
 @fleet.command("acknowledge")
 def acknowledge(
-    fleet: FleetArgument,
-    serial: SerialArgument,
-    magnitude: MagnitudeArgument = None,
-    note: NoteOption = "",
+    fleet: Path = FLEET, serial: str = SERIAL, magnitude: str | None = MAGNITUDE, note: str = NOTE
 ) -> None:
     """Acknowledge alarms of an actuator: shown as such until their step changes."""
     _told(fleet, serial, "acknowledged", lambda one: one.acknowledge(magnitude, note))
@@ -95,20 +90,20 @@ def acknowledge(
 
 @fleet.command("silence")
 def silence(
-    fleet: FleetArgument,
-    serial: SerialArgument,
+    fleet: Path = FLEET,
+    serial: str = SERIAL,
     until: str = typer.Option(
         ..., help="Day or time, e.g. 2026-06-01; one that has passed ends a silence."
     ),
-    magnitude: MagnitudeArgument = None,
-    note: NoteOption = "",
+    magnitude: str | None = MAGNITUDE,
+    note: str = NOTE,
 ) -> None:
     """Silence alarms of an actuator until a day."""
     _told(fleet, serial, f"silenced until {until}", lambda one: one.silence(magnitude, until, note))
 
 
 @fleet.command("history")
-def history(fleet: FleetArgument, serial: SerialArgument, json: options.JsonOption = False) -> None:
+def history(fleet: Path = FLEET, serial: str = SERIAL, json: bool = options.JSON) -> None:
     """Show alarms of an actuator and entries of its maintainers, the latest first."""
     from ematwin.fleet.pages import history as known
 
@@ -126,12 +121,12 @@ def history(fleet: FleetArgument, serial: SerialArgument, json: options.JsonOpti
 
 @fleet.command("withdraw")
 def withdraw(
-    fleet: FleetArgument,
-    serial: SerialArgument,
+    fleet: Path = FLEET,
+    serial: str = SERIAL,
     entries: list[str] = typer.Argument(
         ..., help="Entries, as `ematwin fleet history` shows them."
     ),
-    note: NoteOption = "",
+    note: str = NOTE,
 ) -> None:
     """Withdraw wrong entries; the history shows both. Then enter the right ones."""
     for one in ematwin.Fleet(fleet, create=False)[serial].withdraw(*entries, note=note):

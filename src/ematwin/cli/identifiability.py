@@ -1,5 +1,7 @@
 """``ematwin identifiability``: which faults a command can reveal, before any test."""
 
+from pathlib import Path
+
 import typer
 
 import ematwin
@@ -14,14 +16,14 @@ def identifiability(
         "which the command is taken. The kind's default if none is given.",
         autocompletion=complete.scenarios,
     ),
-    actuator: options.ActuatorOption = "servo48",
+    actuator: str = options.ACTUATOR,
     fault: list[str] | None = typer.Option(
         None,
         help="A fault at which to look, e.g. friction=0.25; each is just a fault if not given. "
         "Repeatable.",
     ),
-    noise: options.NoiseOption = None,
-    exact: options.ExactOption = False,
+    noise: str | None = options.NOISE,
+    exact: bool = options.EXACT,
     false_alarm: float | None = typer.Option(
         None, help="Probability that a healthy value is taken for a fault; 0.00135 (3 sigma)."
     ),
@@ -33,9 +35,9 @@ def identifiability(
         "--sobol",
         help="Also say how much of the answer's variance goes back to each unknown.",
     ),
-    report: options.ReportOption = None,
-    units: options.UnitsOption = None,
-    json: options.JsonOption = False,
+    report: Path | None = options.REPORT,
+    units: str | None = options.UNITS,
+    json: bool = options.JSON,
 ) -> None:
     """Say which faults a command can reveal, and the smallest that it would.
 

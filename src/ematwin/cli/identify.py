@@ -19,7 +19,7 @@ def identify(
         help="A recording (docs/formats.md). Of several, of a folder, or of a table of runs "
         "(docs/recordings.md), a table of verdicts.",
     ),
-    actuator: options.RecordedActuatorOption = None,
+    actuator: str | None = options.RECORDED_ACTUATOR,
     algorithm: str | None = typer.Option(
         None,
         help="A name from `ematwin algorithms`; the default method of the kind if not given.",
@@ -39,14 +39,14 @@ def identify(
     hold: list[str] | None = typer.Option(
         None, help="Hold a fault that is not searched at a value, e.g. gain=0.6."
     ),
-    column: options.ColumnOption = None,
-    map_file: options.MapOption = None,
+    column: list[str] | None = options.COLUMN,
+    map_file: Path | None = options.MAP,
     resample_to: str | None = typer.Option(
         None, help='Bring the record to this rate first, e.g. "20 kHz".'
     ),
     gaps: str = typer.Option("refuse", help="Holes in the record: refuse, longest or mask."),
-    load: options.LoadOption = None,
-    exact: options.ExactOption = False,
+    load: str | None = options.LOAD,
+    exact: bool = options.EXACT,
     uncertainty: str | None = typer.Option(
         None, help="How sure the answer is: laplace, profile or posterior (docs/certainty.md)."
     ),
@@ -58,11 +58,11 @@ def identify(
     checkpoint: Path | None = typer.Option(
         None, help="Keep a population method's state here; resume from it."
     ),
-    report: options.ReportOption = None,
-    table: options.TableOption = None,
-    fail_on: options.FailOption = None,
-    units: options.UnitsOption = None,
-    json: options.JsonOption = False,
+    report: Path | None = options.REPORT,
+    table: Path | None = options.TABLE,
+    fail_on: str | None = options.FAIL,
+    units: str | None = options.UNITS,
+    json: bool = options.JSON,
 ) -> None:
     """Find the faults with which the digital twin behaves like the recorded actuator."""
     from ematwin.monitoring.gather import files_of, is_one

@@ -1,7 +1,6 @@
 """``ematwin report`` and ``ematwin store``: the runs of a study in, their analysis out."""
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
@@ -9,14 +8,12 @@ import ematwin
 from ematwin.cli import options
 from ematwin.errors import InputError
 
-Where = Annotated[
-    str, typer.Argument(help="The store of `ematwin compare`: a file or a database URL.")
-]
+WHERE = typer.Argument(..., help="The store of `ematwin compare`: a file or a database URL.")
 store = typer.Typer(help="Check the store of a study.", no_args_is_help=True, rich_markup_mode=None)
 
 
 def report(
-    store: Where,
+    store: str = WHERE,
     out: Path | None = typer.Option(
         None, help="Write a page, and the tables as CSV and Parquet, to this folder."
     ),
@@ -81,7 +78,7 @@ def stores() -> None:
 
 
 @store.command("check")
-def check(store: Where, json: options.JsonOption = False) -> None:
+def check(store: str = WHERE, json: bool = options.JSON) -> None:
     """Verify every run of a store by its checksum."""
     from ematwin.benchmarking.store import open_store
 

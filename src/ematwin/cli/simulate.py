@@ -20,8 +20,8 @@ def simulate(
     model: str | None = typer.Option(
         None, help="For the brushless actuator: reference (default) or monitor."
     ),
-    scenario: options.ScenarioOption = None,
-    actuator: options.ActuatorOption = "servo48",
+    scenario: str | None = options.SCENARIO,
+    actuator: str = options.ACTUATOR,
     out: Path | None = typer.Option(None, help="Write the record here (.parquet or .csv)."),
     plot: Path | None = typer.Option(
         None, help="Write a page here that shows the record beside the healthy one (.html)."
@@ -40,8 +40,8 @@ def simulate(
         None,
         help="Further channels, with commas, e.g. voltage_a,voltage_b,voltage_c or bus_current.",
     ),
-    units: options.UnitsOption = None,
-    json: options.JsonOption = False,
+    units: str | None = options.UNITS,
+    json: bool = options.JSON,
 ) -> None:
     """Simulate an actuator with any mix of its faults."""
     from ematwin.models.reading import WRITTEN
@@ -108,7 +108,7 @@ def export_fmu(
         None, help="reference or monitor, where a kind has both; its first if not given."
     ),
     fmi: int = typer.Option(3, help="Version of the standard: 3 or 2."),
-    json: options.JsonOption = False,
+    json: bool = options.JSON,
 ) -> None:
     """Export an actuator for co-simulation elsewhere: an FMU that needs no Python."""
     from ematwin.models.registry import model_of

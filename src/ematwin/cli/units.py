@@ -5,7 +5,7 @@ import tomllib
 import tomli_w
 import typer
 
-from ematwin.cli.options import JsonOption, print_json
+from ematwin.cli.options import JSON, print_json
 from ematwin.errors import FileError, InputError
 from ematwin.files import write_text
 from ematwin.quantities import QUANTITIES, parse_units, settings_file, units_in_settings
@@ -15,7 +15,7 @@ def units(
     keep: str | None = typer.Argument(
         None, help='Units to keep, e.g. "angle=mrad, torque=mN m"; SI forgets them.'
     ),
-    json: JsonOption = False,
+    json: bool = JSON,
 ) -> None:
     """List or keep the units in which values are shown, on pages as well.
 

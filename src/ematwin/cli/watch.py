@@ -9,7 +9,7 @@ import typer
 
 import ematwin
 from ematwin.cli import options
-from ematwin.cli.fleet import StepOption, check_step, print_fleet, reached
+from ematwin.cli.fleet import STEP, check_step, print_fleet, reached
 from ematwin.cli.recordings import map_of
 from ematwin.errors import InputError
 from ematwin.showing.results import plain
@@ -35,8 +35,8 @@ def watch(
         help=r"Regular expression for paths, e.g. '(?P<serial>EMA-\d+)'; a group time is "
         "the date.",
     ),
-    column: options.ColumnOption = None,
-    map_file: options.MapOption = None,
+    column: list[str] | None = options.COLUMN,
+    map_file: Path | None = options.MAP,
     every: float | None = typer.Option(
         None, help="Look again every so many seconds, until Ctrl-C; else once."
     ),
@@ -45,11 +45,11 @@ def watch(
         help="Judge on the workers of a Dask scheduler, e.g. tcp://host:8786, which see the "
         "same folders.",
     ),
-    report: options.ReportOption = None,
-    table: options.TableOption = None,
-    fail_on: StepOption = None,
-    units: options.UnitsOption = None,
-    json: options.JsonOption = False,
+    report: Path | None = options.REPORT,
+    table: Path | None = options.TABLE,
+    fail_on: str | None = STEP,
+    units: str | None = options.UNITS,
+    json: bool = options.JSON,
 ) -> None:
     """Judge new recordings of a fleet, and say which actuator needs what, and when.
 
