@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.errors import MissingExtraError, RecordError
+from ematwin.errors import RecordError
 from ematwin.recordings.formats.base import Progress, RecordedFile, open_file
 from ematwin.recordings.names import last_part
 from ematwin.recordings.units import bare, beside, is_unit, says_nothing, suffixes
@@ -94,8 +94,6 @@ def _numbers(file: RecordedFile, names: Sequence[str]) -> dict[str, np.ndarray]:
     """The channels that can be read as numbers."""
     try:
         return file.read(names)
-    except MissingExtraError:
-        raise
     except RecordError:  # one of them holds text; reading each shows which
         if len(names) == 1:
             return {}

@@ -93,8 +93,9 @@ def render(
         rest=rest,
         grade=grade,
         sections=[
-            {**vars(section), "figure": section.figure and _as_json(section.figure)}
-            for section in sections
+            # "<" is written otherwise: no tag of HTML ends the script that holds a figure
+            vars(one) | {"figure": one.figure and one.figure.to_json().replace("<", "\\u003c")}
+            for one in sections
         ],
         warnings=warnings or [],
         style=_text("templates/page.css"),
@@ -106,11 +107,6 @@ def render(
 
 def _text(name: str) -> str:
     return resources.files("ematwin.report").joinpath(name).read_text("utf-8")
-
-
-def _as_json(figure: Any) -> str:
-    """A figure as JSON that can stand in a script: no tag of HTML ends it."""
-    return str(figure.to_json()).replace("<", "\\u003c")
 
 
 def _plotly_js(figures: list[Any]) -> str:

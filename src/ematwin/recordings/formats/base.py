@@ -186,7 +186,13 @@ def open_file(path: Any, **options: Any) -> RecordedFile:
         from ematwin.recordings.formats.packed import open_packed
 
         return open_packed(path, **options)
-    maker = _maker(suffix)
+    maker: Any
+    if suffix in _FORMATS:
+        module, name = _FORMATS[suffix].split(":")
+        maker = getattr(import_module(f"ematwin.recordings.formats.{module}"), name)
+    else:
+        others = (one for one in entry_points(group=ENTRY_POINTS) if f".{one.name}" == suffix)
+        maker = next((one.load() for one in others), None)
     if maker is None and suffix not in _PACKED:
         raise InputError(
             f"Cannot read {path} itself. {_ELSEWHERE[suffix]}"
@@ -210,16 +216,6 @@ def open_file(path: Any, **options: Any) -> RecordedFile:
 def known_suffixes() -> list[str]:
     """Suffixes that can be read, with installed plug-ins."""
     return [*_FORMATS, *_PACKED, *(f".{entry.name}" for entry in entry_points(group=ENTRY_POINTS))]
-
-
-def _maker(suffix: str) -> Any:
-    if suffix in _FORMATS:
-        module, name = _FORMATS[suffix].split(":")
-        return getattr(import_module(f"ematwin.recordings.formats.{module}"), name)
-    for entry in entry_points(group=ENTRY_POINTS):
-        if f".{entry.name}" == suffix:
-            return entry.load()
-    return None
 
 
 def load_library(module: str, package: str, purpose: str) -> Any:

@@ -95,6 +95,7 @@ class CsvFile(RecordedFile):
         self, positions: Sequence[int], types: dict[int, Any] | None = None
     ) -> Iterator[tuple[Any, float]]:
         """Yield blocks of rows of some columns, and the share of the file that was read."""
+        import pyarrow as pa
         from pyarrow import csv
 
         keys = [f"c{n}" for n in range(len(self._dialect.names))]
@@ -102,7 +103,9 @@ class CsvFile(RecordedFile):
         encoding = self._dialect.encoding if self._dialect.encoding.startswith("utf-16") else "utf8"
         start = self._dialect.start
         size = max(self.path.stat().st_size - start, 1)
-        chosen = {keys[n]: (types or {}).get(n, self._type(n)) for n in positions}
+        as_text = {*self._dialect.clocks, *self._dialect.signed}
+        usual = {n: pa.string() if n in as_text else pa.float64() for n in positions}
+        chosen = {keys[n]: kind for n, kind in (usual | (types or {})).items()}
         with self.path.open("rb") as file:
             file.seek(start)
             batches = csv.open_csv(
@@ -121,12 +124,6 @@ class CsvFile(RecordedFile):
             )
             for batch in batches:
                 yield batch, min(max(file.tell() - start, 1) / size, 1.0)
-
-    def _type(self, position: int) -> Any:
-        import pyarrow as pa
-
-        as_text = position in self._dialect.clocks or position in self._dialect.signed
-        return pa.string() if as_text else pa.float64()
 
     def _numbers(self, column: Any, position: int, origins: dict[int, int]) -> np.ndarray:
         """One column of a block; clock times as seconds since ``origins[position]``, in ns."""
