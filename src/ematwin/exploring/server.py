@@ -1,10 +1,9 @@
 """Local pages: one explorer, or what others show, behind a small server of the standard library.
 
-Who may ask. The server listens on the loopback address only, and every address begins with a
-random token, which no other page knows. The Host must be the loopback one, so that no foreign name
-that resolves to it gets an answer (DNS rebinding). A question must come from the page itself
-(Origin) and be JSON, for which other pages need a leave that nobody gives. Files are read once, at
-the start: no path of a request reaches the disk.
+The server listens on the loopback address only, and every address begins with a random token, which
+no other page knows. The Host must be the loopback one, so that no foreign name that resolves to it
+gets an answer (DNS rebinding). A question must come from the page itself (Origin) and be JSON.
+Files are read once, at the start: no path of a request reaches the disk.
 """
 
 import errno
@@ -32,8 +31,6 @@ HEADERS = {
     "Referrer-Policy": "no-referrer",
     "X-Content-Type-Options": "nosniff",
 }
-
-
 # uPlot (github.com/leeoniya/uPlot, MIT, see uPlot.LICENSE) draws the traces. It is part of the
 # script, so that neither the page nor the widget of a notebook loads anything from elsewhere.
 SCRIPTS = ("uPlot.js", "explore.js")

@@ -12,7 +12,7 @@ from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison
 from ematwin.models.registry import model_of
 from ematwin.monitoring.calibration_report import CalibrationReport
-from ematwin.plots.style import BLUE, GREY, ORANGE, PALE, line, stacked, styled
+from ematwin.plots.style import BLUE, GREY, ORANGE, PALE, Panel, panels_drawn, styled
 from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording
 from ematwin.showing.text import capital
@@ -56,27 +56,19 @@ class _Beside(NamedTuple):
 
 def plot_before_and_after(report: CalibrationReport) -> Any:
     """Healthy recordings of different commands beside the template and the calibrated twin."""
-    shown = list(_beside(report))
-    titles, units = [], []
-    for one in shown:
-        for title, unit in one.captions.values():
-            titles += [f"{capital(title)}, {one.recording.name}", "Residual"]
-            units += [preferred(unit)[0]] * 2
-    figure = stacked(titles, units, "time, s", height=110 + 200 * len(titles))
-    row = 1
-    for one in shown:
-        for name in one.measured:
-            factor, time = preferred(one.captions[name][1])[1], one.recording.time
-            target, before, after = (
-                factor * x[name] for x in (one.measured, one.before, one.after)
-            )
-            line(figure, row, time, target, "measured", PALE, width=5)
-            line(figure, row, time, before, "template", BLUE, dash="dot")
-            line(figure, row, time, after, "calibrated", ORANGE)
-            line(figure, row + 1, time, target - before, "measured - template", BLUE, dash="dot")
-            line(figure, row + 1, time, target - after, "measured - calibrated", GREY)
-            row += 2
-    return figure
+    panels = []
+    for one in _beside(report):
+        time = one.recording.time
+        for name, (title, unit) in one.captions.items():
+            target, before, after = (x[name] for x in (one.measured, one.before, one.after))
+            beside = Panel(f"{capital(title)}, {one.recording.name}", unit)
+            beside.line(time, target, "measured", PALE, width=5)
+            beside.line(time, before, "template", BLUE, dash="dot")
+            left = Panel("Residual", unit)
+            left.line(time, target - before, "measured - template", BLUE, dash="dot")
+            left.line(time, target - after, "measured - calibrated", GREY)
+            panels += [beside.line(time, after, "calibrated", ORANGE), left]
+    return panels_drawn(panels, "time, s", 200)
 
 
 def plot_residuals(report: CalibrationReport) -> Any:

@@ -8,8 +8,7 @@ from ematwin.experiments.design import Design
 from ematwin.experiments.discriminate import Discrimination
 from ematwin.experiments.healthy_tests import HealthyTests
 from ematwin.models.registry import model_of
-from ematwin.plots.style import BLUE, GREEN, GREY, ORANGE, PALE, line, stacked, styled
-from ematwin.quantities import preferred
+from ematwin.plots.style import BLUE, GREEN, GREY, ORANGE, PALE, Panel, panels_drawn, styled
 from ematwin.showing.text import capital
 
 _POINTS = 2000  # of a curve
@@ -19,28 +18,21 @@ def plot_command(found: Design | Discrimination) -> Any:
     """Command and load of a design and of the given one, and the answer of a healthy actuator."""
     actuator, model = found.actuator, model_of(found.actuator)
     given = found.default.scenario if isinstance(found, Design) else found.default
-    histories = []
+    panels = [Panel("Command", model.channel(model.command).unit)]
+    if model.load is not None:
+        panels.append(Panel("Load", model.channel(model.load).unit))
+    answers: list[Panel] = []
     for name, color, scenario in (("given", GREY, given), ("designed", BLUE, found.scenario)):
         time = np.linspace(0.0, scenario.duration, _POINTS)
+        for panel, curve in zip(panels, scenario.histories(time), strict=False):
+            panel.line(time, curve, name, color)
         record = model.simulate(
             actuator, scenario, model.healthy(actuator), fidelity=model.fidelities[-1]
         )
-        histories.append((name, color, time, scenario.histories(time), record))
-    titles, units = ["Command"], [model.channel(model.command).unit]
-    if model.load is not None:
-        titles.append("Load")
-        units.append(model.channel(model.load).unit)
-    signals = [model.signals(record, actuator)[0] for *_, record in histories]
-    titles.append(f"{signals[0].title}, healthy")
-    shown = [preferred(unit) for unit in (*units, signals[0].unit)]
-    figure = stacked(titles, [unit for unit, _ in shown], "time, s", height=230 * len(titles))
-    for (name, color, time, curves, record), signal in zip(histories, signals, strict=True):
-        thin = slice(None, None, max(1, len(record) // _POINTS))
-        rows = [*((time, curve) for curve in curves[: len(units)]),
-                (record.time[thin], signal.values[thin])]  # fmt: skip
-        for row, ((at, values), (_, factor)) in enumerate(zip(rows, shown, strict=True), 1):
-            line(figure, row, at, factor * values, name, color)
-    return figure
+        signal = model.signals(record, actuator)[0]
+        answers = answers or [Panel(f"{signal.title}, healthy", signal.unit)]
+        answers[0].line(record.time, signal.values, name, color)
+    return panels_drawn([*panels, *answers], "time, s", 195)
 
 
 def plot_errors(found: Design) -> Any:
@@ -69,17 +61,13 @@ def plot_errors(found: Design) -> Any:
 def plot_healthy_tests(found: HealthyTests) -> Any:
     """Command and load of each test."""
     model = model_of(found.actuator)
-    channels = [name for name in (model.command, model.disturbed) if name]
-    shown = [preferred(model.channel(name).unit) for name in channels]
-    titles = [capital(model.channel(name).meaning) for name in channels]
-    figure = stacked(titles, [unit for unit, _ in shown], "time, s", height=220 * len(titles))
-    colors = (BLUE, ORANGE, GREEN)
+    channels = [model.channel(name) for name in (model.command, model.disturbed) if name]
+    panels = [Panel(capital(one.meaning), one.unit) for one in channels]
     for n, scenario in enumerate(found.scenarios):
         time = np.linspace(0.0, scenario.duration, _POINTS)
-        histories = scenario.histories(time)[: len(channels)]
-        for row, (values, (_, factor)) in enumerate(zip(histories, shown, strict=True), 1):
-            line(figure, row, time, factor * values, f"test {n + 1}", colors[n % len(colors)])
-    return figure
+        for panel, values in zip(panels, scenario.histories(time), strict=False):
+            panel.line(time, values, f"test {n + 1}", (BLUE, ORANGE, GREEN)[n % 3])
+    return panels_drawn(panels, "time, s", 165)
 
 
 def plot_learnt_errors(found: HealthyTests) -> Any:

@@ -6,7 +6,19 @@ import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.estimation.identification import Identification
-from ematwin.plots.style import AMBER, BLUE, GREEN, GREY, ORANGE, PALE, line, stacked, styled
+from ematwin.plots.style import (
+    AMBER,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PALE,
+    Panel,
+    line,
+    panels_drawn,
+    stacked,
+    styled,
+)
 from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording
 
@@ -130,20 +142,16 @@ def plot_fit(found: Identification, recording: Recording | None = None) -> Any:
     answers = comparison.responses(both, 2)
     measured = comparison.measured()
     captions = comparison.captions()
-    titles = [text for name in measured for text in (captions[name][0], "Residual")]
-    units = [preferred(captions[name][1])[0] for name in measured for _ in range(2)]
-    figure = stacked(titles, units, "time, s", height=110 + 240 * len(titles))
-    time = recording.time
-    for n, (name, target) in enumerate(measured.items()):
-        factor = preferred(captions[name][1])[1]
-        fitted, healthy = factor * answers[name]
-        target = factor * target
+    time, panels = recording.time, []
+    for name, target in measured.items():
+        title, unit = captions[name]
+        fitted, healthy = answers[name]
         # the measured line is wide and pale, so that it shows under the fitted one
-        line(figure, 2 * n + 1, time, target, "measured", PALE, width=5)
-        line(figure, 2 * n + 1, time, healthy, "healthy twin", BLUE, dash="dot")
-        line(figure, 2 * n + 1, time, fitted, "fitted", ORANGE)
-        line(figure, 2 * n + 2, time, target - fitted, "measured - fitted", GREY)
-    return figure
+        beside = Panel(title, unit).line(time, target, "measured", PALE, width=5)
+        beside.line(time, healthy, "healthy twin", BLUE, dash="dot")
+        residual = Panel("Residual", unit).line(time, target - fitted, "measured - fitted", GREY)
+        panels += [beside.line(time, fitted, "fitted", ORANGE), residual]
+    return panels_drawn(panels, "time, s", 240)
 
 
 def plot_convergence(found: Any) -> Any:

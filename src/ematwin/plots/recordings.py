@@ -1,27 +1,31 @@
 """Figures of recordings and files: every channel, and a faulty actuator beside the healthy one."""
 
-from dataclasses import replace
 from typing import Any
 
-from ematwin.models.optional import Signal
 from ematwin.models.registry import model_of
-from ematwin.plots.style import BLUE, GREY, ORANGE, PALE, compact, line, stacked, styled
-from ematwin.quantities import preferred
+from ematwin.plots.style import (
+    BLUE,
+    GREY,
+    ORANGE,
+    PALE,
+    Panel,
+    compact,
+    panels_drawn,
+    stacked,
+    styled,
+)
 from ematwin.recordings.recording import Recording
 from ematwin.recordings.survey import Survey
 
 
 def plot_recording(recording: Recording) -> Any:
     """Every channel of a recording over time."""
-    names = list(recording.channels)
-    shown = [preferred(recording.units.get(name, "")) for name in names]
-    titles = [name.replace("_", " ") for name in names]
-    units = [unit for unit, _ in shown]
-    figure = stacked(titles, units, "time, s", 110 + 120 * len(names))
-    for n, (name, title) in enumerate(zip(names, titles, strict=True)):
-        line(figure, n + 1, recording.time, shown[n][1] * recording.channels[name], title, BLUE)
-    figure.update_layout(showlegend=False)
-    return figure
+    panels = []
+    for name, values in recording.channels.items():
+        title = name.replace("_", " ")
+        panel = Panel(title, recording.units.get(name, ""))
+        panels.append(panel.line(recording.time, values, title, BLUE))
+    return panels_drawn(panels, "time, s", 120).update_layout(showlegend=False)
 
 
 def plot_channels(found: Survey, taken: tuple[str, ...] = (), rate: float | None = None) -> Any:
@@ -59,31 +63,19 @@ def plot_channels(found: Survey, taken: tuple[str, ...] = (), rate: float | None
 
 def plot_response(recording: Recording, healthy: Recording, actuator: Any) -> Any:
     """Signals of a recording, beside a healthy one under the same command."""
-    model = model_of(actuator)
-    faulty_signals = [_shown(one) for one in model.signals(recording, actuator)]
-    healthy_signals = [_shown(one) for one in model.signals(healthy, actuator)]
-    first, base = faulty_signals[0], healthy_signals[0]
-    titles = [first.title, f"Difference of the {first.title[0].lower()}{first.title[1:]}"]
-    units = [first.unit, first.unit]
-    for signal in faulty_signals[1:]:
-        titles.append(signal.title)
-        units.append(signal.unit)
-    figure = stacked(titles, units, "time, s", height=110 + 215 * len(titles))
-    time = recording.time
-    line(figure, 1, time, base.values, "healthy", PALE, width=5)
-    line(figure, 1, time, first.values, "faulty", ORANGE)
-    line(figure, 2, time, first.values - base.values, "faulty - healthy", GREY)
-    pairs = zip(faulty_signals[1:], healthy_signals[1:], strict=True)
-    for row, (one, other) in enumerate(pairs, start=3):
-        line(figure, row, time, other.values, "healthy", PALE, width=5)
+    signals, time = model_of(actuator).signals, recording.time
+    pairs = zip(signals(recording, actuator), signals(healthy, actuator), strict=True)
+    (first, base), *others = pairs
+    beside = Panel(first.title, first.unit).line(time, base.values, "healthy", PALE, width=5)
+    title = f"Difference of the {first.title[0].lower()}{first.title[1:]}"
+    difference = first.values - base.values
+    panels = [
+        beside.line(time, first.values, "faulty", ORANGE),
+        Panel(title, first.unit).line(time, difference, "faulty - healthy", GREY),
+    ]
+    for one, other in others:
+        panel = Panel(one.title, one.unit).line(time, other.values, "healthy", PALE, width=5)
         if one.reference is not None:
-            line(figure, row, time, one.reference, "command", BLUE, dash="dot")
-        line(figure, row, time, one.values, "faulty", ORANGE)
-    return figure
-
-
-def _shown(one: Signal) -> Signal:
-    """A signal in the unit in which it is shown."""
-    unit, factor = preferred(one.unit)
-    reference = None if one.reference is None else factor * one.reference
-    return replace(one, unit=unit, values=factor * one.values, reference=reference)
+            panel.line(time, one.reference, "command", BLUE, dash="dot")
+        panels.append(panel.line(time, one.values, "faulty", ORANGE))
+    return panels_drawn(panels, "time, s", 215)

@@ -5,10 +5,12 @@ and in a dark one; pages set both to their own theme.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from ematwin.quantities import preferred
 from ematwin.recordings.survey import extremes
 
 BLUE, ORANGE, GREEN, GREY = "#0072b2", "#d55e00", "#009e73", "#8c959f"
@@ -36,6 +38,31 @@ def template() -> Any:
             "hoverlabel": {"font": {"family": "system-ui, sans-serif"}},
         }
     )
+
+
+@dataclass
+class Panel:
+    """Lines over one horizontal axis; ``unit`` is SI, and they are shown in the user's."""
+
+    title: str
+    unit: str
+    lines: list[tuple[Any, Any, str, str, dict[str, Any]]] = field(default_factory=list)
+
+    def line(self, x: Any, y: Any, name: str, color: str, **style: Any) -> "Panel":
+        """The panel with one more line, of values (S,) in SI."""
+        self.lines.append((x, np.asarray(y, dtype=float), name, color, style))
+        return self
+
+
+def panels_drawn(panels: Sequence[Panel], x_title: str, height: int) -> Any:
+    """Panels above one another, ``height`` px each."""
+    shown = [preferred(panel.unit) for panel in panels]
+    titles, units = [panel.title for panel in panels], [unit for unit, _ in shown]
+    figure = stacked(titles, units, x_title, 110 + height * len(panels))
+    for row, (panel, (_, factor)) in enumerate(zip(panels, shown, strict=True), start=1):
+        for x, y, name, color, style in panel.lines:
+            line(figure, row, x, factor * y, name, color, **style)
+    return figure
 
 
 def stacked(titles: list[str], units: list[str], x_title: str, height: int) -> Any:

@@ -45,12 +45,10 @@ class Entry:
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
         return {
-            "channel": self.channel,
-            "unit": self.unit or None,
-            "unit_from": self.unit_from or None,
-            "reasons": list(self.reasons),
+            "channel": self.channel, "unit": self.unit or None,
+            "unit_from": self.unit_from or None, "reasons": list(self.reasons),
             **({"units": list(self.units)} if self.is_open else {}),
-        }
+        }  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -139,13 +137,11 @@ class Proposal:
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
         return {
-            "kind": self.kind,
+            "kind": self.kind, "complete": self.is_complete,
             "columns": {name: entry.as_dict() for name, entry in self.entries.items()},
             "questions": [one.sentence for one in self.questions],
-            "unused": list(self.unused),
-            "check": list(self.check),
-            "complete": self.is_complete,
-        }
+            "unused": list(self.unused), "check": list(self.check),
+        }  # fmt: skip
 
 
 def values(channel: str, unit: str) -> dict[str, str]:
@@ -229,13 +225,11 @@ class Draft:
     def _by_span(self, name: str, free: Sequence[str], command: Surveyed) -> tuple[str, str] | None:
         """Which shaft an angle is of, by how far it moves beside the command; None: not clear."""
         one, own = self.found[name], self.channels[self.command]
-        unit = own.unit
-        if not (one.unit and command.unit and free and own.side):
-            return None
-        if self.channels[free[0]].unit != unit:
+        is_known = one.unit and command.unit and free and own.side
+        if not is_known or self.channels[free[0]].unit != own.unit:
             return None
         span, commanded = (
-            (each.high - each.low) * unit_factor(each.unit, unit, each.name)
+            (each.high - each.low) * unit_factor(each.unit, own.unit, each.name)
             for each in (one, command)
         )
         if not (span > 0.0 and commanded > 0.0):
