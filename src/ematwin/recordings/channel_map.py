@@ -75,28 +75,18 @@ class CsvOptions(BaseModel):
 class ChannelMap(BaseModel):
     """Channels of a file by channel of the recording, and what holds for the whole file.
 
-    Raises `InputError` if a column or option is unknown or impossible.
-
-    Parameters
-    ----------
-    channels : of the kind of actuator; time is added
-    columns : mapping of name or alias (``i_a``, ``t``) to `MappedChannel`, name in the file or
-        table
-    sample_rate : float (Hz) or text such as ``"20 kHz"``, in place of a time channel
-    phase_order : the phases that the channels given for a, b, c really carry, such as ``"acb"``;
-        for kinds with three phases only
-    gear_ratio : motor turns for one turn of the output, needed for channels of the other side
-    without : channels that are left out although the file has them under their own names
-    csv : `CsvOptions`
+    Made for ``channels`` of a kind of actuator, to which time is added. Raises `InputError` if a
+    column or option is unknown or impossible.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
-    columns: dict[str, MappedChannel] = {}
+    columns: dict[str, MappedChannel] = {}  # by name or alias (``i_a``, ``t``)
+    # Hz, or text such as ``"20 kHz"``, in place of a time channel
     sample_rate: Annotated[Positive, BeforeValidator(_hertz)] | None = None
-    phase_order: str = "abc"
-    gear_ratio: Positive | None = None
-    without: tuple[str, ...] = ()
+    phase_order: str = "abc"  # the phases that the channels given for a, b, c really carry
+    gear_ratio: Positive | None = None  # motor turns for one turn of the output
+    without: tuple[str, ...] = ()  # left out although the file has them under their own names
     csv: CsvOptions = CsvOptions()
     _channels: tuple[Channel, ...] = PrivateAttr(default=())
 

@@ -36,12 +36,8 @@ def with_checksums(metadata: Mapping[str, Any], columns: Mapping[str, Any]) -> s
 def checked(text: str | None, path: Path, others: str = "") -> dict[str, Any]:
     """The metadata in a file; empty for files of others.
 
-    Raises `FileError` if they are not as they were written.
-
-    Parameters
-    ----------
-    text : as `with_checksums` made it, or None where a file has none
-    others : whatever else stands where metadata could be, to recognise ours without their mark
+    ``text`` is as `with_checksums` made it, or None; ``others`` whatever else stands there, by
+    which ours are recognised without their mark. Raises `FileError` if they were changed.
     """
     if text is None:
         if re.search(r'": "[0-9a-f]{32}"', others):

@@ -54,31 +54,22 @@ class RecordedFile:
 
     A format gives `channels` and `values`, or `names` and `read` where its library reads several
     channels at once.
-
-    Attributes
-    ----------
-    channels : dict, by full name where the channel lies in the file, in the order of the file
-    lengths : dict, samples of each channel, where only channels of one length belong together
-    zone : of its calendar times
-    path : Path
-    given : Path that the user gave: ``path``, or the packed file that holds it
-    metadata : dict, what ematwin itself wrote into the file; empty for files of others
-    assumed : list of str, sentences on assumptions, for the provenance
-    start : datetime or None, the moment from which the times of `base_time` are counted
-    clocks : dict, the moment of the first sample of each channel of calendar times that was read
     """
 
     kind: ClassVar[str] = "file"  # for messages: "Cannot read run.mf4 as MDF"
-    zone: ClassVar[tzinfo | None] = None
+    zone: ClassVar[tzinfo | None] = None  # of its calendar times
 
     def __init__(self, path: Path) -> None:
-        self.path = self.given = path
+        self.path = path
+        self.given = path  # by the user: the packed file that holds ``path``, if any
+        # by full name where the channel lies in the file, in the order of the file
         self.channels: dict[str, Any] = {}
+        # samples of each channel, where only channels of one length belong together
         self.lengths: dict[str, int] = {}
-        self.metadata: dict[str, Any] = {}
-        self.assumed: list[str] = []
-        self.start: datetime | None = None
-        self.clocks: dict[str, datetime] = {}
+        self.metadata: dict[str, Any] = {}  # what ematwin itself wrote into the file
+        self.assumed: list[str] = []  # sentences for the provenance
+        self.start: datetime | None = None  # from which the times of `base_time` are counted
+        self.clocks: dict[str, datetime] = {}  # when channels of calendar times began, if read
         self.unpacked: Any = None  # the temporary folder of what a packed file holds
 
     @property
