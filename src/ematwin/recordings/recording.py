@@ -206,7 +206,7 @@ class Recording:
         RecordError
             If there are no times, or a column is none that a recording can hold.
         """
-        from ematwin.recordings.formats.frame import FrameFile
+        from ematwin.recordings.formats.base import FrameFile
 
         file = FrameFile(table)
         columns = file.read(file.names)

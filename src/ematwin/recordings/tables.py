@@ -7,6 +7,7 @@ No text in a CSV starts a formula: spreadsheets compute a cell that begins with 
 line break (OWASP, "CSV injection"). An apostrophe before it makes it a text. Numbers stay numbers.
 """
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -99,8 +100,6 @@ def write_table(path: str | Path, columns: Mapping[str, Any], metadata: str | No
     """Write columns, and metadata if any, as Parquet or CSV, as the name of the file says."""
     import pyarrow as pa
 
-    from ematwin.recordings.formats.arrow import from_numpy
-
     path = Path(path)
     kind = path.suffix.lower()
     if kind not in {".parquet", ".csv"}:
@@ -142,3 +141,22 @@ def no_formula(text: str) -> str:
 def without_apostrophe(text: str) -> str:
     """The text before `no_formula` changed it."""
     return text[1:] if text.startswith("'") and _FORMULA.match(text) else text
+
+
+def to_numpy(column: Any) -> np.ndarray:
+    """Values (S,) of an array of pyarrow of floats, with NaN where it has nulls.
+
+    Without the conversion of pyarrow, which imports pandas where it is installed: that takes longer
+    than reading a recording.
+    """
+    return np.from_dlpack(column.fill_null(math.nan) if column.null_count else column)
+
+
+def from_numpy(values: Any) -> Any:
+    """An array of pyarrow of a numpy array of floats, in the same way; else what pyarrow makes."""
+    import pyarrow as pa
+
+    if isinstance(values, np.ndarray) and values.dtype == np.float64 and values.ndim == 1:
+        buffer = pa.py_buffer(np.ascontiguousarray(values))
+        return pa.Array.from_buffers(pa.float64(), len(values), [None, buffer])
+    return pa.array(values)

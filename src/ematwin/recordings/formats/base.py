@@ -152,6 +152,34 @@ class RecordedFile:
             name_given(error, self.path, self.given)
 
 
+class FrameFile(RecordedFile):
+    """A DataFrame; its index counts as a channel where it is one of times or is called so.
+
+    Units stand in the names of columns, or in ``frame.attrs["units"]``.
+    """
+
+    kind: ClassVar[str] = "DataFrame"
+
+    def __init__(self, frame: Any) -> None:
+        super().__init__(Path(str(frame.attrs.get("source", "") or "DataFrame")))
+        name = frame.index.name
+        dated = frame.index.dtype.kind in "mM"
+        if dated or str(name).strip().casefold() in ("time", "t", "timestamp"):
+            self.channels["time" if name is None else str(name)] = frame.index
+        for place, column in enumerate(frame.columns):
+            key = str(column)
+            if key in self.channels:
+                raise RecordError(f"The DataFrame has two columns {key!r}; rename one of them.")
+            self.channels[key] = frame.iloc[:, place]
+        self._units = {str(key): str(unit) for key, unit in frame.attrs.get("units", {}).items()}
+
+    def unit(self, name: str) -> str | None:  # noqa: D102
+        return "s" if self.channels[name].dtype.kind in "mM" else self._units.get(name)
+
+    def values(self, name: str) -> Any:  # noqa: D102
+        return self.channels[name].to_numpy()
+
+
 def open_file(path: Any, **options: Any) -> RecordedFile:
     """Open a file by its suffix, or a DataFrame; ``options`` are for text tables.
 
@@ -167,8 +195,6 @@ def open_file(path: Any, **options: Any) -> RecordedFile:
             f"{'a DataFrame' if is_table else path} is not one. Leave it out."
         )
     if is_table:
-        from ematwin.recordings.formats.frame import FrameFile
-
         return FrameFile(path)
     path = Path(path)
     if path.exists() and not (path.is_file() or path.is_dir()):

@@ -13,11 +13,10 @@ import numpy as np
 
 from ematwin.errors import FileError, RecordError
 from ematwin.recordings.checksums import verify
-from ematwin.recordings.formats.arrow import to_numpy
 from ematwin.recordings.formats.base import Progress, RecordedFile, refusing
 from ematwin.recordings.formats.clock import MISSING, over_midnight
 from ematwin.recordings.formats.csv_dialect import PLACEHOLDERS, sniff
-from ematwin.recordings.tables import without_apostrophe
+from ematwin.recordings.tables import to_numpy, without_apostrophe
 
 
 class CsvFile(RecordedFile):

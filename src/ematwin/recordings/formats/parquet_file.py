@@ -9,8 +9,8 @@ import numpy as np
 
 from ematwin.errors import FileError, RecordError
 from ematwin.recordings.checksums import KEY, checked, verify
-from ematwin.recordings.formats.arrow import to_numpy
 from ematwin.recordings.formats.base import Progress, RecordedFile, refusing
+from ematwin.recordings.tables import to_numpy
 
 
 class ParquetFile(RecordedFile):

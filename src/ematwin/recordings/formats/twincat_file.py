@@ -15,10 +15,10 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from ematwin.errors import FileError
-from ematwin.recordings.formats.arrow import to_numpy
 from ematwin.recordings.formats.base import Progress, RecordedFile, refusing
 from ematwin.recordings.formats.csv_dialect import PLACEHOLDERS
 from ematwin.recordings.formats.csv_file import ends_within_a_line
+from ematwin.recordings.tables import to_numpy
 
 _HEAD = 1 << 16  # bytes in which the block of the recording ends
 _TICK = 1e-7  # s
