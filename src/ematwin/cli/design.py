@@ -87,7 +87,7 @@ def design(
         given |= {"--exact": exact, "--budget": budget is not None, "--discriminate": discriminate}
         _refuse("--learn proposes tests of the healthy actuator and", given)
         from ematwin.experiments.healthy_tests import TESTS, numbered
-        from ematwin.report.design import healthy_tests_page as page
+        from ematwin.report.experiments import healthy_tests_page as page
 
         for one in numbered(out, TESTS):
             check_target(one, (".toml",), replace=force)
@@ -96,7 +96,7 @@ def design(
         written = found.save(out, replace=force)
     elif discriminate:
         _refuse("--discriminate compares two explanations and", given)
-        from ematwin.report.design import discrimination_page as page  # type: ignore[assignment]
+        from ematwin.report.experiments import discrimination_page as page  # type: ignore[assignment]
 
         first, second = _explanations(discriminate, actuator, chosen)
         with options.progress_bar("searching", not json) as show:
@@ -106,7 +106,7 @@ def design(
             )  # fmt: skip
         found.save(out)
     else:
-        from ematwin.report.design import design_page as page  # type: ignore[assignment]
+        from ematwin.report.experiments import design_page as page  # type: ignore[assignment]
 
         if trials is not None:
             settings["trials"] = trials
@@ -203,7 +203,7 @@ def _answer(path: Path) -> tuple[dict[str, float], list[dict[str, float]]]:
 
 
 def _print_tests(found: "HealthyTests", written: list[Path]) -> None:
-    from ematwin.report.design import LEARNT, learnt_table, tests_table
+    from ematwin.report.experiments import LEARNT, learnt_table, tests_table
 
     if not found.tests:
         return
@@ -214,7 +214,7 @@ def _print_tests(found: "HealthyTests", written: list[Path]) -> None:
 
 
 def _print(found: "Design") -> None:
-    from ematwin.report.design import errors_table, price_table
+    from ematwin.report.experiments import errors_table, price_table
 
     options.print_table("Expected error of each fault", errors_table(found))
     options.print_table("The price, on a healthy actuator (with faults)", price_table(found))

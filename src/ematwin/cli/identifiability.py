@@ -64,7 +64,7 @@ def identifiability(
                     one.scenario, actuator, exact=exact, progress=progress
                 )
     if report is not None:
-        from ematwin.report.identifiability import identifiability_page
+        from ematwin.report.experiments import identifiability_page
 
         write_text(report, identifiability_page(found, parts))
 
@@ -88,7 +88,7 @@ def identifiability(
 
 
 def _print(found: "ematwin.Identifiability") -> None:
-    from ematwin.report.identifiability import told_table
+    from ematwin.report.experiments import told_table
 
     title = f"{found.scenario.name}, {found.scenario.duration:g} s, on {found.actuator.name}"
     options.print_table(title, told_table(found))
@@ -101,7 +101,7 @@ def _print(found: "ematwin.Identifiability") -> None:
 
 
 def _print_sobol(parts: "ematwin.Sensitivity") -> None:
-    from ematwin.report.identifiability import sobol_table
+    from ematwin.report.experiments import sobol_table
 
     for channel, caption in parts.captions.items():
         options.print_table(f"Sobol indices: {caption}", sobol_table(parts, channel))

@@ -12,14 +12,16 @@ from typing import Any
 
 _FILES = {
     "calibration": ("plot_before_and_after", "plot_learnt", "plot_residuals"),
-    "design": ("plot_command", "plot_errors", "plot_healthy_tests", "plot_learnt_errors"),
+    "experiments": (
+        "plot_command", "plot_correlation", "plot_errors", "plot_healthy_tests",
+        "plot_learnt_errors", "plot_smallest",
+    ),
     "detection": ("plot_trend",),
-    "identifiability": ("plot_correlation", "plot_smallest"),
     "identification": ("plot_convergence", "plot_faults", "plot_fit"),
     "recordings": ("plot_channels", "plot_recording", "plot_response"),
     "study": ("plot_study",),
     "uncertainty": ("plot_posterior", "plot_profile"),
-}
+}  # fmt: skip
 _HOMES = {name: file for file, names in _FILES.items() for name in names}
 
 __all__ = list(_HOMES)

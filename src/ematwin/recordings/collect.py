@@ -12,7 +12,7 @@ from ematwin.recordings.channel import Channel, channel_called, derivable
 from ematwin.recordings.channel_map import PHASES, ChannelMap, MappedChannel
 from ematwin.recordings.formats.base import Progress, RecordedFile
 from ematwin.recordings.matching import Needs, match
-from ematwin.recordings.names import last_part, listed
+from ematwin.recordings.names import first_names, last_part
 from ematwin.recordings.recording import label_text
 from ematwin.recordings.sampling import ABSURD
 from ematwin.recordings.units import bare, beside, fits, unit_factor, unit_in_name
@@ -205,7 +205,7 @@ def _find_times(found: Collected) -> None:
         elif time is None:
             raise RecordError(
                 f"{file.path} has no channel for time, and its format gives none for "
-                f"{column}; it has {listed(file.names)}. "
+                f"{column}; it has {first_names(file.names)}. "
                 'Map it, such as time="t [ms]", or give sample_rate.'
             )
         elif time.size != lengths[column]:

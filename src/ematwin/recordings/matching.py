@@ -12,7 +12,7 @@ from ematwin.errors import RecordError
 from ematwin.recordings.channel import TIME, Channel, channel_called, derivable, plain
 from ematwin.recordings.channel_map import ChannelMap, MappedChannel
 from ematwin.recordings.formats.base import RecordedFile
-from ematwin.recordings.names import Said, find_channel, last_part, listed, said_by
+from ematwin.recordings.names import Said, find_channel, first_names, last_part, said_by
 from ematwin.recordings.survey import Surveyed, unit_and_stem
 from ematwin.recordings.units import (
     bare,
@@ -23,7 +23,7 @@ from ematwin.recordings.units import (
     unit_factor,
     unit_in_name,
 )
-from ematwin.showing.text import listed as all_of
+from ematwin.showing.text import listed
 
 Needs = Sequence[Sequence[Sequence[str]]]
 """Groups of channels; of each group at least one whole alternative must be there."""
@@ -81,7 +81,7 @@ def match(file: RecordedFile, channel_map: ChannelMap, needs: Needs) -> Matched:
         name, *others = by_name.pop(column)
         if others:
             raise RecordError(
-                f"{file.path} has several channels for {column}: {listed([name, *others])}. "
+                f"{file.path} has several channels for {column}: {first_names([name, *others])}. "
                 f'Map one of them, such as {column}="{name}".'
             )
         found[column] = (name, MappedChannel(channel=name))
@@ -128,7 +128,7 @@ def _add_optional(
             continue
         stated, why = file.stated_unit(name), ""
         if others:
-            why = f"{file.given.name} has several channels for it, {listed([name, *others])}"
+            why = f"{file.given.name} has several channels for it, {first_names([name, *others])}"
         elif stated and not fits(stated, channel_map.channel(column).unit):
             why = f"{name} is in {stated}"
         if why:
@@ -176,8 +176,8 @@ def _check_complete(
                     unit_factor(unit, channel.unit, what)
         meaning = f" ({wanted[0].meaning})" if len(group) == 1 == len(group[0]) else ""
         raise MissingChannelError(
-            f"{file.path} has no channel for {', nor for '.join(map(all_of, group))}{meaning}; "
-            f"it has {listed(file.names)}. Map it, such as {wanted[0].name}="
+            f"{file.path} has no channel for {', nor for '.join(map(listed, group))}{meaning}; "
+            f"it has {first_names(file.names)}. Map it, such as {wanted[0].name}="
             f'"{_likely(file, wanted[0])}".'
         )
 

@@ -157,10 +157,10 @@ def last_part(name: str) -> str:
 
 
 def _quoted(names: Sequence[str]) -> str:
-    return listed([repr(name) for name in names], 8)
+    return first_names([repr(name) for name in names], 8)
 
 
-def listed(names: Sequence[str], most: int = 12) -> str:
+def first_names(names: Sequence[str], most: int = 12) -> str:
     """The first names, for messages, and how many more there are."""
     shown = ", ".join(names[:most])
     return f"{shown} and {len(names) - most} more" if len(names) > most else shown or "no channels"

@@ -105,12 +105,7 @@ def write_table(path: str | Path, columns: Mapping[str, Any], metadata: str | No
     if kind not in {".parquet", ".csv"}:
         raise InputError(f"Cannot tell how to write {path}: end its name in .parquet or .csv.")
     if kind == ".csv":
-        columns = {
-            no_formula(name): values if isinstance(values, np.ndarray) else [
-                no_formula(value) if isinstance(value, str) else value for value in values
-            ]
-            for name, values in columns.items()
-        }  # fmt: skip
+        columns = {no_formula(name): _cells(values) for name, values in columns.items()}
     table = pa.table({name: from_numpy(values) for name, values in columns.items()})
     with written_whole(path) as draft:
         if kind == ".parquet":
@@ -127,6 +122,12 @@ def write_table(path: str | Path, columns: Mapping[str, Any], metadata: str | No
                 if metadata is not None:
                     file.write(f"{MARK}{metadata}\n".encode())
                 write_csv(table, file)
+
+
+def _cells(values: Any) -> Any:
+    if isinstance(values, np.ndarray):
+        return values
+    return [no_formula(value) if isinstance(value, str) else value for value in values]
 
 
 def no_formula(text: str) -> str:

@@ -1,4 +1,4 @@
-"""Pages: a designed command with its errors beside the given command's, and its price."""
+"""Pages of experiments: what commands can reveal, designed commands, healthy tests."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -7,13 +7,67 @@ from ematwin.experiments.command_errors import CommandErrors
 from ematwin.experiments.design import Design
 from ematwin.experiments.discriminate import Discrimination
 from ematwin.experiments.healthy_tests import HealthyTests
+from ematwin.experiments.identifiability import HEADINGS, Identifiability
+from ematwin.experiments.sensitivity import Sensitivity
 from ematwin.models.base import Demand
 from ematwin.models.registry import model_of
 from ematwin.models.scenario import Scenario
-from ematwin.plots.design import plot_command, plot_errors, plot_healthy_tests, plot_learnt_errors
-from ematwin.report.identifiability import told_table
+from ematwin.plots.experiments import (
+    plot_command,
+    plot_correlation,
+    plot_errors,
+    plot_healthy_tests,
+    plot_learnt_errors,
+    plot_smallest,
+)
 from ematwin.report.page import Row, Section, Table, render
 from ematwin.showing.text import number_of, said
+
+
+def identifiability_page(
+    found: Sequence[Identifiability], parts: Mapping[str, Sensitivity] | None = None
+) -> str:
+    """HTML page of one or several commands, the most telling first.
+
+    ``parts`` are Sobol indices by the name of the command, where they were asked for.
+    """
+    best = found[0]
+    sections = [Section("Smallest fault that is found", figure=plot_smallest(found))]
+    for one in found:
+        text = (
+            f"{one.scenario.duration:g} s. Noise and the twin's own error are "
+            f"{100.0 * one.noise:.2f} % of the answer. Of the smallest faults all but "
+            f"{100.0 * one.miss:.3g} % are found, with false alarms at "
+            f"{100.0 * one.false_alarm:.2g} %."
+        )
+        obstacles = [f"No verdict: {sentence}" for sentence in one.obstacles]
+        sections += [
+            Section(one.scenario.name, text=text, points=obstacles, table=told_table(one)),
+            Section(figure=plot_correlation(one)),
+        ]
+        if parts:
+            own = parts[one.scenario.name]
+            text = (
+                "How much of the variance of the answer goes back to each unknown, from "
+                f"{own.answers} answers: by itself, and with all in which it takes part; standard "
+                "errors."
+            )
+            sections += [
+                Section(f"{one.scenario.name}: {caption}", text, table=sobol_table(own, channel))
+                for channel, caption in own.captions.items()
+            ]
+    return render(f"{best.actuator.name}: identifiability of faults", best.lead, sections)
+
+
+def sobol_table(parts: Sensitivity, channel: str) -> Table:
+    """Indices of a channel."""
+    return Table(["unknown", "by itself", "in all"], [Row(row) for row in parts.rows(channel)])
+
+
+def told_table(found: Identifiability) -> Table:
+    """Each fault with its expected errors."""
+    rows = [Row(one.cells, marked=one.how in ("open", "dead")) for one in found.told]
+    return Table(list(HEADINGS), rows, last_is_text=True)
 
 
 def design_page(found: Design) -> str:
