@@ -158,11 +158,10 @@ class ChannelMap(BaseModel):
         A flat mapping may hold the options beside the columns:
         ``{"i_a": "Phase A [A]", "sample_rate": "20 kHz"}``.
         """
-        if given is None:
-            return cls(channels)
         if isinstance(given, ChannelMap):
-            same = given.channels == with_time(channels)
-            return given if same else cls._from_table(given.as_table(), channels)
+            given = given.as_table()
+        if given is None or isinstance(given, Mapping):
+            return cls._from_table(given or {}, channels)
         if isinstance(given, str | Path):
             path = Path(given)
             table = load_toml(path, "column map")
@@ -170,8 +169,6 @@ class ChannelMap(BaseModel):
                 return cls._from_table(table, channels)
             except InputError as error:
                 raise InputError(f"{path}: {error}") from None
-        if isinstance(given, Mapping):
-            return cls._from_table(given, channels)
         raise InputError(
             "columns must be a mapping of columns to channel names, or the path of a TOML file; "
             f"received {type(given).__name__}."
