@@ -13,7 +13,7 @@ import ematwin
 from ematwin.models.bldc.envelope import shown_current
 from ematwin.models.bldc.faults import PAPER_CASES, Faults
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.report.comparison import comparison_page
+from ematwin.report.recordings import comparison_page
 
 ACTUATOR = BldcActuator.load()
 

@@ -2,6 +2,7 @@
 
 import gc
 import io
+import json
 import logging
 import runpy
 import sys
@@ -9,6 +10,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -20,6 +22,11 @@ class Answer:
     code: int
     out: str
     err: str
+
+    @property
+    def told(self) -> Any:
+        """The answer of ``--json``."""
+        return json.loads(self.out)
 
 
 def inside(

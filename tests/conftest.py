@@ -35,6 +35,18 @@ def ematwin(tmp_path: Path) -> Callable[..., Answer]:
 
 
 @pytest.fixture
+def done(ematwin: Callable[..., Answer]) -> Callable[..., Answer]:
+    """`ematwin`, which has to succeed."""
+
+    def run(*arguments: object) -> Answer:
+        answer = ematwin(*arguments)
+        assert answer.code == 0, answer.err
+        return answer
+
+    return run
+
+
+@pytest.fixture
 def ematwin_process(tmp_path: Path) -> Callable[..., Answer]:
     """Run ``python -m ematwin`` with some arguments, as a process of its own in ``tmp_path``."""
 

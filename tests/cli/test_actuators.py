@@ -13,16 +13,16 @@ from ematwin.models.registry import load_actuator, shipped_actuators
 from ematwin.models.scenario import shipped_scenarios
 
 
-def test_shipped_sets_are_listed(ematwin):
+def test_shipped_sets_are_listed(ematwin, done):
     lines = ematwin("actuators").out.splitlines()
     assert [line.split()[0] for line in lines] == list(shipped_actuators())
     assert "48 V brushless servo motor" in next(one for one in lines if one.startswith("servo48 "))
-    assert json.loads(ematwin("actuators", "--json").out).keys() == shipped_actuators().keys()
+    assert done("actuators", "--json").told.keys() == shipped_actuators().keys()
 
 
-def test_one_set_is_shown_with_the_unit_and_source_of_every_value(ematwin):
+def test_one_set_is_shown_with_the_unit_and_source_of_every_value(ematwin, done):
     text = ematwin("actuators", "servo48").out
-    told = json.loads(ematwin("actuators", "servo48", "--json").out)
+    told = done("actuators", "servo48", "--json").told
     rows = {place: row for place, *row in BldcActuator.load("servo48").parameters()}
     assert told["parameters"].keys() == rows.keys()
     actuator = BldcActuator.load("servo48")
@@ -45,7 +45,7 @@ def test_a_file_is_shown_like_a_shipped_set(ematwin, tmp_path):
     assert ematwin("actuators", "mine.toml").out == ematwin("actuators", "servo48").out
 
 
-def test_shipped_scenarios_are_listed(ematwin):
+def test_shipped_scenarios_are_listed(ematwin, done):
     lines = ematwin("scenarios").out.splitlines()
     names = [line.split()[0] for line in lines]
     kinds = ("ball_screw", "linear_axis", "pmsm", "position_servo")
@@ -55,12 +55,12 @@ def test_shipped_scenarios_are_listed(ematwin):
         *(name for kind in others for name in shipped_scenarios(kind)),
     ]
     assert len(set(names)) == len(names)
-    told = json.loads(ematwin("scenarios", "--json").out)
+    told = done("scenarios", "--json").told
     assert told["default"]["duration"] == 0.5
 
 
-def test_faults_and_channels_of_a_kind_are_shown(ematwin):
-    told = json.loads(ematwin("actuators", "rm1605", "--json").out)
+def test_faults_and_channels_of_a_kind_are_shown(ematwin, done):
+    told = done("actuators", "rm1605", "--json").told
     assert told["kind"] == "ball-screw"
     assert told["channels"]["set_point"]["unit"] == "m"
     assert told["unknowns"]["friction"]["role"] == "fault"

@@ -1,6 +1,5 @@
 """``ematwin channels`` as its users meet it: a file, a map, a page."""
 
-import json
 import tomllib
 from pathlib import Path
 
@@ -23,10 +22,9 @@ def bench_file(folder: Path, command: str = "Sollwert [°]") -> Path:
     return path
 
 
-def test_a_map_is_shown_and_written_and_can_be_read(ematwin, tmp_path: Path) -> None:
+def test_a_map_is_shown_and_written_and_can_be_read(done, tmp_path: Path) -> None:
     bench_file(tmp_path)
-    answer = ematwin("channels", "bench.csv", "--write", "map.toml", "--plot", "page.html")
-    assert answer.code == 0, answer.err
+    answer = done("channels", "bench.csv", "--write", "map.toml", "--plot", "page.html")
     assert "Sollwert [°]" in answer.out
     assert "▁" in answer.out
     assert "20000 Hz" in answer.out
@@ -40,11 +38,10 @@ def test_a_map_is_shown_and_written_and_can_be_read(ematwin, tmp_path: Path) -> 
     assert "<b>" not in (tmp_path / "page.html").read_text("utf-8").split("</head>")[1]
 
 
-def test_what_is_open_is_asked_and_not_written(ematwin, tmp_path: Path) -> None:
+def test_what_is_open_is_asked_and_not_written(ematwin, done, tmp_path: Path) -> None:
     bench_file(tmp_path, "Sollwert")
-    answer = ematwin("channels", "bench.csv", "--write", "map.toml", "--json")
-    assert answer.code == 0, answer.err
-    told = json.loads(answer.out)
+    answer = done("channels", "bench.csv", "--write", "map.toml", "--json")
+    told = answer.told
     assert not told["map"]["complete"]
     assert told["map"]["columns"]["command"]["units"] == ["rad", "deg"]
     text = (tmp_path / "map.toml").read_text("utf-8")

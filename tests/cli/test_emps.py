@@ -136,7 +136,7 @@ def record() -> library.Recording:
     )  # fmt: skip
 
 
-def test_commands_calibrate_and_identify_a_file(ematwin, tmp_path, record):
+def test_commands_calibrate_and_identify_a_file(ematwin, done, tmp_path, record):
     """A sound calibration finds its own recording healthy; a symmetric screw does not.
 
     Both frictions of the made-up axis are asymmetric.
@@ -148,15 +148,13 @@ def test_commands_calibrate_and_identify_a_file(ematwin, tmp_path, record):
         "controller.velocity_gain": made_up.K_VELOCITY,
     })  # fmt: skip
     template.save(tmp_path / "sound.toml")
-    judged = ematwin("identify", "axis.parquet", "--actuator", "sound.toml", "--json")
-    assert judged.code == 0, judged.err
-    verdict = json.loads(judged.out)["verdict"]
+    judged = done("identify", "axis.parquet", "--actuator", "sound.toml", "--json")
+    verdict = judged.told["verdict"]
     assert verdict["grade"] == "fault"
     assert sorted(verdict["faults"]) == ["dry_asymmetry", "viscous_asymmetry"]
-    learnt = ematwin("calibrate", "axis.parquet", "--actuator", "emps", "--out", "own.toml")
-    assert learnt.code == 0, learnt.err
-    again = ematwin("identify", "axis.parquet", "--actuator", "own.toml", "--json")
-    assert json.loads(again.out)["verdict"]["grade"] == "healthy", again.out
+    done("calibrate", "axis.parquet", "--actuator", "emps", "--out", "own.toml")
+    again = done("identify", "axis.parquet", "--actuator", "own.toml", "--json")
+    assert again.told["verdict"]["grade"] == "healthy", again.out
 
 
 # The real recording

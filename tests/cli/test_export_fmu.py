@@ -1,6 +1,5 @@
 """``ematwin export-fmu``: an archive, or one sentence and nothing written."""
 
-import json
 import zipfile
 
 import ematwin as library
@@ -9,7 +8,7 @@ import ematwin as library
 def test_the_archive_is_written_and_named(ematwin, tmp_path):
     answer = ematwin("export-fmu", "emps", "--out", "axis.fmu", "--fmi", "2", "--json")
     assert (answer.code, answer.err) == (0, "")
-    found = json.loads(answer.out)
+    found = answer.told
     actuator = library.load_actuator("emps")
     assert (found["kind"], found["fmi"]) == ("linear-axis", 2)
     assert found["fingerprint"] == actuator.fingerprint

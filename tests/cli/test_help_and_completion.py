@@ -22,8 +22,9 @@ def texts(function) -> list[str]:
     """The sentence of a command and the help of its options, as they were written."""
     hints = typing.get_type_hints(function, include_extras=True)
     found = [inspect.getdoc(function).splitlines()[0]]
-    for name in inspect.signature(function).parameters:
-        found += [extra.help for extra in getattr(hints[name], "__metadata__", ()) if extra.help]
+    for name, one in inspect.signature(function).parameters.items():
+        options = (*getattr(hints[name], "__metadata__", ()), one.default)
+        found += [option.help for option in options if getattr(option, "help", None)]
     return found
 
 

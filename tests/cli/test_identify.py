@@ -1,6 +1,5 @@
 """``ematwin identify`` as its users meet it: processes, files, a browser."""
 
-import json
 import re
 import signal
 import subprocess
@@ -32,10 +31,9 @@ def folder(tmp_path: Path, record: library.Recording) -> Path:
     return tmp_path
 
 
-def test_answer_for_programs_holds_faults_and_how_they_were_found(ematwin, folder: Path) -> None:
-    answer = ematwin("identify", "rec.parquet", "--algorithm", "pso", "--budget", 2000, "--json")
-    assert answer.code == 0, answer.err
-    found = json.loads(answer.out)
+def test_answer_for_programs_holds_faults_and_how_they_were_found(done, folder: Path) -> None:
+    answer = done("identify", "rec.parquet", "--algorithm", "pso", "--budget", 2000, "--json")
+    found = answer.told
     assert found["evaluations"] == 2000
     assert found["algorithm"] == "pso"
     assert found["stopped"] == "budget"
@@ -43,9 +41,8 @@ def test_answer_for_programs_holds_faults_and_how_they_were_found(ematwin, folde
     assert {"cost", "seconds", "seed"} <= set(found)
 
 
-def test_table_for_people_names_value_and_healthy_value(ematwin, folder: Path) -> None:
-    answer = ematwin("identify", "rec.parquet", "--only", "friction,backlash", "--exact")
-    assert answer.code == 0, answer.err
+def test_table_for_people_names_value_and_healthy_value(done, folder: Path) -> None:
+    answer = done("identify", "rec.parquet", "--only", "friction,backlash", "--exact")
     said = r"Two faults: friction \+60\.?\d* % \(0\.048\d* N m, 95 % interval .*\) and backlash x"
     assert re.match(said, answer.out)
     row = next(line for line in answer.out.splitlines() if "│ friction" in line)
@@ -55,8 +52,8 @@ def test_table_for_people_names_value_and_healthy_value(ematwin, folder: Path) -
     assert "simulations in" in answer.out
 
 
-def test_algorithms_are_listed_with_their_sources(ematwin) -> None:
-    listed = {row["name"]: row for row in json.loads(ematwin("algorithms", "--json").out)}
+def test_algorithms_are_listed_with_their_sources(ematwin, done) -> None:
+    listed = {row["name"]: row for row in done("algorithms", "--json").told}
     assert {"multistart", "ga", "pso", "de", "gwo", "da", "woa", "cma"} <= set(listed)
     assert "Mirjalili" in listed["gwo"]["source"]
     assert "Table 1" in listed["pso"]["tuned_on"]
@@ -148,9 +145,8 @@ def test_missing_extra_names_the_command_that_installs_it(
     )
 
 
-def test_ctrl_c_keeps_the_best_found_and_says_so(ematwin, folder: Path) -> None:
-    compiled = ematwin("identify", "rec.parquet", "--algorithm", "de", "--budget", "100")
-    assert compiled.code == 0, compiled.err
+def test_ctrl_c_keeps_the_best_found_and_says_so(done, folder: Path) -> None:
+    done("identify", "rec.parquet", "--algorithm", "de", "--budget", "100")
     arguments = "rec.parquet --algorithm de --budget 10000000 --report out.html"
     process = subprocess.Popen(
         [sys.executable, "-m", "ematwin", "identify", *arguments.split()], cwd=folder, text=True,
@@ -171,48 +167,45 @@ def test_ctrl_c_keeps_the_best_found_and_says_so(ematwin, folder: Path) -> None:
 
 
 def test_units_that_were_assumed_are_told_and_a_hopeless_fit_is_called_one(
-    ematwin, tmp_path: Path, record: library.Recording
+    done, tmp_path: Path, record: library.Recording
 ) -> None:
     left_out = {"command", "output_position", "output_speed", "motor_position", "motor_speed"}
     columns = {name: values for name, values in record.columns() if name not in left_out}
     columns["reference"] = np.degrees(record.command)  # and nobody says so
     write_table(tmp_path / "bench.parquet", columns)
-    answer = ematwin("identify", "bench.parquet", "--column", "command=reference", "--column",
+    answer = done("identify", "bench.parquet", "--column", "command=reference", "--column",
                      "time=time", *(f"--column=i_{k}=current_{k}" for k in "abc"))  # fmt: skip
-    assert answer.code == 0, answer.err
     assert re.search(r"^Assumed: .*command in rad", answer.out, re.MULTILINE | re.IGNORECASE)
     assert "these values mean nothing" in answer.out
 
 
 @pytest.mark.parametrize("kind", ["servo48", "rm1605"])
 def test_every_kind_answers_without_calibration_and_says_so(
-    ematwin, tmp_path: Path, kind: str
+    ematwin, done, tmp_path: Path, kind: str
 ) -> None:
     ematwin("simulate", "--actuator", kind, "--seed", "1", "--out", "rec.csv")
-    answer = ematwin("identify", "rec.csv", "--actuator", kind, "--report", "out.html")
-    assert answer.code == 0, answer.err
+    answer = done("identify", "rec.csv", "--actuator", kind, "--report", "out.html")
     assert f"Not calibrated: {kind} is known as far as its tolerances go" in answer.out
-    found = json.loads(ematwin("identify", "rec.csv", "--actuator", kind, "--json").out)
+    found = done("identify", "rec.csv", "--actuator", kind, "--json").told
     assert found["kind"] == {"servo48": "bldc", "rm1605": "ball-screw"}[kind]
     assert found["present"] == []
     estimate = library.Estimate.from_dict(found["estimate"])
     assert set(estimate.names) == set(found["searched"])
 
 
-def test_uncertainty_is_told_to_people_and_programs(ematwin, folder: Path) -> None:
+def test_uncertainty_is_told_to_people_and_programs(done, folder: Path) -> None:
     asked = (
         "identify", "rec.parquet", "--exact", "--only", "friction,backlash", "--uncertainty",
         "profile", "--threshold", "friction=0.2", "--threshold", "backlash=0.07 rad",
     )  # fmt: skip
-    answer = ematwin(*asked, "--report", "page.html")
-    assert answer.code == 0, answer.err
+    answer = done(*asked, "--report", "page.html")
     assert "95 % by profile" in answer.out
     assert "friction is beyond 0.2: above 99 %." in answer.out
     page = (folder / "page.html").read_text(encoding="utf-8")
     assert re.search(r"Two faults: friction \+(59\.9|60)", page)
     assert "How sure: profile" in page
     assert "Profiles of the faults" in page
-    told = json.loads(ematwin(*asked, "--json").out)["uncertainty"]
+    told = done(*asked, "--json").told["uncertainty"]
     assert told["method"] == "profile"
     assert told["walks"]["friction"]["shape"] == "bounded"
     assert told["exceeds"]["backlash"]["threshold"] == "0.07 rad"

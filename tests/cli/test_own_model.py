@@ -1,6 +1,5 @@
 """The example package, found by its entry point: every command works for another kind."""
 
-import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -42,53 +41,51 @@ def healthy(tmp_path: Path) -> list[str]:
 
 
 @pytest.fixture
-def shell(ematwin) -> Callable:
-    """`ematwin`; gives its output."""
-
-    def run(*arguments: object, code: int = 0) -> str:
-        answer = ematwin(*arguments)
-        assert answer.code == code, answer.out + answer.err
-        return answer.err if code else answer.out
-
-    return run
-
-
-@pytest.fixture
-def recorded(shell: Callable) -> Callable:
+def recorded(done) -> Callable:
     """Simulate into a file, with the sensor and a day's small differences."""
 
     def write(path: str, seed: int, **faults: float) -> None:
         given = [f"--fault={name}={value}" for name, value in faults.items()]
-        shell("simulate", "--actuator", "dcg25", *given, "--noise", SENSOR, "--seed", seed,
-              "--out", path)  # fmt: skip
+        done(
+            "simulate",
+            "--actuator",
+            "dcg25",
+            *given,
+            "--noise",
+            SENSOR,
+            "--seed",
+            seed,
+            "--out",
+            path,
+        )
 
     return write
 
 
-def test_actuators_and_scenarios_list_what_the_package_ships(shell):
-    assert "dcg25" in shell("actuators")
-    told = json.loads(shell("actuators", "dcg25", "--json"))["parameters"]
+def test_actuators_and_scenarios_list_what_the_package_ships(done):
+    assert "dcg25" in done("actuators").out
+    told = done("actuators", "dcg25", "--json").told["parameters"]
     assert told["motor.resistance"]["value"] == 2.32
     assert told["motor.resistance"]["unit"] == "ohm"
     assert told["motor.resistance"]["source"]
     assert told["gear.backlash"]["value"] == pytest.approx(0.01745, abs=1e-5)
 
 
-def test_a_recording_is_simulated_and_its_fault_identified(shell, recorded, tmp_path):
+def test_a_recording_is_simulated_and_its_fault_identified(done, recorded, tmp_path):
     recorded("worn.parquet", 1, friction=1.6, backlash=2.0)
-    told = json.loads(shell("identify", "worn.parquet", "--actuator", "dcg25", "--json", "--exact"))
+    told = done("identify", "worn.parquet", "--actuator", "dcg25", "--json", "--exact").told
     assert told["kind"] == "dc-gearmotor"
     assert told["faults"]["friction"] == pytest.approx(1.6, rel=0.02)
     assert told["faults"]["backlash"] == pytest.approx(2.0, rel=0.02)
     assert told["faults"]["brushes"] == pytest.approx(1.0, rel=0.02)
     assert set(told["present"]) == {"friction", "backlash"}
     assert told["physical"]["backlash"]["unit"] == "deg"
-    page = shell("identify", "worn.parquet", "--actuator", "dcg25", "--report", "worn.html")
+    page = done("identify", "worn.parquet", "--actuator", "dcg25", "--report", "worn.html").out
     assert "wrote worn.html" in page
     assert (tmp_path / "worn.html").stat().st_size > 10_000
 
 
-def test_a_bench_file_in_other_units_is_read_through_a_map(shell, recorded, tmp_path):
+def test_a_bench_file_in_other_units_is_read_through_a_map(done, recorded, tmp_path):
     recorded("worn.parquet", 1, magnets=0.9)
     table = parquet.read_table(tmp_path / "worn.parquet")
     time, command, voltage, current, position = (
@@ -101,39 +98,47 @@ def test_a_bench_file_in_other_units_is_read_through_a_map(shell, recorded, tmp_
     rows = zip(*columns.values(), strict=True)
     lines = [",".join(columns), *(",".join(f"{value:.9g}" for value in row) for row in rows)]
     (tmp_path / "bench.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    told = json.loads(
-        shell("identify", "bench.csv", "--actuator", "dcg25", "--json",
-              "--column", "position=Angle [deg]")
-    )  # fmt: skip
+    told = done(
+        "identify", "bench.csv", "--actuator", "dcg25", "--json", "--column", "position=Angle [deg]"
+    ).told
     assert told["faults"]["magnets"] == pytest.approx(0.9, rel=0.01)
     assert any("voltage in V" in sentence for sentence in told["assumed"])
 
 
-def test_a_parameter_is_searched_by_its_place(shell, recorded):
+def test_a_parameter_is_searched_by_its_place(ematwin, done, recorded):
     recorded("healthy.parquet", 1)
-    told = json.loads(
-        shell("identify", "healthy.parquet", "--actuator", "dcg25", "--only",
-              "motor.inertia,motor.torque_constant", "--json")
-    )  # fmt: skip
+    told = done(
+        "identify",
+        "healthy.parquet",
+        "--actuator",
+        "dcg25",
+        "--only",
+        "motor.inertia,motor.torque_constant",
+        "--json",
+    ).told
     assert told["faults"]["motor.inertia"] == pytest.approx(1.08e-6, rel=0.05)
-    assert "chosen, not measured" in shell(
-        "identify", "healthy.parquet", "--actuator", "dcg25", "--only", "steps.twin", code=2
-    )
+    said = ematwin("identify", "healthy.parquet", "--actuator", "dcg25", "--only", "steps.twin").err
+    assert "chosen, not measured" in said
 
 
-def test_calibrate_learns_the_actuator_and_detect_judges_it(shell, recorded, healthy, tmp_path):
-    told = json.loads(
-        shell("calibrate", *healthy, "--actuator", "dcg25", "--out", "arm.toml", "--json")
-    )
+def test_calibrate_learns_the_actuator_and_detect_judges_it(done, recorded, healthy, tmp_path):
+    told = done("calibrate", *healthy, "--actuator", "dcg25", "--out", "arm.toml", "--json").told
     assert told["actuator"] == "arm"
     assert (tmp_path / "arm.toml").is_file()
     recorded("good.parquet", 20, friction=1.008)
     recorded("dry.parquet", 21, friction=1.5)
     recorded("loose.parquet", 22, backlash=3.0)
-    judged = json.loads(
-        shell("detect", "good.parquet", "dry.parquet", "loose.parquet", "--actuator", "arm.toml",
-              "--report", "later.html", "--json")
-    )["verdicts"]  # fmt: skip
+    judged = done(
+        "detect",
+        "good.parquet",
+        "dry.parquet",
+        "loose.parquet",
+        "--actuator",
+        "arm.toml",
+        "--report",
+        "later.html",
+        "--json",
+    ).told["verdicts"]
     good, dry, loose = judged
     assert [one["grade"] for one in judged] == ["healthy", "fault", "fault"]
     assert not good["alarm"]
@@ -142,46 +147,59 @@ def test_calibrate_learns_the_actuator_and_detect_judges_it(shell, recorded, hea
     friction = [one["magnitudes"]["friction"]["value"] for one in (dry, good)]  # N m
     assert friction[0] / friction[1] == pytest.approx(1.5 / 1.008, rel=0.05)
     assert (tmp_path / "later.html").stat().st_size > 10_000
-    found = json.loads(shell("identify", "dry.parquet", "--actuator", "arm.toml", "--json"))
+    found = done("identify", "dry.parquet", "--actuator", "arm.toml", "--json").told
     assert found["verdict"]["grade"] == "fault"
     assert found["present"] == dry["faults"] == ["friction"]
 
 
-def test_compare_runs_a_study_of_it_and_report_makes_its_page(shell, tmp_path):
-    told = json.loads(
-        shell("compare", "--actuator", "dcg25", "--algorithms", "multistart,pso", "--runs", 1,
-              "--population", 16, "--iterations", 6, "--workers", 1, "--store", "study.db",
-              "--json")
-    )  # fmt: skip
+def test_compare_runs_a_study_of_it_and_report_makes_its_page(done, tmp_path):
+    told = done(
+        "compare",
+        "--actuator",
+        "dcg25",
+        "--algorithms",
+        "multistart,pso",
+        "--runs",
+        1,
+        "--population",
+        16,
+        "--iterations",
+        6,
+        "--workers",
+        1,
+        "--store",
+        "study.db",
+        "--json",
+    ).told
     assert told["counts"] == {"done": 2 * 8}
-    assert "wrote" in shell("report", "study.db", "--out", "study")
+    assert "wrote" in done("report", "study.db", "--out", "study").out
 
 
-def test_what_is_missing_is_one_sentence(shell, recorded, tmp_path):
+def test_what_is_missing_is_one_sentence(ematwin, done, recorded, tmp_path):
     recorded("one.parquet", 1)
-    assert "Faults of dcg25" in shell("identify", "one.parquet")  # of the only kind that fits
+    assert "Faults of dcg25" in done("identify", "one.parquet").out  # of the only kind that fits
     (tmp_path / "one.csv").write_text("time,speed\n0,1\n0.1,2\n")
     rows = "".join(f"{n},0,{n % 3},0,{n % 5}\n" for n in range(50))  # a row each ms
     (tmp_path / "ms.csv").write_text(f"time,command,voltage,current,position\n{rows}")
     for name, wanted in (("one.csv", ""), ("ms.csv", "it looks like ms. State it")):
-        said = shell("identify", name, "--actuator", "dcg25", code=2)
+        said = ematwin("identify", name, "--actuator", "dcg25").err
         assert said.startswith("Error: ")
         assert said.count("\n") == 1
         assert wanted in said
 
 
-def test_a_load_that_the_kind_does_not_take_is_refused(shell, tmp_path):
+def test_a_load_that_the_kind_does_not_take_is_refused(ematwin, tmp_path):
     (tmp_path / "loaded.toml").write_text(
         'duration = "1 s"\ncommand = [{ type = "ramp", rate = 1 }]\n'
         'load = [{ type = "step", value = 1 }]\n',
         encoding="utf-8",
     )
-    said = shell("simulate", "--actuator", "dcg25", "--scenario", "loaded.toml", code=2)
+    said = ematwin("simulate", "--actuator", "dcg25", "--scenario", "loaded.toml").err
     assert "leave the load out" in said
 
 
 def test_a_broken_kind_beside_it_is_refused_alone(
-    shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ematwin, done, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     broken = tmp_path / "broken-1.dist-info"
     broken.mkdir()
@@ -190,9 +208,9 @@ def test_a_broken_kind_beside_it_is_refused_alone(
     (broken / "entry_points.txt").write_text(points)
     monkeypatch.syspath_prepend(tmp_path)
     models.cache_clear()
-    assert "dcg25" in shell("simulate", "--actuator", "dcg25")
-    assert "Warning: The kind of actuator 'crank' cannot be" in shell("actuators")
+    assert "dcg25" in done("simulate", "--actuator", "dcg25").out
+    assert "Warning: The kind of actuator 'crank' cannot be" in done("actuators").out
     (tmp_path / "crank.toml").write_text('kind = "crank"\nname = "c"\ndescription = "d"\n')
-    refused = shell("simulate", "--actuator", "crank.toml", code=2)
+    refused = ematwin("simulate", "--actuator", "crank.toml").err
     models.cache_clear()
     assert "'crank' cannot be loaded from no_such_module:MODEL" in refused

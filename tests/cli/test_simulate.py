@@ -1,6 +1,5 @@
 """``ematwin simulate``: records, plots, answers for people and for programs."""
 
-import json
 import re
 
 import numpy as np
@@ -39,7 +38,7 @@ def test_the_answer_for_programs_is_json_and_agrees_with_the_library(ematwin, tm
         "--out", "rec.csv", "--json",
     )  # fmt: skip
     assert (answer.code, answer.err) == (0, "")
-    told = json.loads(answer.out)
+    told = answer.told
     record = library.simulate(
         model, "step", {"short_a": 0.3}, noise=library.Noise(white=0.02, bits=12), seed=3,
         sample_rate=5000,
@@ -75,7 +74,7 @@ def test_files_of_the_users_own_are_taken(ematwin, tmp_path):
     (tmp_path / "flight.csv").write_text("time [ms],command [deg]\n0,0\n100,0.2\n300,0\n")
     answer = ematwin("simulate", "--model", "monitor", "--actuator", "mine.toml",
                      "--scenario", "flight.csv", "--step", "5e-6", "--json")  # fmt: skip
-    told = json.loads(answer.out)
+    told = answer.told
     assert (told["actuator"], told["scenario"]) == ("mine", "flight")
     assert told["samples"] == 6001
 

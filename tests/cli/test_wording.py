@@ -20,25 +20,16 @@ SIMULATE = {"sample_rate": "--sample-rate", "step": "--step", "seed": "--seed", 
 @pytest.mark.parametrize(
     ("options", "text", "said"),
     [
-        (
-            IDENTIFY,
-            'Take the longest sound stretch with gaps="longest", or mask with gaps="mask".',
-            "Take the longest sound stretch with --gaps longest, or mask with --gaps mask.",
-        ),
+        (IDENTIFY, 'Take the longest with gaps="longest", or mask with gaps="mask".',
+         "Take the longest with --gaps longest, or mask with --gaps mask."),
         (IDENTIFY, "gaps must be refuse or mask.", "--gaps must be refuse or mask."),
         (IDENTIFY, 'with resample_to="20 kHz".', 'with --resample-to "20 kHz".'),
         (IDENTIFY, "resample_to must be positive.", "--resample-to must be positive."),
         (IDENTIFY, "seed=3 was used.", "--seed 3 was used."),
-        (
-            IDENTIFY,
-            'It looks like mA: give unit = "mA" in the map.',
-            'It looks like mA: give unit = "mA" in the file of --map.',
-        ),
-        (
-            IDENTIFY,
-            'Map it, such as time="t [ms]", or give sample_rate.',
-            'Map it, such as --column time="t [ms]", or give --column sample_rate="20 kHz".',
-        ),
+        (IDENTIFY, 'It looks like mA: give unit = "mA" in the map.',
+         'It looks like mA: give unit = "mA" in the file of --map.'),
+        (IDENTIFY, 'Map it, such as time="t [ms]", or give sample_rate.',
+         'Map it, such as --column time="t [ms]", or give --column sample_rate="20 kHz".'),
         (SIMULATE, "sample_rate must be positive.", "--sample-rate must be positive."),
         # English words that are also arguments, names of data and other texts stay
         (IDENTIFY, "The seed must be at least 0.", "The seed must be at least 0."),
@@ -49,7 +40,7 @@ SIMULATE = {"sample_rate": "--sample-rate", "step": "--step", "seed": "--seed", 
         (SIMULATE, "steps.reference = 1e-6 s", "steps.reference = 1e-6 s"),
         ({}, 'with gaps="longest".', 'with gaps="longest".'),
     ],
-)
+)  # fmt: skip
 def test_arguments_become_options(options, text, said):
     assert for_shell(text, options) == said
 
@@ -82,24 +73,13 @@ def rows():
 @pytest.mark.parametrize(
     ("header", "change", "said"),
     [
-        (
-            "time,command,current",
-            lambda rows: rows[:500] + rows[900:],
-            "with --gaps longest, or fill",
-        ),
-        (
-            "command,current",
-            lambda rows: [row[1:] for row in rows],
-            'give --column sample_rate="20 kHz".',
-        ),
-        (
-            "time,command,current",
-            lambda rows: [(*row[:2], 1e3 * row[2]) for row in rows],
-            "--map.",
-        ),
+        ("time,command,current", lambda rows: rows[:500] + rows[900:], "with --gaps longest, or"),
+        ("command,current", lambda rows: [row[1:] for row in rows],
+         'give --column sample_rate="20 kHz".'),
+        ("time,command,current", lambda rows: [(*row[:2], 1e3 * row[2]) for row in rows], "--map."),
     ],
     ids=["gaps", "no time", "unit"],
-)
+)  # fmt: skip
 def test_errors_of_a_command_name_its_options(ematwin, tmp_path, rows, header, change, said):
     lines = [header, *(",".join(f"{value:.9g}" for value in row) for row in change(rows))]
     (tmp_path / "rec.csv").write_text("\n".join(lines))

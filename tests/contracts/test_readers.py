@@ -13,10 +13,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import scipy.io
-from asammdf import MDF, Signal
 from mcap_ros2.writer import Writer as McapWriter
 from nptdms import ChannelObject, TdmsWriter
 
+from bench_files import write_mdf
 from ematwin.errors import EmatwinError, FileError, InputError
 from ematwin.models.reading import read
 from ematwin.recordings.read import assumptions
@@ -195,12 +195,19 @@ class TestMatlab73(ReaderContract):
         write_matlab73(path, {"run": channels})
 
 
+def with_units(
+    channels: dict[str, np.ndarray], units: dict[str, str]
+) -> tuple[np.ndarray, dict[str, tuple[np.ndarray, str]]]:
+    named = {name: (values, units[name]) for name, values in channels.items() if name != "time"}
+    return channels["time"], named
+
+
 class TestMdf4(ReaderContract):
     suffix = ".mf4"
     states_units = True
 
     def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
-        write_mdf(path, channels, units, "4.10")
+        write_mdf(path, with_units(channels, units))
 
 
 class TestMdf3(ReaderContract):
@@ -208,7 +215,7 @@ class TestMdf3(ReaderContract):
     states_units = True
 
     def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
-        write_mdf(path, channels, units, "3.30")
+        write_mdf(path, with_units(channels, units), version="3.30")
 
 
 class TestTdms(ReaderContract):
@@ -249,20 +256,6 @@ def test_a_damaged_heap_of_hdf5_is_refused_and_not_read_for_ever(tmp_path: Path)
     path.write_bytes(content)
     with pytest.raises(FileError, match="its heap of texts is damaged"):
         read(path)
-
-
-def write_mdf(
-    path: Path, channels: dict[str, np.ndarray], units: dict[str, str], version: str
-) -> None:
-    time = channels["time"]
-    signals = [
-        Signal(values, time, name=name, unit=units[name])
-        for name, values in channels.items()
-        if name != "time"
-    ]
-    with MDF(version=version) as mdf:
-        mdf.append(signals)
-        mdf.save(path, overwrite=True)
 
 
 def write_matlab73(path: Path, content: dict[str, object]) -> None:

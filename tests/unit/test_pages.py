@@ -14,12 +14,16 @@ from devtools import WIDTHS, browser, seen_at
 from ematwin.benchmarking.analysis import analyse
 from ematwin.benchmarking.page import study_page
 from ematwin.report.calibration import calibration_page
-from ematwin.report.comparison import comparison_page
-from ematwin.report.design import design_page, discrimination_page, healthy_tests_page
 from ematwin.report.detection import detection_page
-from ematwin.report.identifiability import identifiability_page
+from ematwin.report.experiments import (
+    design_page,
+    discrimination_page,
+    healthy_tests_page,
+    identifiability_page,
+)
 from ematwin.report.identification import identification_page
 from ematwin.report.page import Row, Section, Table, columns_in_words, listed, render
+from ematwin.report.recordings import comparison_page
 from synthetic_detection import detection
 
 

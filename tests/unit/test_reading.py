@@ -9,10 +9,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from asammdf import MDF, Signal
 from nptdms import ChannelObject, TdmsWriter
 
 import ematwin
+from bench_files import write_mdf
 from ematwin import Recording, read, write
 from ematwin.errors import InputError, RecordError
 from ematwin.testing.reader_contract import bench_channels
@@ -184,11 +184,9 @@ def test_a_recording_that_is_not_split_keeps_its_fast_columns_unread(tmp_path: P
 def test_labels_stand_in_text_channels_of_other_formats(tmp_path: Path) -> None:
     columns = bench_channels(0.01)
     time = columns["time"]
-    with MDF(version="4.10") as mdf:
-        states = Signal(np.array([b"dry"] * time.size), time, name="state", encoding="utf-8")
-        signals = [Signal(v, time, name=n) for n, v in columns.items() if n != "time"]
-        mdf.append([*signals, states])
-        mdf.save(tmp_path / "run.mf4")
+    signals = {"state": np.array([b"dry"] * time.size), **columns}
+    del signals["time"]
+    write_mdf(tmp_path / "run.mf4", (time, signals), encoding="utf-8")
     with TdmsWriter(tmp_path / "run.tdms") as writer:
         texts = ChannelObject("bench", "state", ["dry"] * time.size)
         writer.write_segment([*(ChannelObject("bench", n, v) for n, v in columns.items()), texts])
@@ -260,18 +258,15 @@ def test_clock_times_of_a_zone_keep_it(tmp_path: Path) -> None:
 def test_formats_with_a_start_state_it(tmp_path: Path) -> None:
     columns = bench_channels(0.01)
     began = BEGAN.replace(tzinfo=UTC)
+    names = {"cmd": "command", "i": "current_a"}
     for name, version in (("run.mf4", "4.10"), ("run.mdf", "3.30")):
-        with MDF(version=version) as mdf:
-            mdf.append([Signal(columns[n], columns["time"], name=n) for n in ("command",)])
-            mdf.append([Signal(columns["current_a"], columns["time"], name="current")])
-            mdf.start_time = began
-            mdf.save(tmp_path / name)
+        groups = [(columns["time"], {key: columns[n]}) for key, n in names.items()]
+        write_mdf(tmp_path / name, *groups, version=version, start=began)
         found = read(tmp_path / name)
         assert found.start is not None
         assert abs(found.start - began) <= timedelta(milliseconds=1)
     wave = {"wf_increment": 5e-5, "wf_start_time": np.datetime64(BEGAN, "us")}
     with TdmsWriter(tmp_path / "run.tdms") as writer:
-        names = {"cmd": "command", "i": "current_a"}
         writer.write_segment([ChannelObject("a", n, columns[v], wave) for n, v in names.items()])
     assert read(tmp_path / "run.tdms").start == began
 
@@ -335,15 +330,10 @@ def test_a_motion_is_cleaned_as_a_record_is(tmp_path: Path) -> None:
 def test_a_position_of_another_rate_gives_its_error(tmp_path: Path) -> None:
     path = tmp_path / "motion.mf4"
     fast = np.arange(0.0, 4.0, 0.01)
-    with MDF(version="4.10") as mdf:
-        mdf.append([Signal(100.0 * np.sin(TIME), TIME, name="Demand", unit="mm")])
-        mdf.append(
-            [
-                Signal(99.0 * np.sin(fast), fast, name="position", unit="mm"),
-                Signal(1.0 + fast, fast, name="drive_current", unit="A"),
-            ]
-        )
-        mdf.save(path)
+    write_mdf(
+        path, (TIME, {"Demand": (100.0 * np.sin(TIME), "mm")}),
+        (fast, {"position": (99.0 * np.sin(fast), "mm"), "drive_current": (1.0 + fast, "A")}),
+    )  # fmt: skip
     found = read(path, actuator="ball-screw")
     assert found.sample_rate == pytest.approx(100.0)
     assert list(found.channels) == ["set_point", "position_error", "current"]
@@ -359,10 +349,9 @@ def test_a_position_of_another_rate_gives_its_error(tmp_path: Path) -> None:
 def test_phases_sampled_at_different_times_give_no_third(tmp_path: Path) -> None:
     columns = bench_channels(0.1)
     time = columns["time"]
-    with MDF(version="4.10") as mdf:
-        mdf.append([Signal(columns[n], time, name=n) for n in ("command", "current_a")])
-        mdf.append([Signal(columns["current_b"], time + 1e-5, name="current_b")])
-        mdf.save(tmp_path / "run.mf4")
+    together = {name: columns[name] for name in ("command", "current_a")}
+    later = (time + 1e-5, {"current_b": columns["current_b"]})
+    write_mdf(tmp_path / "run.mf4", (time, together), later)
     with pytest.raises(RecordError, match=r"different times .* current_c cannot be derived"):
         read(tmp_path / "run.mf4")
 

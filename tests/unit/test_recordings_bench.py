@@ -10,10 +10,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import scipy.io
-from asammdf import MDF, Signal
+from asammdf import MDF
 from nptdms import ChannelObject, TdmsWriter
 
 import ematwin
+from bench_files import write_mdf
 from ematwin.errors import EmatwinError, FileError, InputError, MissingExtraError, RecordError
 from ematwin.models.bldc.channels import phase_currents
 from ematwin.recordings.formats.base import known_suffixes, open_file
@@ -30,19 +31,14 @@ def clock_times() -> np.ndarray:
 
 
 def test_mdf_groups_of_several_rates_come_onto_the_times_of_the_currents(tmp_path: Path) -> None:
-    path = tmp_path / "run7.mf4"
     slow = TIME[::10] + 0.002
-    with MDF(version="4.10") as mdf:
-        mdf.append(
-            [
-                Signal(1e3 * CHANNELS["current_a"], TIME, name="ia", unit="mA"),
-                Signal(CHANNELS["current_b"], TIME, name="ib", unit="A"),
-                Signal(np.zeros(TIME.size), TIME, name="speed", unit="rpm"),
-            ]
-        )
-        mdf.append([Signal(np.degrees(np.sin(40 * slow)), slow, name="Soll", unit="deg")])
-        mdf.append([Signal(30.0 / np.pi * slow, slow, name="speed", unit="1/min")])
-        mdf.save(path)
+    phases = {"ia": (1e3 * CHANNELS["current_a"], "mA"), "ib": (CHANNELS["current_b"], "A")}
+    path = write_mdf(
+        tmp_path / "run7.mf4",
+        (TIME, {**phases, "speed": (np.zeros(TIME.size), "rpm")}),
+        (slow, {"Soll": (np.degrees(np.sin(40 * slow)), "deg")}),
+        (slow, {"speed": (30.0 / np.pi * slow, "1/min")}),
+    )
     table = {**PHASES, "cmd": "Soll", "omega_m": "group 2/speed"}
     record = ematwin.read(path, table)
     assert record.sample_rate == pytest.approx(20_000)
@@ -59,52 +55,34 @@ def test_mdf_groups_of_several_rates_come_onto_the_times_of_the_currents(tmp_pat
 
 
 def test_times_of_the_format_go_before_a_channel_of_clock_times(tmp_path: Path) -> None:
-    path = tmp_path / "run.mf4"
-    with MDF(version="4.10") as mdf:
-        stamps = 1.7e9 + np.round(TIME, 2)
-        signals = {"timestamp": stamps, "i": CHANNELS["current_a"], "cmd": CHANNELS["command"]}
-        mdf.append([Signal(values, TIME, name=name) for name, values in signals.items()])
-        mdf.save(path)
+    stamps = 1.7e9 + np.round(TIME, 2)
+    signals = {"timestamp": stamps, "i": CHANNELS["current_a"], "cmd": CHANNELS["command"]}
+    path = write_mdf(tmp_path / "run.mf4", (TIME, signals))
     np.testing.assert_allclose(ematwin.read(path).time, TIME, atol=1e-9)
 
 
 def test_mdf_invalid_samples_are_holes(tmp_path: Path) -> None:
-    path = tmp_path / "run.mf4"
     invalid = np.zeros(TIME.size, dtype=bool)
     invalid[500:520] = True
-    with MDF(version="4.10") as mdf:
-        mdf.append(
-            [
-                Signal(CHANNELS["current_a"], TIME, name="ia", invalidation_bits=invalid),
-                Signal(CHANNELS["current_b"], TIME, name="ib"),
-                Signal(CHANNELS["command"], TIME, name="cmd"),
-            ]
-        )
-        mdf.save(path)
+    names = {"ia": "current_a", "ib": "current_b", "cmd": "command"}
+    signals = {theirs: CHANNELS[ours] for theirs, ours in names.items()}
+    path = write_mdf(tmp_path / "run.mf4", (TIME, signals), invalidation_bits=invalid)
     with pytest.raises(RecordError, match="current_a has no values in a stretch of 20 samples"):
         ematwin.read(path, PHASES)
 
 
 def test_mdf_text_channels_are_refused(tmp_path: Path) -> None:
-    path = tmp_path / "run.mf4"
-    with MDF(version="4.10") as mdf:
-        mdf.append(
-            [
-                Signal(np.array([b"on"] * TIME.size), TIME, name="state", encoding="utf-8"),
-                Signal(CHANNELS["current_a"], TIME, name="i"),
-            ]
-        )
-        mdf.save(path)
+    signals = {"state": np.array([b"on"] * TIME.size), "i": CHANNELS["current_a"]}
+    path = write_mdf(tmp_path / "run.mf4", (TIME, signals), encoding="utf-8")
     with pytest.raises(RecordError, match=r"'state'.*real numbers"):
         ematwin.read(path, {"cmd": "state", "i": "i"})
 
 
 def test_mdf_groups_that_share_no_time_are_refused(tmp_path: Path) -> None:
-    path = tmp_path / "run.mf4"
-    with MDF(version="4.10") as mdf:
-        mdf.append([Signal(CHANNELS["current_a"], TIME, name="i")])
-        mdf.append([Signal(CHANNELS["command"], TIME + 5.0, name="cmd")])
-        mdf.save(path)
+    path = write_mdf(
+        tmp_path / "run.mf4",
+        (TIME, {"i": CHANNELS["current_a"]}), (TIME + 5.0, {"cmd": CHANNELS["command"]}),
+    )  # fmt: skip
     with pytest.raises(RecordError, match="share no time"):
         ematwin.read(path)
 
@@ -230,10 +208,7 @@ def test_a_missing_library_names_the_command(
 
 
 def test_damaged_mdf_files_leave_nothing_on_stderr(tmp_path: Path) -> None:
-    path = tmp_path / "run.mf4"
-    with MDF(version="4.10") as mdf:
-        mdf.append([Signal(CHANNELS["current_a"], TIME, name="i")])
-        mdf.save(path)
+    path = write_mdf(tmp_path / "run.mf4", (TIME, {"i": CHANNELS["current_a"]}))
     path.write_bytes(path.read_bytes()[:-2000])
     code = (
         "import ematwin, sys\n"
@@ -249,10 +224,8 @@ def test_damaged_mdf_files_leave_nothing_on_stderr(tmp_path: Path) -> None:
 
 def test_an_mdf_channel_outside_its_record_is_refused(tmp_path: Path) -> None:
     """The library would read foreign memory, and crash."""
-    path = tmp_path / "run.mdf"
-    with MDF(version="3.30") as mdf:
-        mdf.append([Signal(CHANNELS[n], TIME, name=n) for n in ("command", "current_a")])
-        mdf.save(path)
+    signals = {name: CHANNELS[name] for name in ("command", "current_a")}
+    path = write_mdf(tmp_path / "run.mdf", (TIME, signals), version="3.30")
     with MDF(path) as mdf:
         place = mdf.groups[0].channels[2].address
     content = bytearray(path.read_bytes())
@@ -285,9 +258,7 @@ def test_a_plugged_in_reader_is_found(tmp_path: Path, monkeypatch: pytest.Monkey
     from ematwin.recordings.formats import base
 
     entry = EntryPoint(
-        name="h5x",
-        value="ematwin.recordings.formats.hdf5_file:Hdf5File",
-        group="ematwin.readers",
+        name="h5x", value="ematwin.recordings.formats.hdf5_file:Hdf5File", group="ematwin.readers"
     )
     monkeypatch.setattr(base, "entry_points", lambda group: [entry])
     path = tmp_path / "run.h5x"

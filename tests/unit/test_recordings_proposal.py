@@ -10,9 +10,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import scipy.io
-from asammdf import MDF, Signal
 from nptdms import ChannelObject, TdmsWriter
 
+import bench_files
 import ematwin
 from ematwin.errors import RecordError
 from ematwin.models.proposing import in_other_units, propose_map
@@ -152,22 +152,18 @@ def write_parquet(path: Path) -> None:
 
 
 def write_mdf(path: Path) -> None:
-    with MDF(version="4.10") as mdf:
-        signals = [("Setpoint", DEGREES, "deg"), ("Phase A", A, "A"), ("Phase B", B, "A")]
-        mdf.append([Signal(x, TIME, name=name, unit=unit) for name, x, unit in signals])
-        mdf.save(path)
+    signals = {"Setpoint": (DEGREES, "deg"), "Phase A": (A, "A"), "Phase B": (B, "A")}
+    bench_files.write_mdf(path, (TIME, signals))
 
 
 def write_tdms(path: Path) -> None:
     wave = {"wf_increment": 5e-5, "wf_start_offset": 0.0}
     with TdmsWriter(path) as writer:
-        writer.write_segment(
-            [
-                ChannelObject("bench", name, x, {**wave, "unit_string": unit})
-                for name, x, unit in [("SetPoint", DEGREES, "deg"), ("Current L1", A, "A"),
-                                      ("Current L2", B, "A")]
-            ]
-        )  # fmt: skip
+        signals = {"SetPoint": (DEGREES, "deg"), "Current L1": (A, "A"), "Current L2": (B, "A")}
+        writer.write_segment([
+            ChannelObject("bench", name, x, {**wave, "unit_string": unit})
+            for name, (x, unit) in signals.items()
+        ])  # fmt: skip
 
 
 def write_mat(path: Path) -> None:

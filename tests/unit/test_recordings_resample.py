@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 import ematwin
+from bench_files import write_mdf
 from ematwin.errors import InputError, RecordError
 from ematwin.recordings.recording import Recording
 
@@ -125,13 +126,11 @@ def two_bases(
     path: Path, command: tuple[np.ndarray, np.ndarray], current: tuple[np.ndarray, np.ndarray]
 ) -> Recording:
     """Read an MDF file with a group for the command and one for the current, a mean."""
-    from asammdf import MDF, Signal
-
-    with MDF(version="4.10") as mdf:
-        mdf.append([Signal(command[1], command[0], name="command", unit="rad")])
-        mdf.append([Signal(current[1], current[0], name="current", unit="A")])
-        mdf.save(path / "run.mf4")
-    return ematwin.read(path / "run.mf4")
+    groups = (
+        (command[0], {"command": (command[1], "rad")}),
+        (current[0], {"current": (current[1], "A")}),
+    )
+    return ematwin.read(write_mdf(path / "run.mf4", *groups))
 
 
 def test_a_slow_base_is_brought_to_a_fast_one_and_back(tmp_path: Path) -> None:

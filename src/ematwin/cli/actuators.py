@@ -1,45 +1,37 @@
 """``ematwin actuators``, ``scenarios`` and ``algorithms``: lists of all that can be named."""
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
+import ematwin
 from ematwin.cli import complete, options
+from ematwin.errors import InputError
+from ematwin.files import check_target, write_text
+from ematwin.quantities import preferred
 
 
 def actuators(
-    name: Annotated[
-        str | None,
-        typer.Argument(
-            help="Show all parameters of this set or TOML file.",
-            autocompletion=complete.actuators,
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="Write its parameters to this file (.toml), as a start for your own."),
-    ] = None,
-    force: options.ForceOption = False,
-    units: options.UnitsOption = None,
-    json: options.JsonOption = False,
+    name: str | None = typer.Argument(
+        None,
+        help="Show all parameters of this set or TOML file.",
+        autocompletion=complete.actuators,
+    ),
+    out: Path | None = typer.Option(
+        None, help="Write its parameters to this file (.toml), as a start for your own."
+    ),
+    force: bool = options.FORCE,
+    units: str | None = options.UNITS,
+    json: bool = options.JSON,
 ) -> None:
     """List the actuators of all kinds, or show one: parameters, channels, faults."""
-    from ematwin.errors import InputError
-    from ematwin.files import check_target, write_text
     from ematwin.models.parameter_file import parameter_table
-    from ematwin.models.registry import (
-        broken_kinds,
-        load_actuator,
-        model_of,
-        shipped_actuators,
-    )
-    from ematwin.quantities import preferred
+    from ematwin.models.registry import broken_kinds, model_of, shipped_actuators
 
     if name is None:
         if out is not None:
             raise InputError("--out needs the name of an actuator; see ematwin actuators.")
-        found = [load_actuator(key) for key in shipped_actuators()]
+        found = [ematwin.load_actuator(key) for key in shipped_actuators()]
         if json:
             options.print_json({one.name: one.description for one in found})
         else:
@@ -47,7 +39,7 @@ def actuators(
                 typer.echo(f"{one.name:<12} {one.kind:<12} {one.description}")
             options.print_notes("Warning", broken_kinds())
         return
-    actuator = load_actuator(name)
+    actuator = ematwin.load_actuator(name)
     model = model_of(actuator)
     rows = list(actuator.parameters())
     if out is not None:
@@ -69,8 +61,8 @@ def actuators(
         },
         "unknowns": {
             one.name: {
-                "role": one.role, "unit": one.unit, "meaning": one.meaning,
-                "healthy": one.healthy, "lower": one.lower, "upper": one.upper,
+                key: getattr(one, key)
+                for key in ("role", "unit", "meaning", "healthy", "lower", "upper")
             }
             for one in model.unknowns(actuator)
         },
@@ -99,9 +91,7 @@ def actuators(
     options.answer(json, lambda: plain, tell, out)
 
 
-def scenarios(
-    json: options.JsonOption = False,
-) -> None:
+def scenarios(json: bool = options.JSON) -> None:
     """List the shipped scenarios of all kinds."""
     from ematwin.models.registry import models
 
@@ -111,20 +101,16 @@ def scenarios(
         for key in model.scenarios()
     ]
     if json:
-        options.print_json(
-            {
-                s.name: {"duration": s.duration, "description": s.description, "kind": kind}
-                for kind, s in found
-            }
-        )
+        options.print_json({
+            s.name: {"duration": s.duration, "description": s.description, "kind": kind}
+            for kind, s in found
+        })  # fmt: skip
         return
     for kind, s in found:
         typer.echo(f"{s.name:<14} {kind:<12} {s.duration:>5.4g} s  {s.description}")
 
 
-def algorithms(
-    json: options.JsonOption = False,
-) -> None:
+def algorithms(json: bool = options.JSON) -> None:
     """List the search algorithms with sources, departures and tuning, and the presets."""
     from ematwin.estimation.search import methods
     from ematwin.optimizers.base import EXTRA

@@ -7,28 +7,27 @@ on standard error); 130 interrupted.
 import errno
 import os
 import sys
+from functools import partial
 from typing import Any
 
 import typer
 from typer.core import TyperGroup
 
-from ematwin.cli import (
-    actuators,
-    calibrate,
-    channels,
-    compare,
-    demo,
-    design,
-    detect,
-    explore,
-    fleet,
-    identifiability,
-    identify,
-    report,
-    simulate,
-    units,
-    watch,
-)
+from ematwin.cli.actuators import actuators, algorithms, scenarios
+from ematwin.cli.calibrate import calibrate
+from ematwin.cli.channels import channels
+from ematwin.cli.compare import compare
+from ematwin.cli.demo import demo
+from ematwin.cli.design import design
+from ematwin.cli.detect import detect
+from ematwin.cli.explore import explore, serve
+from ematwin.cli.fleet import fleet
+from ematwin.cli.identifiability import identifiability
+from ematwin.cli.identify import identify
+from ematwin.cli.report import report, store
+from ematwin.cli.simulate import export_fmu, simulate
+from ematwin.cli.units import units
+from ematwin.cli.watch import watch
 
 
 class _Commands(TyperGroup):
@@ -55,26 +54,13 @@ _UsageError: Any = next(
     kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException"
 )
 
-app.command("compare")(compare.compare)
-app.command("demo")(demo.demo)
-app.command("identify")(identify.identify)
-app.command("calibrate")(calibrate.calibrate)
-app.command("detect")(detect.detect)
-app.command("watch")(watch.watch)
-app.add_typer(fleet.fleet, name="fleet")
-app.command("serve")(explore.serve)
-app.command("explore")(explore.explore)
-app.command("identifiability")(identifiability.identifiability)
-app.command("design")(design.design)
-app.command("simulate")(simulate.simulate)
-app.command("export-fmu")(simulate.export_fmu)
-app.command("channels")(channels.channels)
-app.command("actuators")(actuators.actuators)
-app.command("scenarios")(actuators.scenarios)
-app.command("algorithms")(actuators.algorithms)
-app.command("units")(units.units)
-app.command("report")(report.report)
-app.add_typer(report.store, name="store")
+for command in (
+    compare, demo, identify, calibrate, detect, watch, serve, explore, identifiability, design,
+    simulate, export_fmu, channels, actuators, scenarios, algorithms, units, report,
+):  # fmt: skip
+    app.command(command.__name__.replace("_", "-"))(command)
+app.add_typer(fleet, name="fleet")
+app.add_typer(store, name="store")
 
 
 def _version(asked: bool) -> None:
@@ -104,22 +90,17 @@ def run() -> int:
     from ematwin.errors import EmatwinError
 
     if sys.stderr.isatty():
-        numerics.compile_listener = _say_compiling
+        said = "Compiling the twin (first run only, up to half a minute) ..."
+        numerics.compile_listener = partial(print, said, file=sys.stderr)
     try:
         answer = app(prog_name="ematwin", standalone_mode=False)
         sys.stdout.flush()
     except _UsageError as error:
-        print(f"Error: {_usage_sentence(error)}", file=sys.stderr)
-        return 2
+        return _refused(_usage_sentence(error))
     except EmatwinError as error:
-        print(f"Error: {for_shell(str(error))}", file=sys.stderr)
-        return 2
+        return _refused(for_shell(str(error)))
     except MemoryError:
-        print(
-            "Error: Not enough memory. Shorten the scenario or lower the sample rate.",
-            file=sys.stderr,
-        )
-        return 2
+        return _refused("Not enough memory. Shorten the scenario or lower the sample rate.")
     except typer.Abort:
         return 130
     except BrokenPipeError:
@@ -129,9 +110,8 @@ def run() -> int:
     except OSError as error:
         if error.errno not in (errno.ENOSPC, errno.EIO, errno.EBADF):
             raise
-        print(f"Error: Cannot write the answer: {error.strerror}.", file=sys.stderr)
         _drop_answer()
-        return 2
+        return _refused(f"Cannot write the answer: {error.strerror}.")
     return answer if isinstance(answer, int) else 0
 
 
@@ -140,8 +120,9 @@ def _drop_answer() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _say_compiling() -> None:
-    print("Compiling the twin (first run only, up to half a minute) ...", file=sys.stderr)
+def _refused(sentence: str) -> int:
+    print(f"Error: {sentence}", file=sys.stderr)
+    return 2
 
 
 def _usage_sentence(error: Any) -> str:

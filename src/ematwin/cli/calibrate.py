@@ -1,63 +1,57 @@
 """``ematwin calibrate``: healthy recordings in, a calibrated actuator out."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
+import ematwin
 from ematwin.cli import options
 from ematwin.cli.recordings import choice, known_fault, load, meant, remarks
+from ematwin.files import check_target
 
 if TYPE_CHECKING:
     from ematwin.monitoring.calibration_report import CalibrationReport
 
 
 def calibrate(
-    records: Annotated[
-        list[Path],
-        typer.Argument(
-            help="Files with healthy recordings, or folders of them: one for the twin, three runs "
-            "for a healthy population as well."
-        ),
-    ],
-    out: Annotated[Path, typer.Option(help="Where to write the calibrated actuator (.toml).")],
-    actuator: options.RecordedActuatorOption = None,
-    where: options.WhereOption = None,
-    known: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Recordings of a known fault in the same files, to name later alarms by, e.g. "
-            '"lubrication:condition=dry;run=1,2". Repeatable.'
-        ),
-    ] = None,
-    add: Annotated[
-        Path | None,
-        typer.Option(
-            help="Calibrated actuator (.toml) whose healthy runs these join, such as runs of a "
-            "later occasion; one run is enough. Actuator and known faults stay as in it."
-        ),
-    ] = None,
-    column: options.ColumnOption = None,
-    map_file: options.MapOption = None,
-    report: options.ReportOption = None,
-    force: options.ForceOption = False,
-    units: options.UnitsOption = None,
-    json: options.JsonOption = False,
+    records: list[Path] = typer.Argument(
+        ...,
+        help="Files with healthy recordings, or folders of them: one for the twin, three runs "
+        "for a healthy population as well.",
+    ),
+    out: Path = typer.Option(..., help="Where to write the calibrated actuator (.toml)."),
+    actuator: str | None = options.RECORDED_ACTUATOR,
+    where: list[str] | None = options.WHERE,
+    known: list[str] | None = typer.Option(
+        None,
+        help="Recordings of a known fault in the same files, to name later alarms by, e.g. "
+        '"lubrication:condition=dry;run=1,2". Repeatable.',
+    ),
+    add: Path | None = typer.Option(
+        None,
+        help="Calibrated actuator (.toml) whose healthy runs these join, such as runs of a "
+        "later occasion; one run is enough. Actuator and known faults stay as in it.",
+    ),
+    column: list[str] | None = options.COLUMN,
+    map_file: Path | None = options.MAP,
+    report: Path | None = options.REPORT,
+    force: bool = options.FORCE,
+    units: str | None = options.UNITS,
+    json: bool = options.JSON,
 ) -> None:
     """Learn from healthy recordings how an actuator behaves and how far healthy runs differ."""
-    from ematwin.files import check_target
-    from ematwin.models.registry import load_actuator, shipped_actuators
-    from ematwin.monitoring.calibrate import calibrate as run
-    from ematwin.monitoring.calibration import Calibration, is_as_written
+    from ematwin.models.registry import shipped_actuators
+    from ematwin.monitoring.calibration import is_as_written
     from ematwin.recordings.motions import fitting
 
     check_target(out, (".toml",), replace=force or is_as_written(out))
     options.check_outputs(report)
-    before = None if add is None else Calibration.load(add)
+    before = None if add is None else ematwin.Calibration.load(add)
     if before is not None:
         template = before.actuator
     else:
-        template = load_actuator(actuator or meant(records, column, map_file))
+        template = ematwin.load_actuator(actuator or meant(records, column, map_file))
     wanted = choice(where or [], "--where")
     taught = [(text, *known_fault(text)) for text in known or []]
     recordings = load(
@@ -68,7 +62,7 @@ def calibrate(
         for text, fault, labels in taught
     }
     with options.progress_bar("Calibrating", not json) as progress:
-        found = run(
+        found = ematwin.calibrate(
             fitting(recordings, wanted),
             template,
             known=faults or None,
@@ -105,10 +99,7 @@ def print_calibration(report: "CalibrationReport", out: Path) -> None:
         shown = shown.first(3)
     if shown.rows:
         options.print_table("Parameters", shown, width=110)
-    for sentence in (
-        *forms_sentences(report), *open_sentences(report, str(out)), misfit_sentence(report),
-        *spread_sentences(report)
-    ):  # fmt: skip
-        if sentence:
-            typer.echo(sentence)
+    sentences = [*forms_sentences(report), *open_sentences(report, str(out))]
+    for sentence in filter(None, (*sentences, misfit_sentence(report), *spread_sentences(report))):
+        typer.echo(sentence)
     options.print_notes("Warning", report.notes)

@@ -1,65 +1,47 @@
-"""``ematwin channels``: the channels of a file and a proposed map; ``--column`` and ``--map``."""
+"""``ematwin channels``: the channels of a file and a proposed map."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
+import ematwin
 from ematwin.cli import options
+from ematwin.cli.recordings import meant
+from ematwin.files import check_target, write_text
+from ematwin.showing.text import capital
 
 if TYPE_CHECKING:
     from ematwin.recordings.proposal import Proposal
     from ematwin.recordings.survey import Surveyed
 
-_BLOCKS = "▁▂▃▄▅▆▇█"
-_SPARK = 28  # characters
-
-
-def map_of(column: list[str] | None, map_file: Path | None, actuator: Any) -> Any:
-    """The channel map of the options for recordings of an actuator, or None without any."""
-    if not column and map_file is None:
-        return None
-    from ematwin.models.registry import model_of
-    from ematwin.recordings.channel_map import ChannelMap
-
-    channels = model_of(actuator).channels
-    base = None if map_file is None else ChannelMap.of(map_file, channels)
-    return ChannelMap.parse(column or [], channels, base)
-
 
 def channels(
-    file: Annotated[
-        Path, typer.Argument(help="CSV, Parquet, Excel, MAT, MDF4, TDMS, HDF5, ULog or MCAP.")
-    ],
-    actuator: options.RecordedActuatorOption = None,
-    write: Annotated[
-        Path | None, typer.Option(help="Write the proposed map here (.toml), for identify --map.")
-    ] = None,
-    plot: Annotated[
-        Path | None, typer.Option(help="Write a page with every channel here (.html).")
-    ] = None,
-    force: options.ForceOption = False,
-    json: options.JsonOption = False,
+    file: Path = typer.Argument(
+        ..., help="CSV, Parquet, Excel, MAT, MDF4, TDMS, HDF5, ULog or MCAP."
+    ),
+    actuator: str | None = options.RECORDED_ACTUATOR,
+    write: Path | None = typer.Option(
+        None, help="Write the proposed map here (.toml), for identify --map."
+    ),
+    plot: Path | None = typer.Option(None, help="Write a page with every channel here (.html)."),
+    force: bool = options.FORCE,
+    json: bool = options.JSON,
 ) -> None:
     """List the channels of a file, and propose which is which, with reasons.
 
     Names, units, rates, ranges and a small plot of each. Open choices are asked.
     """
-    from ematwin.cli.recordings import meant
-    from ematwin.files import check_target, write_text
-    from ematwin.models.proposing import propose_map
-    from ematwin.models.registry import load_actuator
     from ematwin.recordings.survey import survey
-    from ematwin.report.channels import channels_page, channels_table
-    from ematwin.showing.text import capital
+    from ematwin.report.recordings import channels_page, channels_table
 
     if write is not None:
         check_target(write, (".toml",), replace=force)
     options.check_outputs(plot)
-    chosen = load_actuator(actuator or meant([file], None, None))
+    chosen = ematwin.load_actuator(actuator or meant([file], None, None))
     with options.progress_bar(f"Reading {file.name}", not json) as progress:
         found = survey(file, progress=progress)
-        proposal = propose_map(file, chosen, found)
+        proposal = ematwin.propose_map(file, chosen, found)
     if write is not None:
         write_text(write, proposal.as_toml())
     if plot is not None:
@@ -97,10 +79,8 @@ def print_proposal(proposal: "Proposal", file: Path, actuator: str, written: Pat
             typer.echo(f"      {line}")
     if proposal.unused:
         typer.echo(f"Not used: {', '.join(proposal.unused)}")
-    if proposal.refused:
-        options.print_notes("A recording read so would be refused", proposal.check)
-    else:
-        options.print_notes("Warning", proposal.check)
+    doubt = "A recording read so would be refused" if proposal.refused else "Warning"
+    options.print_notes(doubt, proposal.check)
     if written is None:
         typer.echo(f"Next: ematwin channels {file} --actuator {actuator} --write map.toml")
         return
@@ -117,12 +97,13 @@ def sparkline(one: "Surveyed") -> str:
 
     if one.is_text or not np.isfinite(one.low):
         return ""
-    edges = np.linspace(0, max(one.samples - 1, 1), _SPARK + 1)
-    place = np.clip(np.searchsorted(edges, one.places, side="right") - 1, 0, _SPARK - 1)
-    heights = [one.shape[(place == n) & np.isfinite(one.shape)] for n in range(_SPARK)]
+    count, blocks = 28, "▁▂▃▄▅▆▇█"  # characters
+    edges = np.linspace(0, max(one.samples - 1, 1), count + 1)
+    place = np.clip(np.searchsorted(edges, one.places, side="right") - 1, 0, count - 1)
+    heights = [one.shape[(place == n) & np.isfinite(one.shape)] for n in range(count)]
     means = np.array([piece.mean() if piece.size else np.nan for piece in heights])
     low, high = np.nanmin(means), np.nanmax(means)
     if not high > low:
         return "".join(" " if np.isnan(mean) else "─" for mean in means)
-    steps = np.rint((means - low) / (high - low) * (len(_BLOCKS) - 1))
-    return "".join(" " if np.isnan(step) else _BLOCKS[int(step)] for step in steps)
+    steps = np.rint((means - low) / (high - low) * (len(blocks) - 1))
+    return "".join(" " if np.isnan(step) else blocks[int(step)] for step in steps)

@@ -1,10 +1,12 @@
 """``ematwin compare``: many searches, compared fairly."""
 
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
+import ematwin
 from ematwin.cli import complete, options
+from ematwin.errors import InputError
 
 if TYPE_CHECKING:
     from ematwin.benchmarking.engines.base import Engine
@@ -12,85 +14,60 @@ if TYPE_CHECKING:
 
 
 def compare(
-    cases: Annotated[
-        str,
-        typer.Option(
-            help="own: the cases of the kind (bldc: Table 1 of the paper, also called paper); "
-            "multi: several random faults at once; or a TOML file."
-        ),
-    ] = "own",
-    count: Annotated[
-        int | None, typer.Option(help="Number of cases of --cases multi; 50 if not given.")
-    ] = None,
-    algorithms: Annotated[
-        str,
-        typer.Option(
-            help="Names from `ematwin algorithms`, separated by commas; paper (the paper's six as "
-            "first published), improved (the six, tuned alike) and best stand for several.",
-            autocompletion=complete.several_algorithms,
-        ),
-    ] = "paper",
-    runs: Annotated[int, typer.Option(help="Repetitions of each case and algorithm.")] = 10,
-    population: Annotated[int, typer.Option(help="Size of the population.")] = 50,
-    iterations: Annotated[int, typer.Option(help="The budget is population times this.")] = 200,
-    seed: Annotated[int, typer.Option(help="Seed of the study; all others follow from it.")] = 1,
-    noise: options.NoiseOption = None,
-    box: Annotated[
-        str, typer.Option(help="plain; or remapped, where healthy is not in a corner.")
-    ] = "plain",
-    actuator: options.ActuatorOption = "servo48",
-    scenario: options.ScenarioOption = None,
-    store: Annotated[
-        str, typer.Option(help="SQLite file, or postgresql://user@host/name.")
-    ] = "study.db",
-    workers: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            help="Processes on this machine, all cores if not given.",
-        ),
-    ] = None,
-    engine: Annotated[
-        str | None,
-        typer.Option(help="local (default) or dask."),
-    ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(help="Address of a Dask scheduler, e.g. tcp://host:8786.")
-    ] = None,
-    time_limit: Annotated[
-        float | None, typer.Option(help="Seconds after which a run is stopped.")
-    ] = None,
-    patience: Annotated[
-        float,
-        typer.Option(
-            min=0.0, help="Seconds to wait for workers or a scheduler that are gone, or keep dying."
-        ),
-    ] = 60.0,
-    retry_failed: Annotated[
-        bool, typer.Option("--retry-failed", help="Repeat failed and timed-out runs.")
-    ] = False,
-    json: options.JsonOption = False,
+    cases: str = typer.Option(
+        "own",
+        help="own: the cases of the kind (bldc: Table 1 of the paper, also called paper); "
+        "multi: several random faults at once; or a TOML file.",
+    ),
+    count: int | None = typer.Option(
+        None, help="Number of cases of --cases multi; 50 if not given."
+    ),
+    algorithms: str = typer.Option(
+        "paper",
+        help="Names from `ematwin algorithms`, separated by commas; paper (the paper's six as "
+        "first published), improved (the six, tuned alike) and best stand for several.",
+        autocompletion=complete.several_algorithms,
+    ),
+    runs: int = typer.Option(10, help="Repetitions of each case and algorithm."),
+    population: int = typer.Option(50, help="Size of the population."),
+    iterations: int = typer.Option(200, help="The budget is population times this."),
+    seed: int = typer.Option(1, help="Seed of the study; all others follow from it."),
+    noise: str | None = options.NOISE,
+    box: str = typer.Option("plain", help="plain; or remapped, where healthy is not in a corner."),
+    actuator: str = options.ACTUATOR,
+    scenario: str | None = options.SCENARIO,
+    store: str = typer.Option("study.db", help="SQLite file, or postgresql://user@host/name."),
+    workers: int | None = typer.Option(
+        None, min=1, help="Processes on this machine, all cores if not given."
+    ),
+    engine: str | None = typer.Option(None, help="local (default) or dask."),
+    scheduler: str | None = typer.Option(
+        None, help="Address of a Dask scheduler, e.g. tcp://host:8786."
+    ),
+    time_limit: float | None = typer.Option(None, help="Seconds after which a run is stopped."),
+    patience: float = typer.Option(
+        60.0,
+        min=0.0,
+        help="Seconds to wait for workers or a scheduler that are gone, or keep dying.",
+    ),
+    retry_failed: bool = typer.Option(
+        False, "--retry-failed", help="Repeat failed and timed-out runs."
+    ),
+    json: bool = options.JSON,
 ) -> None:
     """Compare search algorithms over fault cases; continue where an earlier call stopped."""
-    from ematwin import Noise, load_actuator
     from ematwin.benchmarking.cases import cases_of
     from ematwin.benchmarking.plan import Plan
     from ematwin.benchmarking.store import Store
     from ematwin.benchmarking.study import run_study
 
-    chosen = load_actuator(actuator)
+    chosen = ematwin.load_actuator(actuator)
     plan = Plan(
         cases=cases_of(cases, chosen, count=count, seed=seed),
         algorithms=tuple(name.strip() for name in algorithms.split(",") if name.strip()),
-        runs=runs,
-        population=population,
-        iterations=iterations,
-        seed=seed,
-        noise=None if noise is None else Noise.parse(noise),
-        box=box,
-        actuator=chosen,
-        scenario=scenario,
-    )
+        runs=runs, population=population, iterations=iterations, seed=seed,
+        noise=ematwin.Noise.of(noise), box=box, actuator=chosen, scenario=scenario,
+    )  # fmt: skip
     carrier = _engine(engine, scheduler, workers, time_limit, patience)
     with Store(store) as opened, options.progress_bar("Runs", not json) as show:
         tally = run_study(
@@ -102,13 +79,9 @@ def compare(
 
 
 def _engine(
-    name: str | None,
-    scheduler: str | None,
-    workers: int | None,
-    time_limit: float | None,
+    name: str | None, scheduler: str | None, workers: int | None, time_limit: float | None,
     patience: float,
-) -> "Engine":
-    from ematwin.errors import InputError
+) -> "Engine":  # fmt: skip
     from ematwin.numerics.side_by_side import cores
 
     if time_limit is not None and not 0.0 < time_limit < float("inf"):

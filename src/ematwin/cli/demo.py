@@ -6,25 +6,25 @@ how loops are sampled, that they integrate, the encoders and the cogging: calibr
 
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
+import ematwin
 from ematwin.cli import options
+from ematwin.cli.fleet import print_fleet
 from ematwin.cli.identify import print_findings
+from ematwin.errors import FileError, InputError
+from ematwin.files import write_text
 
 DRIVE, SHEET = "servo48-drive", "servo48"
 KNOWN = ("controller.position_gain", "controller.speed_gain")  # as commissioned, to 1 %
 # How the actuator differs from its data sheet, as factors: nobody knows these numbers.
 OFF = {
-    "motor.emf_constant": 0.97,
-    "motor.inertia": 1.06,
-    "motor.viscous_damping": 1.3,
-    "motor.friction_torque": 1.2,
-    "transmission.friction_torque": 0.8,
-    "transmission.output_inertia": 1.15,
-    "transmission.backlash": 1.25,
-}
+    "motor.emf_constant": 0.97, "motor.inertia": 1.06, "motor.viscous_damping": 1.3,
+    "motor.friction_torque": 1.2, "transmission.friction_torque": 0.8,
+    "transmission.output_inertia": 1.15, "transmission.backlash": 1.25,
+}  # fmt: skip
 FAULTS = {"friction": 0.25, "short_b": 0.15}
 # What such a drive is learnt from, beside the default command.
 REVERSALS: dict[str, Any] = {  # slow ones show the gap
@@ -42,25 +42,16 @@ RUN: dict[str, Any] = {  # at constant speed both ways: shows the cogging
 
 
 def demo(
-    folder: Annotated[Path, typer.Option(help="Write the records and the pages here.")] = Path(
-        "ematwin-demo"
+    folder: Path = typer.Option(Path("ematwin-demo"), help="Write the records and the pages here."),
+    seed: int = typer.Option(1, help="Seed of the sensor noise and of the search."),
+    fleet: bool = typer.Option(
+        False, "--fleet", help="Instead simulate a fleet, 60 actuators over three years."
     ),
-    seed: Annotated[int, typer.Option(help="Seed of the sensor noise and of the search.")] = 1,
-    fleet: Annotated[
-        bool,
-        typer.Option("--fleet", help="Instead simulate a fleet, 60 actuators over three years."),
-    ] = False,
-    units: options.UnitsOption = None,
-    json: options.JsonOption = False,
+    units: str | None = options.UNITS,
+    json: bool = options.JSON,
 ) -> None:
     """Learn how a drive is built from healthy records, and find the faults of a later one."""
-    from ematwin import Faults, Noise, Scenario, load_actuator, simulate
-    from ematwin.errors import FileError
-    from ematwin.files import write_text
-    from ematwin.models.reading import read, write
-    from ematwin.monitoring.calibrate import calibrate
-    from ematwin.monitoring.identify import identify
-    from ematwin.report.comparison import comparison_page
+    from ematwin.report.recordings import comparison_page
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -71,13 +62,13 @@ def demo(
     if fleet:
         _fleet(folder, seed, json)
         return
-    drive = load_actuator(DRIVE)
-    sheet = load_actuator(SHEET).changed({place: drive.value(place) for place in KNOWN})
+    drive = ematwin.load_actuator(DRIVE)
+    sheet = ematwin.load_actuator(SHEET).changed({place: drive.value(place) for place in KNOWN})
     sheet = sheet.with_tolerances(dict.fromkeys(KNOWN, 0.01))
     actual = drive.changed({place: drive.value(place) * factor for place, factor in OFF.items()})
-    injected = Faults.of(FAULTS)
-    sensor = Noise(white=0.02, bits=12)
-    commands: list[Scenario | str] = ["default", Scenario(**REVERSALS), Scenario(**RUN)]
+    injected = ematwin.Faults.of(FAULTS)
+    sensor = ematwin.Noise(white=0.02, bits=12)
+    commands: list[Any] = ["default", ematwin.Scenario(**REVERSALS), ematwin.Scenario(**RUN)]
     files = [folder / f"healthy-{n}.parquet" for n in range(1, len(commands) + 1)]
     record_file, twin_file = folder / "today.parquet", folder / "calibrated.toml"
     sheet_file = folder / "sheet.toml"
@@ -85,51 +76,43 @@ def demo(
     with options.progress_bar("Compiling (first run only) and recording", not json) as progress:
         healthy = []
         for n, (command, file) in enumerate(zip(commands, files, strict=True), start=1):
-            record = simulate(
+            record = ematwin.simulate(
                 "reference", command, actuator=actual, noise=sensor, seed=10 * seed + n
             )
-            write(record, file)
+            ematwin.write(record, file)
             healthy.append(record)
             progress(n / (len(files) + 1))
-        faulty = simulate("reference", faults=injected, actuator=actual, noise=sensor, seed=seed)
-        write(faulty, record_file)
+        faulty = ematwin.simulate(
+            "reference", faults=injected, actuator=actual, noise=sensor, seed=seed
+        )
+        ematwin.write(faulty, record_file)
         progress(1.0)
     page = comparison_page(faulty, healthy[0], injected.as_dict(), sheet)
     write_text(folder / "simulated.html", page)
     with options.progress_bar("Calibrating on the healthy records", not json) as progress:
-        twin = calibrate(files, sheet_file, name="calibrated", progress=progress)
+        twin = ematwin.calibrate(files, sheet_file, name="calibrated", progress=progress)
     twin.save(twin_file)
     twin.report(folder / "calibrated.html")
-    record = read(record_file)
+    record = ematwin.read(record_file)
     with options.progress_bar("searching", not json) as show:
         tell = options.searching(show, "simulations", "misfit")
-        found = identify(record, twin, seed=seed, progress=tell)
-        without = identify(record, sheet_file, seed=seed, progress=tell)
+        found = ematwin.identify(record, twin, seed=seed, progress=tell)
+        without = ematwin.identify(record, sheet_file, seed=seed, progress=tell)
     found.report(folder / "report.html")
     without.report(folder / "uncalibrated.html")
     if json:
-        options.print_json(
-            {
-                **found.as_dict(),
-                "injected": injected.as_dict(),
-                "uncalibrated": without.as_dict(),
-                "forms": twin.baseline.forms,
-                "record": record_file,
-                "healthy_records": files,
-                "twin": twin_file,
-                "report": folder / "report.html",
-            }
-        )
+        options.print_json({
+            **found.as_dict(), "injected": injected.as_dict(), "uncalibrated": without.as_dict(),
+            "forms": twin.baseline.forms, "record": record_file, "healthy_records": files,
+            "twin": twin_file, "report": folder / "report.html",
+        })  # fmt: skip
         return
     off = ", ".join(f"{place} x{factor:g}" for place, factor in OFF.items())
     typer.echo(f"The actuator differs from its data sheet: {off}.")
     typer.echo("The sheet leaves out how loops are sampled and integrate, encoders and cogging.")
     fitted = {p.place: p for p in twin.parameters}
-    told = ", ".join(
-        f"{place} x{fitted[place].value / sheet.value(place):.3g}"
-        for place in OFF
-        if place in fitted
-    )
+    shares = {place: fitted[place].value / sheet.value(place) for place in OFF if place in fitted}
+    told = ", ".join(f"{place} x{share:.3g}" for place, share in shares.items())
     typer.echo(f"\nLearnt from {len(files)} healthy records: {told}.\n{twin.baseline.forms}")
     text = ", ".join(f"{name} {value:g}" for name, value in FAULTS.items())
     typer.echo(f"\nThen injected: {text}; sensor: 2 % white noise, 12 bits, 20 kHz.\n")
@@ -141,9 +124,6 @@ def demo(
 
 def _fleet(folder: Path, seed: int, json: bool) -> None:
     """Fill a fleet with simulated estimates, and write its page."""
-    from ematwin.cli.fleet import print_fleet
-    from ematwin.errors import InputError
-    from ematwin.fleet.fleet import Fleet
     from ematwin.fleet.simulated import SimulatedFleet
 
     if any((folder / name).exists() for name in ("rows", "fleet.toml")):
@@ -152,7 +132,7 @@ def _fleet(folder: Path, seed: int, json: bool) -> None:
         options.progress_bar("Simulating the fleet", not json) as progress,
         TemporaryDirectory(dir=folder, prefix=".") as draft,  # gone where Ctrl-C ends this
     ):
-        fleet = Fleet(draft)
+        fleet = ematwin.Fleet(draft)
         SimulatedFleet(seed=seed).fill(fleet.store)
         progress(0.3)
         fleet.refresh()
@@ -162,13 +142,9 @@ def _fleet(folder: Path, seed: int, json: bool) -> None:
         for one in Path(draft).iterdir():
             one.rename(folder / one.name)
     if json:
-        options.print_json(
-            {
-                "fleet": folder,
-                "report": folder / "fleet.html",
-                "advisories": {r["serial_number"]: r["advisory"] for r in fleet.table()},
-            }
-        )
+        advisories = {row["serial_number"]: row["advisory"] for row in fleet.table()}
+        page = folder / "fleet.html"
+        options.print_json({"fleet": folder, "report": page, "advisories": advisories})
         return
     print_fleet(fleet)
     typer.echo(f"wrote {folder / 'fleet.html'}. See it live: ematwin serve {folder}")

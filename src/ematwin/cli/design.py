@@ -1,139 +1,117 @@
-"""``ematwin design``: the test command with the smallest errors, that tells two explanations apart,
-or from which the parameters of the healthy actuator can be learnt.
-"""
+"""``ematwin design``: a test that shows faults, tells two explanations apart, or lets one learn."""
 
 import json as json_text
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
+import ematwin
 from ematwin.cli import options
+from ematwin.errors import FileError, InputError
+from ematwin.files import check_target, write_text
+from ematwin.quantities import parse_quantity
 
 if TYPE_CHECKING:
     from ematwin.experiments.design import Design
     from ematwin.experiments.healthy_tests import HealthyTests
     from ematwin.models.parameter_set import ParameterSet
 
-_RECORDED = (".csv", ".parquet")
-
 
 def design(
-    out: Annotated[Path, typer.Option(help="Write the command here (.toml).")],
-    actuator: options.ActuatorOption = "servo48",
-    scenario: options.ScenarioOption = None,
-    fault: Annotated[
-        str | None,
-        typer.Option(help="The fault to identify; the least identifiable one if not given."),
-    ] = None,
-    limit: Annotated[
-        list[str] | None,
-        typer.Option(
-            help='The most that a healthy actuator may be asked for, e.g. "current=6 A"; also '
-            "travel, speed, load. As the given command if not given. Repeatable."
-        ),
-    ] = None,
-    duration: Annotated[
-        str | None, typer.Option(help='Length of the command, e.g. "0.5 s"; as given otherwise.')
-    ] = None,
-    at: Annotated[
-        list[str] | None,
-        typer.Option(help="A fault at which to look, e.g. friction=0.25. Repeatable."),
-    ] = None,
-    noise: options.NoiseOption = None,
-    exact: options.ExactOption = False,
-    check: Annotated[
-        int, typer.Option(help="Identify so many simulated recordings of each command.", min=0)
-    ] = 0,
-    trials: Annotated[
-        int | None,
-        typer.Option(
-            help="Recordings on which the most promising commands are tried before one is chosen; "
-            "0 for none.",
-            min=0,
-        ),
-    ] = None,
-    discriminate: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Tell two explanations apart instead: given twice, e.g. short_a=0.05,short_b=0.05 "
-            "and motor.emf_constant=0.071; or once, an answer of identify --json or a recording."
-        ),
-    ] = None,
-    learn: Annotated[
-        bool,
-        typer.Option(
-            "--learn",
-            help="Propose tests of the healthy actuator instead, which determine the parameters "
-            "that its calibration, or its data sheet, leaves open.",
-        ),
-    ] = False,
-    budget: Annotated[
-        int | None, typer.Option(help="Commands to look at; a minute's worth if not given.", min=1)
-    ] = None,
-    seed: Annotated[int, typer.Option(help="Seed of faults, noise and search.", min=0)] = 1,
-    report: options.ReportOption = None,
-    force: options.ForceOption = False,
-    units: options.UnitsOption = None,
-    json: options.JsonOption = False,
+    out: Path = typer.Option(..., help="Write the command here (.toml)."),
+    actuator: str = options.ACTUATOR,
+    scenario: str | None = options.SCENARIO,
+    fault: str | None = typer.Option(
+        None, help="The fault to identify; the least identifiable one if not given."
+    ),
+    limit: list[str] | None = typer.Option(
+        None,
+        help='The most that a healthy actuator may be asked for, e.g. "current=6 A"; also '
+        "travel, speed, load. As the given command if not given. Repeatable.",
+    ),
+    duration: str | None = typer.Option(
+        None, help='Length of the command, e.g. "0.5 s"; as given otherwise.'
+    ),
+    at: list[str] | None = typer.Option(
+        None, help="A fault at which to look, e.g. friction=0.25. Repeatable."
+    ),
+    noise: str | None = options.NOISE,
+    exact: bool = options.EXACT,
+    check: int = typer.Option(
+        0, help="Identify so many simulated recordings of each command.", min=0
+    ),
+    trials: int | None = typer.Option(
+        None,
+        help="Recordings on which the most promising commands are tried before one is chosen; "
+        "0 for none.",
+        min=0,
+    ),
+    discriminate: list[str] | None = typer.Option(
+        None,
+        help="Tell two explanations apart instead: given twice, e.g. short_a=0.05,short_b=0.05 "
+        "and motor.emf_constant=0.071; or once, an answer of identify --json or a recording.",
+    ),
+    learn: bool = typer.Option(
+        False,
+        "--learn",
+        help="Propose tests of the healthy actuator instead, which determine the parameters "
+        "that its calibration, or its data sheet, leaves open.",
+    ),
+    budget: int | None = typer.Option(
+        None, help="Commands to look at; a minute's worth if not given.", min=1
+    ),
+    seed: int = typer.Option(1, help="Seed of faults, noise and search.", min=0),
+    report: Path | None = options.REPORT,
+    force: bool = options.FORCE,
+    units: str | None = options.UNITS,
+    json: bool = options.JSON,
 ) -> None:
     """Find the test command with which faults, or parameters, of an actuator are found best."""
-    from ematwin.files import check_target, write_text
-    from ematwin.models.registry import load_actuator
-    from ematwin.quantities import parse_quantity
-    from ematwin.recordings.noise import Noise
-
     check_target(out, (".toml",), replace=force)
     options.check_outputs(report)
-    chosen = load_actuator(actuator)
+    chosen = ematwin.load_actuator(actuator)
     settings: dict[str, Any] = {
         "scenario": scenario,
         "duration": None if duration is None else parse_quantity(duration, "s", "--duration"),
-        "noise": None if noise is None else Noise.parse(noise),
+        "noise": ematwin.Noise.of(noise),
         "seed": seed,
         **_limits(limit or [], chosen),
     }
     written: Any = out
     found: Any
+    given = {
+        "--fault": fault is not None, "--at": at, "--check": check, "--trials": trials is not None,
+    }  # fmt: skip
     if learn:
-        given = {
-            "--fault": fault is not None, "--at": at, "--check": check, "--exact": exact,
-            "--trials": trials is not None, "--budget": budget is not None,
-            "--discriminate": discriminate,
-        }  # fmt: skip
+        given |= {"--exact": exact, "--budget": budget is not None, "--discriminate": discriminate}
         _refuse("--learn proposes tests of the healthy actuator and", given)
-        from ematwin.experiments.healthy_tests import TESTS, healthy_tests, numbered
-        from ematwin.report.design import healthy_tests_page as page
+        from ematwin.experiments.healthy_tests import TESTS, numbered
+        from ematwin.report.experiments import healthy_tests_page as page
 
         for one in numbered(out, TESTS):
             check_target(one, (".toml",), replace=force)
         with options.progress_bar("Comparing tests", not json) as share:
-            found = healthy_tests(actuator, progress=share, **settings)
+            found = ematwin.healthy_tests(actuator, progress=share, **settings)
         written = found.save(out, replace=force)
     elif discriminate:
-        given = {
-            "--fault": fault is not None, "--at": at, "--check": check,
-            "--trials": trials is not None,
-        }  # fmt: skip
         _refuse("--discriminate compares two explanations and", given)
-        from ematwin.experiments.discriminate import discriminate as tell_apart
-        from ematwin.report.design import discrimination_page as page  # type: ignore[assignment]
+        from ematwin.report.experiments import discrimination_page as page  # type: ignore[assignment]
 
         first, second = _explanations(discriminate, actuator, chosen)
         with options.progress_bar("searching", not json) as show:
-            found = tell_apart(
+            found = ematwin.discriminate(
                 first, second, actuator, exact=exact, budget=budget,
                 progress=options.searching(show, "commands", "distance"), **settings,
             )  # fmt: skip
         found.save(out)
     else:
-        from ematwin.experiments.design import design as run
-        from ematwin.report.design import design_page as page  # type: ignore[assignment]
+        from ematwin.report.experiments import design_page as page  # type: ignore[assignment]
 
         if trials is not None:
             settings["trials"] = trials
         with options.progress_bar("searching", not json) as show:
-            found = run(
+            found = ematwin.design(
                 actuator, fault=fault, faults=options.numbers(at or [], "--at"), exact=exact,
                 budget=budget, progress=options.searching(show, "commands", "expected error"),
                 trying=lambda share: show(share, "identifying simulated recordings of the best"),
@@ -161,8 +139,6 @@ def design(
 
 def _refuse(which: str, given: dict[str, Any]) -> None:
     """Refuse options that do not belong to a way of designing."""
-    from ematwin.errors import InputError
-
     wrong = [name for name, wanted in given.items() if wanted]
     if wrong:
         raise InputError(f"{which} takes no {wrong[0]}; leave it out.")
@@ -171,22 +147,18 @@ def _refuse(which: str, given: dict[str, Any]) -> None:
 def _limits(texts: list[str], actuator: "ParameterSet") -> dict[str, float]:
     """Limits in SI, from numbers with or without units."""
     from ematwin.models.registry import model_of
-    from ematwin.quantities import parse_quantity
 
     units = {one.name: one.unit for one in model_of(actuator).limited}
-    found = {}
-    for name, text in options.pairs(texts, "--limit").items():
-        # a name that there is not is refused below, with those that there are
-        found[name] = parse_quantity(text, units.get(name, ""), f"--limit {name}")
-    return found
+    return {  # a name that there is not is refused later, with those that there are
+        name: parse_quantity(text, units.get(name, ""), f"--limit {name}")
+        for name, text in options.pairs(texts, "--limit").items()
+    }
 
 
 def _explanations(
     texts: list[str], actuator: str, chosen: "ParameterSet"
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Two explanations, from two lists of values, an answer of identify, or a recording."""
-    from ematwin.errors import InputError
-
     if len(texts) == 2:
         first, second = (
             options.numbers([part.strip() for part in text.split(",")], "--discriminate")
@@ -201,16 +173,13 @@ def _explanations(
     path = Path(texts[0])
     if path.suffix.lower() == ".json":
         answer, others = _answer(path)
-    elif path.suffix.lower() in _RECORDED:
-        from ematwin.models.reading import read
-        from ematwin.monitoring.identify import identify
-
-        found = identify(read(path, actuator=chosen), actuator)
+    elif path.suffix.lower() in (".csv", ".parquet"):
+        found = ematwin.identify(ematwin.read(path, actuator=chosen), actuator)
         answer, others = {**found.values, **found.fitted}, list(found.others)
     else:
         raise InputError(
             f"--discriminate cannot read {path}; give an answer of identify --json (.json) or a "
-            f"recording ({', '.join(_RECORDED)})."
+            "recording (.csv, .parquet)."
         )
     if not others:
         raise InputError(
@@ -223,40 +192,35 @@ def _explanations(
 
 def _answer(path: Path) -> tuple[dict[str, float], list[dict[str, float]]]:
     """Values and other answers in a file that ``identify --json`` wrote."""
-    from ematwin.errors import FileError, InputError
-
     try:
         table = json_text.loads(path.read_text(encoding="utf-8"))
         return dict(table["faults"]), list(table["other_answers"])
     except OSError as error:
         raise FileError(f"Cannot read {path}: {error.strerror}.") from None
     except (ValueError, KeyError, TypeError):
-        raise InputError(
-            f"{path} is no answer of ematwin identify --json; write one with it."
-        ) from None
+        text = f"{path} is no answer of ematwin identify --json; write one with it."
+        raise InputError(text) from None
 
 
 def _print_tests(found: "HealthyTests", written: list[Path]) -> None:
-    from ematwin.report.design import LEARNT, learnt_table, tests_table
+    from ematwin.report.experiments import LEARNT, learnt_table, tests_table
 
     if not found.tests:
         return
     options.print_table("Tests", tests_table(found, [path.name for path in written]), width=170)
     options.print_table(LEARNT, learnt_table(found))
-    for sentence in (found.open_sentence, found.next_sentence):
-        if sentence:
-            typer.echo(sentence)
+    for sentence in filter(None, (found.open_sentence, found.next_sentence)):
+        typer.echo(sentence)
 
 
 def _print(found: "Design") -> None:
-    from ematwin.report.design import errors_table, price_table
+    from ematwin.report.experiments import errors_table, price_table
 
     options.print_table("Expected error of each fault", errors_table(found))
     options.print_table("The price, on a healthy actuator (with faults)", price_table(found))
     if found.held:
-        typer.echo(
-            f"Counted as known, because no command can determine them: {', '.join(found.held)}"
-        )
+        held = ", ".join(found.held)
+        typer.echo(f"Counted as known, because no command can determine them: {held}")
     if found.left_out:
         typer.echo(found.left_out_sentence)
     if found.stopped == "time":

@@ -1,10 +1,11 @@
 """``ematwin detect``: recordings in, a verdict on each out."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
+import ematwin
 from ematwin.cli import options
 from ematwin.cli.recordings import choice, constant_load, remarks, runs, runs_in
 from ematwin.cli.recordings import load as loaded
@@ -18,52 +19,42 @@ if TYPE_CHECKING:
     from ematwin.monitoring.runs import Runs
     from ematwin.recordings.recording import Recording
 
-_EACH = ("motion", "run")
 # Keys that each verdict has, null where they do not apply.
 _ALWAYS = dict.fromkeys(("distance", "load_N", "sensor_coupling"))
 
 
 def detect(
-    records: Annotated[
-        list[Path],
-        typer.Argument(
-            help="Files with recordings to judge, folders of them, or a table of runs "
-            "(docs/recordings.md)."
-        ),
-    ],
-    actuator: Annotated[
-        Path | None,
-        typer.Option(
-            help="Actuator calibrated by `ematwin calibrate` (.toml); a table of runs may name one "
-            "in each row."
-        ),
-    ] = None,
-    each: Annotated[
-        str,
-        typer.Option(
-            help="What to judge: each run (its recordings together, where a healthy population "
-            "judges) or each motion (recording)."
-        ),
-    ] = "run",
-    where: options.WhereOption = None,
-    column: options.ColumnOption = None,
-    map_file: options.MapOption = None,
-    load: options.LoadOption = None,
-    report: options.ReportOption = None,
-    table: options.TableOption = None,
-    fail_on: options.FailOption = None,
-    units: options.UnitsOption = None,
-    json: options.JsonOption = False,
+    records: list[Path] = typer.Argument(
+        ...,
+        help="Files with recordings to judge, folders of them, or a table of runs "
+        "(docs/recordings.md).",
+    ),
+    actuator: Path | None = typer.Option(
+        None,
+        help="Actuator calibrated by `ematwin calibrate` (.toml); a table of runs may name one "
+        "in each row.",
+    ),
+    each: str = typer.Option(
+        "run",
+        help="What to judge: each run (its recordings together, where a healthy population "
+        "judges) or each motion (recording).",
+    ),
+    where: list[str] | None = options.WHERE,
+    column: list[str] | None = options.COLUMN,
+    map_file: Path | None = options.MAP,
+    load: str | None = options.LOAD,
+    report: Path | None = options.REPORT,
+    table: Path | None = options.TABLE,
+    fail_on: str | None = options.FAIL,
+    units: str | None = options.UNITS,
+    json: bool = options.JSON,
 ) -> None:
     """Judge recordings against the healthy actuator: the verdict of identify on each, as a table.
 
     healthy; changed: by no more than drift, or like no fault that can be named; fault: all faults
     by name, and an alarm; none: no verdict, with the reason.
     """
-    from ematwin.monitoring.calibration import Calibration
-    from ematwin.monitoring.identify import detect as run
-
-    if each not in _EACH:
+    if each not in ("motion", "run"):
         raise InputError(f"--each must be motion or run, received {each!r}.")
     options.check_outputs(report, table)
     failing = options.grades(fail_on)
@@ -73,18 +64,18 @@ def detect(
     if runs_in(records):
         recordings = runs(
             records[0], actuator, column, map_file,
-            lambda given, first: Calibration.load(_needed(given)),
+            lambda given, first: ematwin.Calibration.load(_needed(given)),
             where=[wanted] if wanted else None,
         )  # fmt: skip
         given = None if load is None else constant_load(load, recordings.groups[0].known.actuator)
     else:
-        calibration = Calibration.load(_needed(actuator))
+        calibration = ematwin.Calibration.load(_needed(actuator))
         recordings = loaded(
             records, column, map_file, calibration.actuator, *([wanted] if wanted else [])
         )
         given = constant_load(load, calibration.actuator)
     with options.progress_bar("Judging", not json) as progress:
-        found = run(recordings, calibration, load=given, progress=progress)
+        found = ematwin.detect(recordings, calibration, load=given, progress=progress)
     answer(found, recordings, each, table, report, json, failing)
 
 
@@ -98,14 +89,9 @@ def _needed(actuator: Path | None) -> Path:
 
 
 def answer(
-    found: "Detection",
-    recordings: "list[Recording] | Runs",
-    each: str,
-    table: Path | None,
-    report: Path | None,
-    json: bool,
-    failing: "Collection[str]",
-) -> None:
+    found: "Detection", recordings: "list[Recording] | Runs", each: str, table: Path | None,
+    report: Path | None, json: bool, failing: "Collection[str]",
+) -> None:  # fmt: skip
     """Write table and page if they are wanted, and print the verdicts with assumptions."""
     from ematwin.monitoring.runs import Runs
     from ematwin.recordings.tables import write_rows
@@ -118,15 +104,11 @@ def answer(
         found.report(report)
 
     def plain() -> dict[str, object]:
-        told = [
-            {
-                **({"name": name} if name else {}),
-                "actuator": known.actuator.name,
-                "kind": known.actuator.kind,
-                "verdicts": [{**_ALWAYS, **one.as_dict()} for one in found[name].each(each)],
-            }
-            for name, known in found.calibrations.items()
-        ]
+        told = []
+        for name, known in found.calibrations.items():
+            actuator = {"actuator": known.actuator.name, "kind": known.actuator.kind}
+            verdicts = [{**_ALWAYS, **one.as_dict()} for one in found[name].each(each)]
+            told.append({**({"name": name} if name else {}), **actuator, "verdicts": verdicts})
         return {
             **({"actuators": told} if found.is_named else told[0]), "each": each,
             "not_judged": found.missing, "report": report, "assumed": assumed,

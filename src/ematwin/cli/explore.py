@@ -1,53 +1,49 @@
 """``ematwin explore`` and ``ematwin serve``: the interactive twin and a fleet, on local pages."""
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
+import ematwin
 from ematwin.cli import options
+from ematwin.cli.recordings import map_of, meant
 
 
 def explore(
-    record: Annotated[
-        Path | None,
-        typer.Argument(
-            help="A recording: Parquet, CSV, MAT, MDF4, TDMS or HDF5; without one the twin is "
-            "shown beside the healthy one."
-        ),
-    ] = None,
-    actuator: options.RecordedActuatorOption = None,
-    scenario: options.ScenarioOption = None,
-    column: options.ColumnOption = None,
-    map_file: options.MapOption = None,
-    port: options.PortOption = 0,
-    units: options.UnitsOption = None,
-    no_browser: options.NoBrowserOption = False,
+    record: Path | None = typer.Argument(
+        None,
+        help="A recording: Parquet, CSV, MAT, MDF4, TDMS or HDF5; without one the twin is "
+        "shown beside the healthy one.",
+    ),
+    actuator: str | None = options.RECORDED_ACTUATOR,
+    scenario: str | None = options.SCENARIO,
+    column: list[str] | None = options.COLUMN,
+    map_file: Path | None = options.MAP,
+    port: int = options.PORT,
+    units: str | None = options.UNITS,
+    no_browser: bool = options.NO_BROWSER,
 ) -> None:
     """Drag the faults of the twin, and see its answer beside a recording's, in the browser."""
-    from ematwin.cli.channels import map_of
-    from ematwin.cli.recordings import meant
     from ematwin.exploring.explorer import Explorer
     from ematwin.exploring.server import Server
-    from ematwin.models.reading import read
-    from ematwin.monitoring.calibration import Calibration
 
-    recording, known = None, Calibration.of(actuator)
+    recording, known = None, ematwin.Calibration.of(actuator)
     if record is not None:
-        known = Calibration.of(actuator or meant([record], column, map_file))
+        known = ematwin.Calibration.of(actuator or meant([record], column, map_file))
         columns = map_of(column, map_file, known.actuator)
-        recording = read(record, columns, actuator=known.actuator)
+        recording = ematwin.read(record, columns, actuator=known.actuator)
     options.serve_page(Server(Explorer(recording, known, scenario), port), "The twin", no_browser)
 
 
 def serve(
-    fleet: Annotated[Path, typer.Argument(help="The folder of `ematwin watch --fleet`.")],
-    port: options.PortOption = 0,
-    units: options.UnitsOption = None,
-    no_browser: options.NoBrowserOption = False,
+    fleet: Path = typer.Argument(..., help="The folder of `ematwin watch --fleet`."),
+    port: int = options.PORT,
+    units: str | None = options.UNITS,
+    no_browser: bool = options.NO_BROWSER,
 ) -> None:
     """Show a fleet in the browser, as it is at each moment: read only, on this machine only."""
-    from ematwin.fleet.fleet import Fleet
     from ematwin.fleet.serve import FleetServer
 
-    options.serve_page(FleetServer(Fleet(fleet, create=False), port), "The fleet", no_browser)
+    options.serve_page(
+        FleetServer(ematwin.Fleet(fleet, create=False), port), "The fleet", no_browser
+    )

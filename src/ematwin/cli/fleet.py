@@ -3,32 +3,30 @@
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
+import ematwin
 from ematwin.cli import options
 from ematwin.errors import InputError
+from ematwin.showing.results import plain
 
 if TYPE_CHECKING:
     from ematwin.fleet.actuator import FleetActuator
     from ematwin.fleet.fleet import Fleet
 
-_MOST = 20  # actuators in the terminal; the page has all
-
-FleetArgument = Annotated[Path, typer.Argument(help="The folder of `ematwin watch --fleet`.")]
-SerialArgument = Annotated[str, typer.Argument(help="Serial number of the actuator.")]
-MagnitudeArgument = Annotated[
-    str | None, typer.Argument(help="The magnitude of the alarm, e.g. friction; else all of them.")
-]
-NoteOption = Annotated[str, typer.Option(help="A remark that is kept, e.g. who and why.")]
-StepOption = Annotated[
-    str | None,
-    typer.Option(
-        help="End with exit code 1 if an actuator has reached this step (watch, plan, act), or if "
-        "its latest recording has a fault (fault)."
-    ),
-]
+FLEET = typer.Argument(..., help="The folder of `ematwin watch --fleet`.")
+SERIAL = typer.Argument(..., help="Serial number of the actuator.")
+MAGNITUDE = typer.Argument(
+    None, help="The magnitude of the alarm, e.g. friction; else all of them."
+)
+NOTE = typer.Option("", help="A remark that is kept, e.g. who and why.")
+STEP = typer.Option(
+    None,
+    help="End with exit code 1 if an actuator has reached this step (watch, plan, act), or if "
+    "its latest recording has a fault (fault).",
+)
 
 fleet = typer.Typer(
     help="Show a fleet, record overhauls, acknowledge and silence alarms, withdraw such entries.",
@@ -37,32 +35,24 @@ fleet = typer.Typer(
 )
 
 
-@fleet.callback()
-def fleets() -> None:
-    """Show a fleet, record overhauls, acknowledge and silence alarms, withdraw such entries."""
-
-
 @fleet.command("status")
 def status(
-    fleet: FleetArgument,
-    report: options.ReportOption = None,
-    table: Annotated[
-        Path | None,
-        typer.Option(help="Write a row for each actuator as a table (.csv or .parquet)."),
-    ] = None,
-    recordings: Annotated[
-        Path | None,
-        typer.Option(help="Write a row for each recording as a table (.csv or .parquet)."),
-    ] = None,
-    fail_on: StepOption = None,
-    units: options.UnitsOption = None,
-    json: options.JsonOption = False,
+    fleet: Path = FLEET,
+    report: Path | None = options.REPORT,
+    table: Path | None = typer.Option(
+        None, help="Write a row for each actuator as a table (.csv or .parquet)."
+    ),
+    recordings: Path | None = typer.Option(
+        None, help="Write a row for each recording as a table (.csv or .parquet)."
+    ),
+    fail_on: str | None = STEP,
+    units: str | None = options.UNITS,
+    json: bool = options.JSON,
 ) -> None:
     """Say which actuator needs what, and when, from the recordings that are judged."""
     check_step(fail_on)
-    options.check_outputs(report, table)
-    options.check_outputs(None, recordings)
-    known = _opened(fleet)
+    options.check_outputs(report, table, recordings)
+    known = ematwin.Fleet(fleet, create=False)
     if table is not None:
         known.export(table, "advisory")
     if recordings is not None:
@@ -70,34 +60,29 @@ def status(
     if report is not None:
         known.report(report)
     options.answer(
-        json, lambda: {"actuators": plain_rows(known)}, lambda: print_fleet(known), table,
+        json, lambda: {"actuators": plain(known.table())}, lambda: print_fleet(known), table,
         recordings, report, fails=reached(known, fail_on),
     )  # fmt: skip
 
 
 @fleet.command("overhaul")
 def overhaul(
-    fleet: FleetArgument,
-    serial: SerialArgument,
-    on: Annotated[
-        str | None, typer.Option(help="Day or time, e.g. 2026-05-01; now if not given.")
-    ] = None,
-    note: NoteOption = "",
+    fleet: Path = FLEET,
+    serial: str = SERIAL,
+    on: str | None = typer.Option(None, help="Day or time, e.g. 2026-05-01; now if not given."),
+    note: str = NOTE,
 ) -> None:
     """Record that an actuator was repaired or exchanged: its wear begins anew."""
     from ematwin.fleet.store import moment_of
 
     when = datetime.now(UTC) if on is None else moment_of(on)
-    _opened(fleet)[serial].overhaul(when, note)
+    ematwin.Fleet(fleet, create=False)[serial].overhaul(when, note)
     typer.echo(f"{serial}: overhaul on {when:%Y-%m-%d} recorded.")
 
 
 @fleet.command("acknowledge")
 def acknowledge(
-    fleet: FleetArgument,
-    serial: SerialArgument,
-    magnitude: MagnitudeArgument = None,
-    note: NoteOption = "",
+    fleet: Path = FLEET, serial: str = SERIAL, magnitude: str | None = MAGNITUDE, note: str = NOTE
 ) -> None:
     """Acknowledge alarms of an actuator: shown as such until their step changes."""
     _told(fleet, serial, "acknowledged", lambda one: one.acknowledge(magnitude, note))
@@ -105,59 +90,53 @@ def acknowledge(
 
 @fleet.command("silence")
 def silence(
-    fleet: FleetArgument,
-    serial: SerialArgument,
-    until: Annotated[
-        str, typer.Option(help="Day or time, e.g. 2026-06-01; one that has passed ends a silence.")
-    ],
-    magnitude: MagnitudeArgument = None,
-    note: NoteOption = "",
+    fleet: Path = FLEET,
+    serial: str = SERIAL,
+    until: str = typer.Option(
+        ..., help="Day or time, e.g. 2026-06-01; one that has passed ends a silence."
+    ),
+    magnitude: str | None = MAGNITUDE,
+    note: str = NOTE,
 ) -> None:
     """Silence alarms of an actuator until a day."""
     _told(fleet, serial, f"silenced until {until}", lambda one: one.silence(magnitude, until, note))
 
 
 @fleet.command("history")
-def history(fleet: FleetArgument, serial: SerialArgument, json: options.JsonOption = False) -> None:
+def history(fleet: Path = FLEET, serial: str = SERIAL, json: bool = options.JSON) -> None:
     """Show alarms of an actuator and entries of its maintainers, the latest first."""
     from ematwin.fleet.pages import history as known
 
-    unit = _opened(fleet)[serial]
-    plain = [
+    unit = ematwin.Fleet(fleet, create=False)[serial]
+    told = [
         one | {name: one[name].isoformat() for name in ("time", "known")}
         | {"withdrawn": one not in unit.events}
         for one in reversed(unit.history)
     ]  # fmt: skip
     options.answer(
-        json, lambda: {"events": plain},
+        json, lambda: {"events": told},
         lambda: options.print_table("", known(unit), whole=("day", "entry"), width=200),
     )  # fmt: skip
 
 
 @fleet.command("withdraw")
 def withdraw(
-    fleet: FleetArgument,
-    serial: SerialArgument,
-    entries: Annotated[
-        list[str], typer.Argument(help="Entries, as `ematwin fleet history` shows them.")
-    ],
-    note: NoteOption = "",
+    fleet: Path = FLEET,
+    serial: str = SERIAL,
+    entries: list[str] = typer.Argument(
+        ..., help="Entries, as `ematwin fleet history` shows them."
+    ),
+    note: str = NOTE,
 ) -> None:
     """Withdraw wrong entries; the history shows both. Then enter the right ones."""
-    for one in _opened(fleet)[serial].withdraw(*entries, note=note):
+    for one in ematwin.Fleet(fleet, create=False)[serial].withdraw(*entries, note=note):
         typer.echo(f"{serial}: {one['what']} of {one['time']:%Y-%m-%d} withdrawn.")
-
-
-def _opened(folder: Path) -> "Fleet":
-    from ematwin.fleet.fleet import Fleet
-
-    return Fleet(folder, create=False)
 
 
 def _told(
     folder: Path, serial: str, how: str, tell: Callable[["FleetActuator"], tuple[str, ...]]
 ) -> None:
-    names = tell(_opened(folder)[serial])
+    names = tell(ematwin.Fleet(folder, create=False)[serial])
     typer.echo(f"{serial}: {', '.join(names)} {how}.")
 
 
@@ -180,13 +159,6 @@ def reached(fleet: "Fleet", fail_on: str | None) -> bool:
     )
 
 
-def plain_rows(fleet: "Fleet") -> list[dict[str, object]]:
-    """Rows of `Fleet.table` for JSON, which knows no infinity."""
-    from ematwin.showing.results import plain
-
-    return [plain(row) for row in fleet.table()]
-
-
 def print_fleet(fleet: "Fleet") -> None:
     """The actuators for people, the most urgent first."""
     from ematwin.report.page import Row, Table
@@ -196,7 +168,8 @@ def print_fleet(fleet: "Fleet") -> None:
         typer.echo("No recording is judged yet.")
         return
     shown = []
-    for row in rows[:_MOST]:
+    most = 20  # the page has all
+    for row in rows[:most]:
         life = fleet[row["serial_number"]].life_left()
         seen = " (acknowledged)" if row["acknowledged"] else ""
         named = (row["serial_number"], row["advisory"] + seen, life or "", row["advisory_reason"])
@@ -206,5 +179,5 @@ def print_fleet(fleet: "Fleet") -> None:
     if not fleet.limits_given:
         settings = fleet.store.folder / "fleet.toml"
         typer.echo(f"No life left without limits: state some under [limits] in {settings}.")
-    if len(rows) > _MOST:
-        typer.echo(f"and {len(rows) - _MOST} more actuators; --report shows all")
+    if len(rows) > most:
+        typer.echo(f"and {len(rows) - most} more actuators; --report shows all")

@@ -1,71 +1,56 @@
 """``ematwin identifiability``: which faults a command can reveal, before any test."""
 
-from typing import TYPE_CHECKING, Annotated
+from pathlib import Path
 
 import typer
 
+import ematwin
 from ematwin.cli import complete, options
-
-if TYPE_CHECKING:
-    from ematwin.experiments.identifiability import Identifiability
-    from ematwin.experiments.sensitivity import Sensitivity
+from ematwin.files import write_text
 
 
 def identifiability(
-    commands: Annotated[
-        list[str] | None,
-        typer.Argument(
-            help="Scenarios: shipped ones by name, TOML files, or recordings (.csv, .parquet) of "
-            "which the command is taken. The kind's default if none is given.",
-            autocompletion=complete.scenarios,
-        ),
-    ] = None,
-    actuator: options.ActuatorOption = "servo48",
-    fault: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="A fault at which to look, e.g. friction=0.25; each is just a fault if not given. "
-            "Repeatable."
-        ),
-    ] = None,
-    noise: options.NoiseOption = None,
-    exact: options.ExactOption = False,
-    false_alarm: Annotated[
-        float | None,
-        typer.Option(
-            help="Probability that a healthy value is taken for a fault; 0.00135 (3 sigma)."
-        ),
-    ] = None,
-    miss: Annotated[
-        float | None, typer.Option(help="Probability that the smallest fault is overlooked; 0.1.")
-    ] = None,
-    sobol: Annotated[
-        bool,
-        typer.Option(
-            "--sobol",
-            help="Also say how much of the answer's variance goes back to each unknown.",
-        ),
-    ] = False,
-    report: options.ReportOption = None,
-    units: options.UnitsOption = None,
-    json: options.JsonOption = False,
+    commands: list[str] | None = typer.Argument(
+        None,
+        help="Scenarios: shipped ones by name, TOML files, or recordings (.csv, .parquet) of "
+        "which the command is taken. The kind's default if none is given.",
+        autocompletion=complete.scenarios,
+    ),
+    actuator: str = options.ACTUATOR,
+    fault: list[str] | None = typer.Option(
+        None,
+        help="A fault at which to look, e.g. friction=0.25; each is just a fault if not given. "
+        "Repeatable.",
+    ),
+    noise: str | None = options.NOISE,
+    exact: bool = options.EXACT,
+    false_alarm: float | None = typer.Option(
+        None, help="Probability that a healthy value is taken for a fault; 0.00135 (3 sigma)."
+    ),
+    miss: float | None = typer.Option(
+        None, help="Probability that the smallest fault is overlooked; 0.1."
+    ),
+    sobol: bool = typer.Option(
+        False,
+        "--sobol",
+        help="Also say how much of the answer's variance goes back to each unknown.",
+    ),
+    report: Path | None = options.REPORT,
+    units: str | None = options.UNITS,
+    json: bool = options.JSON,
 ) -> None:
     """Say which faults a command can reveal, and the smallest that it would.
 
     Several commands are compared, the most telling first.
     """
     from ematwin.experiments.identifiability import FALSE_ALARM, MISS, ranked
-    from ematwin.experiments.identifiability import identifiability as run
-    from ematwin.files import write_text
-    from ematwin.recordings.noise import Noise
 
     options.check_outputs(report)
-    sensor = None if noise is None else Noise.parse(noise)
     values = options.numbers(fault or [], "--fault")
     given: list[str | None] = [*commands] if commands else [None]
     found = ranked([
-        run(
-            command, actuator, faults=values, noise=sensor, exact=exact,
+        ematwin.identifiability(
+            command, actuator, faults=values, noise=ematwin.Noise.of(noise), exact=exact,
             false_alarm=FALSE_ALARM if false_alarm is None else false_alarm,
             miss=MISS if miss is None else miss,
         )
@@ -73,15 +58,13 @@ def identifiability(
     ])  # fmt: skip
     parts = {}
     if sobol:
-        from ematwin.experiments.sensitivity import sensitivity
-
         for one in found:
             with options.progress_bar(f"Varying all of {one.scenario.name}", not json) as progress:
-                parts[one.scenario.name] = sensitivity(
+                parts[one.scenario.name] = ematwin.sensitivity(
                     one.scenario, actuator, exact=exact, progress=progress
                 )
     if report is not None:
-        from ematwin.report.identifiability import identifiability_page
+        from ematwin.report.experiments import identifiability_page
 
         write_text(report, identifiability_page(found, parts))
 
@@ -104,8 +87,8 @@ def identifiability(
     options.answer(json, plain, tell, report)
 
 
-def _print(found: "Identifiability") -> None:
-    from ematwin.report.identifiability import told_table
+def _print(found: "ematwin.Identifiability") -> None:
+    from ematwin.report.experiments import told_table
 
     title = f"{found.scenario.name}, {found.scenario.duration:g} s, on {found.actuator.name}"
     options.print_table(title, told_table(found))
@@ -117,8 +100,8 @@ def _print(found: "Identifiability") -> None:
     typer.echo("")
 
 
-def _print_sobol(parts: "Sensitivity") -> None:
-    from ematwin.report.identifiability import sobol_table
+def _print_sobol(parts: "ematwin.Sensitivity") -> None:
+    from ematwin.report.experiments import sobol_table
 
     for channel, caption in parts.captions.items():
         options.print_table(f"Sobol indices: {caption}", sobol_table(parts, channel))

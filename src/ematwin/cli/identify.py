@@ -1,130 +1,101 @@
 """``ematwin identify``: recordings in, faults of their actuator out."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import Any
 
 import typer
 
+import ematwin
 from ematwin.cli import complete, options
-from ematwin.cli.recordings import constant_load, meant, runs, runs_in
+from ematwin.cli.detect import answer
+from ematwin.cli.recordings import constant_load, map_of, meant, runs, runs_in
 from ematwin.errors import InputError
-
-if TYPE_CHECKING:
-    from ematwin.estimation.identification import Identification
-    from ematwin.estimation.uncertainty import Uncertainty
-    from ematwin.recordings.cleaning import Policy
+from ematwin.showing.text import with_interval
 
 
 def identify(
-    records: Annotated[
-        list[Path],
-        typer.Argument(
-            help="A recording (docs/formats.md). Of several, of a folder, or of a table of runs "
-            "(docs/recordings.md), a table of verdicts."
-        ),
-    ],
-    actuator: options.RecordedActuatorOption = None,
-    algorithm: Annotated[
-        str | None,
-        typer.Option(
-            help="A name from `ematwin algorithms`; the default method of the kind if not given.",
-            autocompletion=complete.algorithms,
-        ),
-    ] = None,
-    budget: Annotated[
-        int | None,
-        typer.Option(help="Simulations: a maximum for multistart, else exact."),
-    ] = None,
-    population: Annotated[int, typer.Option(help="Size, for a population method.")] = 50,
-    iterations: Annotated[int, typer.Option(help="Number, for a population method.")] = 200,
-    seed: Annotated[int, typer.Option(help="Seed of the search.")] = 1,
-    only: Annotated[
-        str | None,
-        typer.Option(
-            help="Search only these: faults, e.g. friction,backlash, or parameters by their place, "
-            "e.g. motor.emf_constant."
-        ),
-    ] = None,
-    hold: Annotated[
-        list[str] | None,
-        typer.Option(help="Hold a fault that is not searched at a value, e.g. gain=0.6."),
-    ] = None,
-    column: options.ColumnOption = None,
-    map_file: options.MapOption = None,
-    resample_to: Annotated[
-        str | None, typer.Option(help='Bring the record to this rate first, e.g. "20 kHz".')
-    ] = None,
-    gaps: Annotated[
-        str, typer.Option(help="Holes in the record: refuse, longest or mask.")
-    ] = "refuse",
-    load: options.LoadOption = None,
-    exact: options.ExactOption = False,
-    uncertainty: Annotated[
-        str | None,
-        typer.Option(
-            help="How sure the answer is: laplace, profile or posterior (docs/certainty.md)."
-        ),
-    ] = None,
-    threshold: Annotated[
-        list[str] | None,
-        typer.Option(
-            help='Size from which a fault matters, e.g. friction=0.2 or friction="0.04 N*m": '
-            "adds the probability that the fault is larger. Repeatable."
-        ),
-    ] = None,
-    checkpoint: Annotated[
-        Path | None, typer.Option(help="Keep a population method's state here; resume from it.")
-    ] = None,
-    report: options.ReportOption = None,
-    table: options.TableOption = None,
-    fail_on: options.FailOption = None,
-    units: options.UnitsOption = None,
-    json: options.JsonOption = False,
+    records: list[Path] = typer.Argument(
+        ...,
+        help="A recording (docs/formats.md). Of several, of a folder, or of a table of runs "
+        "(docs/recordings.md), a table of verdicts.",
+    ),
+    actuator: str | None = options.RECORDED_ACTUATOR,
+    algorithm: str | None = typer.Option(
+        None,
+        help="A name from `ematwin algorithms`; the default method of the kind if not given.",
+        autocompletion=complete.algorithms,
+    ),
+    budget: int | None = typer.Option(
+        None, help="Simulations: a maximum for multistart, else exact."
+    ),
+    population: int = typer.Option(50, help="Size, for a population method."),
+    iterations: int = typer.Option(200, help="Number, for a population method."),
+    seed: int = typer.Option(1, help="Seed of the search."),
+    only: str | None = typer.Option(
+        None,
+        help="Search only these: faults, e.g. friction,backlash, or parameters by their place, "
+        "e.g. motor.emf_constant.",
+    ),
+    hold: list[str] | None = typer.Option(
+        None, help="Hold a fault that is not searched at a value, e.g. gain=0.6."
+    ),
+    column: list[str] | None = options.COLUMN,
+    map_file: Path | None = options.MAP,
+    resample_to: str | None = typer.Option(
+        None, help='Bring the record to this rate first, e.g. "20 kHz".'
+    ),
+    gaps: str = typer.Option("refuse", help="Holes in the record: refuse, longest or mask."),
+    load: str | None = options.LOAD,
+    exact: bool = options.EXACT,
+    uncertainty: str | None = typer.Option(
+        None, help="How sure the answer is: laplace, profile or posterior (docs/certainty.md)."
+    ),
+    threshold: list[str] | None = typer.Option(
+        None,
+        help='Size from which a fault matters, e.g. friction=0.2 or friction="0.04 N*m": '
+        "adds the probability that the fault is larger. Repeatable.",
+    ),
+    checkpoint: Path | None = typer.Option(
+        None, help="Keep a population method's state here; resume from it."
+    ),
+    report: Path | None = options.REPORT,
+    table: Path | None = options.TABLE,
+    fail_on: str | None = options.FAIL,
+    units: str | None = options.UNITS,
+    json: bool = options.JSON,
 ) -> None:
     """Find the faults with which the digital twin behaves like the recorded actuator."""
-    from ematwin.cli.channels import map_of
-    from ematwin.cli.detect import answer
-    from ematwin.models.reading import read
-    from ematwin.monitoring.calibration import Calibration
     from ematwin.monitoring.gather import files_of, is_one
-    from ematwin.monitoring.identify import identify as run
 
     options.check_outputs(report, table)
     failing = options.grades(fail_on)
-    several = runs_in(records)
+    several, twin = runs_in(records), ematwin.Calibration.of
     recordings: Any
     with options.progress_bar(f"Reading {records[0].name}", not json) as progress:
-        reading: dict[str, Any] = {
-            "resample_to": resample_to, "gaps": cast("Policy", gaps), "progress": progress,
-        }  # fmt: skip
+        reading: dict[str, Any] = {"resample_to": resample_to, "gaps": gaps, "progress": progress}
         if several:
             recordings = runs(
                 records[0], actuator, column, map_file,
-                lambda given, first: Calibration.of(given or meant([first], column, map_file)),
-                **reading,
+                lambda given, first: twin(given or meant([first], column, map_file)), **reading,
             )  # fmt: skip
             known = recordings.groups[0].known
         else:
             files = [file for path in records for file in files_of(path)]
-            known = Calibration.of(actuator or meant(files, column, map_file))
+            known = twin(actuator or meant(files, column, map_file))
             columns = map_of(column, map_file, known.actuator)
-            recordings = read(files, columns, actuator=known.actuator, split=True, **reading)
+            recordings = ematwin.read(
+                files, columns, actuator=known.actuator, split=True, **reading
+            )
     settings: dict[str, Any] = {
-        "budget": budget,
-        "population": population,
-        "iterations": iterations,
-        "seed": seed,
+        "budget": budget, "population": population, "iterations": iterations, "seed": seed,
         "only": None if only is None else [name.strip() for name in only.split(",")],
-        "held": options.numbers(hold or [], "--hold"),
-        "checkpoint": checkpoint,
-        "load": constant_load(load, known.actuator),
-        "exact": exact,
-        "uncertainty": uncertainty,
+        "held": options.numbers(hold or [], "--hold"), "checkpoint": checkpoint,
+        "load": constant_load(load, known.actuator), "exact": exact, "uncertainty": uncertainty,
         "thresholds": options.pairs(threshold or [], "--threshold"),
-    }
+    }  # fmt: skip
     if several or len(records) > 1 or len(recordings) > 1 or not is_one(records[0]):
         with options.progress_bar("Judging", not json) as show:
-            judged = run(
+            judged = ematwin.identify(
                 recordings, known, algorithm, **settings,
                 progress=lambda done, cost, count: show(done / count),
             )  # fmt: skip
@@ -134,7 +105,7 @@ def identify(
         raise InputError("--table is of several recordings; give more, or a folder.")
     with options.progress_bar("searching", not json) as show:
         # given away, so that what was sampled faster than it is compared can be freed
-        found = run(
+        found = ematwin.identify(
             recordings.pop(), known, algorithm, **settings,
             progress=options.searching(show, "simulations", "misfit"),
         )  # fmt: skip
@@ -155,21 +126,19 @@ def identify(
     )  # fmt: skip
 
 
-def print_findings(found: "Identification") -> None:
+def print_findings(found: "ematwin.Identification") -> None:
     """The verdict, then the table for people."""
     from ematwin.estimation.findings import fault_cells
+    from ematwin.report.identification import uncertainty_table
     from ematwin.report.page import Row, Table
-    from ematwin.showing.text import with_interval
 
     typer.echo(f"{found.verdict.sentence}\n")
-    shown = Table(
-        ["fault", "value", "95 % interval", "healthy", "k", "meaning"],
-        [
-            Row([r.name, r.value, r.interval, r.healthy, r.k, r.meaning], r.name in found.present)
-            for r in fault_cells(found)
-        ],
-        last_is_text=True,
-    )
+    header = ["fault", "value", "95 % interval", "healthy", "k", "meaning"]
+    rows = [
+        Row([r.name, r.value, r.interval, r.healthy, r.k, r.meaning], r.name in found.present)
+        for r in fault_cells(found)
+    ]
+    shown = Table(header, rows, last_is_text=True)
     title, values = f"Faults of {found.actuator.name}", shown.first(5)
     options.print_table(title, shown if options.has_room() else values, whole=values.header)
     for one in found.model.contrasts(found.actuator):
@@ -183,17 +152,10 @@ def print_findings(found: "Identification") -> None:
     )
     if found.stopped == "interrupted":
         typer.echo("Interrupted: this is the best found so far.")
-    if found.uncertainty is not None:
-        print_uncertainty(found.uncertainty)
+    if (sure := found.uncertainty) is not None:
+        options.print_table(f"95 % by {sure.method}", uncertainty_table(sure))
+        for sentence in sure.sentences:
+            typer.echo(sentence)
+        options.print_notes("Doubt", sure.doubts)
     options.print_notes("Assumed", found.assumed)
     options.print_notes("Warning", found.warnings)
-
-
-def print_uncertainty(sure: "Uncertainty") -> None:
-    """Intervals of the faults by the method that was asked for, and its probabilities."""
-    from ematwin.report.uncertainty import uncertainty_table
-
-    options.print_table(f"95 % by {sure.method}", uncertainty_table(sure))
-    for sentence in sure.sentences:
-        typer.echo(sentence)
-    options.print_notes("Doubt", sure.doubts)

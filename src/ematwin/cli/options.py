@@ -7,116 +7,76 @@ import sys
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from ematwin.cli import complete
 from ematwin.cli.wording import for_shell
 from ematwin.errors import InputError
+from ematwin.files import check_target
+from ematwin.quantities import use_units
 
 if TYPE_CHECKING:
     from ematwin.report.page import Table
     from ematwin.showing.bars import Bar
 
-ActuatorOption = Annotated[
-    str,
-    typer.Option(
-        help="A shipped parameter set of any kind, a TOML file, or a calibrated actuator.",
-        autocompletion=complete.actuators,
-    ),
-]
-ScenarioOption = Annotated[
-    str | None,
-    typer.Option(
-        help="A shipped scenario, or a TOML, CSV or Parquet file; the kind's default if not given.",
-        autocompletion=complete.scenarios,
-    ),
-]
-ExactOption = Annotated[
-    bool,
-    typer.Option(
-        "--exact", help="Parameters are exactly those of the actuator: no tolerances count."
-    ),
-]
-WhereOption = Annotated[
-    list[str] | None,
-    typer.Option(help="Use only recordings with this label: condition=normal. Repeatable."),
-]
-ColumnOption = Annotated[
-    list[str] | None,
-    typer.Option(help='Which channel is what, e.g. i_a="Phase A [A]". Repeatable.'),
-]
-MapOption = Annotated[
-    Path | None, typer.Option("--map", help="The same in a TOML file (docs/recordings.md).")
-]
-NoiseOption = Annotated[str | None, typer.Option(help="Sensor noise, e.g. white=0.02,bits=12.")]
-LoadOption = Annotated[
-    str | None,
-    typer.Option(
-        help='The constant load of a record that does not hold it, e.g. "10 N*m"; 0 if there '
-        "was none."
-    ),
-]
-TableOption = Annotated[
-    Path | None, typer.Option(help="Write all verdicts as a table (.csv or .parquet).")
-]
-ReportOption = Annotated[
-    Path | None, typer.Option(help="Write a self-contained page here (.html).")
-]
-ForceOption = Annotated[
-    bool, typer.Option("--force", help="Replace a file that exists, which you may have edited.")
-]
-RecordedActuatorOption = Annotated[
-    str | None,
-    typer.Option(
-        "--actuator",
-        help="A shipped parameter set of any kind, a TOML file, or a calibrated actuator; if not "
-        "given the default one of the kind that has such channels.",
-        autocompletion=complete.actuators,
-    ),
-]
-FailOption = Annotated[
-    str | None,
-    typer.Option(
-        help="End with exit code 1 if a recording gets one of these grades: fault, changed, none; "
-        "several with commas."
-    ),
-]
-
-
-def _use_units(text: str | None) -> str | None:
-    from ematwin.quantities import use_units
-
-    use_units(text)  # without the option those of the user's settings
-    return text
-
-
-UnitsOption = Annotated[
-    str | None,
-    typer.Option(
-        "--units",
-        callback=_use_units,
-        help='Show values in these units, e.g. "angle=mrad, torque=mN m"; ematwin units keeps '
-        "them. Tables and JSON stay SI.",
-    ),
-]
-JsonOption = Annotated[bool, typer.Option("--json", help="Answer as JSON.")]
-PortOption = Annotated[
-    int, typer.Option(help="Port of the page on this machine; 0 takes a free one.")
-]
-NoBrowserOption = Annotated[
-    bool, typer.Option("--no-browser", help="Print the address and open nothing.")
-]
+ACTUATOR = typer.Option(
+    "servo48",
+    help="A shipped parameter set of any kind, a TOML file, or a calibrated actuator.",
+    autocompletion=complete.actuators,
+)
+SCENARIO = typer.Option(
+    None,
+    help="A shipped scenario, or a TOML, CSV or Parquet file; the kind's default if not given.",
+    autocompletion=complete.scenarios,
+)
+EXACT = typer.Option(
+    False, "--exact", help="Parameters are exactly those of the actuator: no tolerances count."
+)
+WHERE = typer.Option(
+    None, help="Use only recordings with this label: condition=normal. Repeatable."
+)
+COLUMN = typer.Option(None, help='Which channel is what, e.g. i_a="Phase A [A]". Repeatable.')
+MAP = typer.Option(None, "--map", help="The same in a TOML file (docs/recordings.md).")
+NOISE = typer.Option(None, help="Sensor noise, e.g. white=0.02,bits=12.")
+LOAD = typer.Option(
+    None,
+    help='The constant load of a record that does not hold it, e.g. "10 N*m"; 0 if there was none.',
+)
+TABLE = typer.Option(None, help="Write all verdicts as a table (.csv or .parquet).")
+REPORT = typer.Option(None, help="Write a self-contained page here (.html).")
+FORCE = typer.Option(
+    False, "--force", help="Replace a file that exists, which you may have edited."
+)
+RECORDED_ACTUATOR = typer.Option(
+    None,
+    "--actuator",
+    help="A shipped parameter set of any kind, a TOML file, or a calibrated actuator; if not "
+    "given the default one of the kind that has such channels.",
+    autocompletion=complete.actuators,
+)
+FAIL = typer.Option(
+    None,
+    help="End with exit code 1 if a recording gets one of these grades: fault, changed, none; "
+    "several with commas.",
+)
+UNITS = typer.Option(
+    None,
+    "--units",
+    callback=use_units,  # without the option it takes those of the user's settings
+    help='Show values in these units, e.g. "angle=mrad, torque=mN m"; ematwin units keeps '
+    "them. Tables and JSON stay SI.",
+)
+JSON = typer.Option(False, "--json", help="Answer as JSON.")
+PORT = typer.Option(0, help="Port of the page on this machine; 0 takes a free one.")
+NO_BROWSER = typer.Option(False, "--no-browser", help="Print the address and open nothing.")
 
 
 def pairs(texts: list[str], what: str) -> dict[str, str]:
     """``["friction=0.25"]`` as a mapping.
 
-    Raises
-    ------
-    InputError
-        If a text is not name=value, or a name comes twice.
+    Raises `InputError` if a text is not name=value, or a name comes twice.
     """
     found: dict[str, str] = {}
     for text in texts:
@@ -151,13 +111,11 @@ def grades(text: str | None) -> set[str]:
     return found
 
 
-def check_outputs(page: Path | None, table: Path | None = None) -> None:
+def check_outputs(page: Path | None, *tables: Path | None) -> None:
     """Refuse a page or table that cannot be written, before any work is done."""
-    from ematwin.files import check_target
-
     if page is not None:
         check_target(page, (".html",))
-    if table is not None:
+    for table in filter(None, tables):
         check_target(table, (".csv", ".parquet"))
 
 
@@ -199,11 +157,9 @@ def has_room() -> bool:
 def print_table(
     title: str, shown: "Table", *, whole: Collection[str] = (), width: int = 150
 ) -> None:
-    """Print a table: a terminal wraps it to its width, a file gets all of it.
+    """Print a table: a terminal wraps it to its width, but for columns that stay ``whole``.
 
-    Parameters
-    ----------
-    whole : headings of columns that are not wrapped
+    A file gets all of it.
     """
     from rich.console import Console
     from rich.table import Table as Drawn

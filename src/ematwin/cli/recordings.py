@@ -5,8 +5,10 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import ematwin
 from ematwin.cli.options import pairs
 from ematwin.errors import InputError
+from ematwin.quantities import parse_quantity
 
 if TYPE_CHECKING:
     from ematwin.models.parameter_set import ParameterSet
@@ -26,33 +28,37 @@ def meant(files: list[Path], column: list[str] | None, map_file: Path | None) ->
     return actuator_for(files_of(files[0])[0], given or map_file)
 
 
+def map_of(column: list[str] | None, map_file: Path | None, actuator: Any) -> Any:
+    """The channel map of the options for recordings of an actuator, or None without any."""
+    if not column and map_file is None:
+        return None
+    from ematwin.models.registry import model_of
+    from ematwin.recordings.channel_map import ChannelMap
+
+    channels = model_of(actuator).channels
+    base = None if map_file is None else ChannelMap.of(map_file, channels)
+    return ChannelMap.parse(column or [], channels, base)
+
+
 def load(
-    files: list[Path],
-    column: list[str] | None,
-    map_file: Path | None,
-    actuator: Any,
+    files: list[Path], column: list[str] | None, map_file: Path | None, actuator: Any,
     *choices: Choices,
-) -> "list[Recording]":
+) -> "list[Recording]":  # fmt: skip
     """Recordings of an actuator in files and folders, each motion of a table, that fit a choice.
 
     ``column`` holds texts such as ``set_point=Demand [mm]``, ``map_file`` the same for all files.
     """
-    from ematwin.cli.channels import map_of
-    from ematwin.models.reading import read
     from ematwin.monitoring.gather import files_of
 
     columns = map_of(column, map_file, actuator)
     files = [file for path in files for file in files_of(path)]
-    return read(files, columns, actuator=actuator, split=True, where=choices or None)
+    return ematwin.read(files, columns, actuator=actuator, split=True, where=choices or None)
 
 
 def runs_in(files: list[Path]) -> bool:
     """Whether a table of runs is given in place of recordings.
 
-    Raises
-    ------
-    InputError
-        If it is one of several files.
+    Raises `InputError` if it is one of several files.
     """
     from ematwin.monitoring.runs import is_table_of_runs
 
@@ -63,15 +69,10 @@ def runs_in(files: list[Path]) -> bool:
 
 
 def runs(
-    table: Path,
-    actuator: Any,
-    column: list[str] | None,
-    map_file: Path | None,
-    known_of: "Callable[[Any, Path], Calibration]",
-    **options: Any,
-) -> "Runs":
+    table: Path, actuator: Any, column: list[str] | None, map_file: Path | None,
+    known_of: "Callable[[Any, Path], Calibration]", **options: Any,
+) -> "Runs":  # fmt: skip
     """The recordings of a table of runs, with the channels that the options name."""
-    from ematwin.cli.channels import map_of
     from ematwin.monitoring.runs import read_runs
 
     return read_runs(
@@ -82,7 +83,6 @@ def runs(
 def constant_load(text: str | None, actuator: "ParameterSet") -> float | None:
     """A load in SI, from a number with or without its unit; None where none is given."""
     from ematwin.models.registry import model_of
-    from ematwin.quantities import parse_quantity
 
     if text is None:
         return None

@@ -1,46 +1,34 @@
 """``ematwin report`` and ``ematwin store``: the runs of a study in, their analysis out."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+import ematwin
 from ematwin.cli import options
 from ematwin.errors import InputError
 
-if TYPE_CHECKING:
-    from ematwin.benchmarking.analysis import StudyAnalysis
-
-Where = Annotated[
-    str, typer.Argument(help="The store of `ematwin compare`: a file or a database URL.")
-]
+WHERE = typer.Argument(..., help="The store of `ematwin compare`: a file or a database URL.")
 store = typer.Typer(help="Check the store of a study.", no_args_is_help=True, rich_markup_mode=None)
 
 
 def report(
-    store: Where,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="Write a page, and the tables as CSV and Parquet, to this folder."),
-    ] = None,
-    target: Annotated[
-        list[float] | None,
-        typer.Option(help="Err% to give success rates for. Repeatable; default 0.5, 1, 2, 5."),
-    ] = None,
-    misfit: Annotated[
-        list[float] | None,
-        typer.Option(
-            help="Relative misfit to give the evaluations to. Repeatable; default 0.1, 0.02, 0.005."
-        ),
-    ] = None,
-    threshold: Annotated[
-        float,
-        typer.Option(
-            help="Deviation from healthy that counts as a fault, as a share of the range."
-        ),
-    ] = 0.05,
-    seed: Annotated[int, typer.Option(help="Seed of the bootstrap.")] = 1,
-    json: Annotated[bool, typer.Option("--json", help="Answer with all tables as JSON.")] = False,
+    store: str = WHERE,
+    out: Path | None = typer.Option(
+        None, help="Write a page, and the tables as CSV and Parquet, to this folder."
+    ),
+    target: list[float] | None = typer.Option(
+        None, help="Err% to give success rates for. Repeatable; default 0.5, 1, 2, 5."
+    ),
+    misfit: list[float] | None = typer.Option(
+        None,
+        help="Relative misfit to give the evaluations to. Repeatable; default 0.1, 0.02, 0.005.",
+    ),
+    threshold: float = typer.Option(
+        0.05, help="Deviation from healthy that counts as a fault, as a share of the range."
+    ),
+    seed: int = typer.Option(1, help="Seed of the bootstrap."),
+    json: bool = typer.Option(False, "--json", help="Answer with all tables as JSON."),
 ) -> None:
     """Report a study: errors, times, ranks, tests, convergence and diagnosis, from its store."""
     from ematwin.benchmarking.analysis import analyse
@@ -74,7 +62,7 @@ def report(
     options.answer(json, lambda: {**analysis.as_dict(), "report": written}, tell)
 
 
-def _print_summary(analysis: "StudyAnalysis") -> None:
+def _print_summary(analysis: "ematwin.StudyAnalysis") -> None:
     from ematwin.benchmarking.page import diagnosis_table, success_table
 
     options.print_table("Share of runs that reached an Err%", success_table(analysis), width=140)
@@ -90,7 +78,7 @@ def stores() -> None:
 
 
 @store.command("check")
-def check(store: Where, json: options.JsonOption = False) -> None:
+def check(store: str = WHERE, json: bool = options.JSON) -> None:
     """Verify every run of a store by its checksum."""
     from ematwin.benchmarking.store import open_store
 

@@ -1,71 +1,57 @@
 """``ematwin simulate``: an actuator as a recording; ``ematwin export-fmu``: as an FMU."""
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
+import ematwin
 from ematwin.cli import complete, options
+from ematwin.errors import InputError
+from ematwin.files import check_target, write_text
+from ematwin.showing.text import said
 
 
 def simulate(
-    fault: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="A fault and its magnitude, e.g. friction=0.25: in [0, 1] for the brushless "
-            "actuator, for other kinds in its own unit (`ematwin actuators NAME`). Repeatable."
-        ),
-    ] = None,
-    model: Annotated[
-        str | None,
-        typer.Option(help="For the brushless actuator: reference (default) or monitor."),
-    ] = None,
-    scenario: options.ScenarioOption = None,
-    actuator: options.ActuatorOption = "servo48",
-    out: Annotated[
-        Path | None, typer.Option(help="Write the record here (.parquet or .csv).")
-    ] = None,
-    plot: Annotated[
-        Path | None,
-        typer.Option(
-            help="Write a page here that shows the record beside the healthy one (.html)."
-        ),
-    ] = None,
-    noise: Annotated[
-        str | None,
-        typer.Option(help="Sensor noise, e.g. white=0.02,offset=0.05,bits=12,full_scale=25."),
-    ] = None,
-    seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0,
-    sample_rate: Annotated[
-        float | None, typer.Option(help="Samples per second, Hz; the kind's own if not given.")
-    ] = None,
-    step: Annotated[
-        float | None, typer.Option(help="Step of the model, s; the actuator's if not given.")
-    ] = None,
-    also: Annotated[
-        str | None,
-        typer.Option(
-            help="Further channels, with commas, e.g. voltage_a,voltage_b,voltage_c or bus_current."
-        ),
-    ] = None,
-    units: options.UnitsOption = None,
-    json: options.JsonOption = False,
+    fault: list[str] | None = typer.Option(
+        None,
+        help="A fault and its magnitude, e.g. friction=0.25: in [0, 1] for the brushless "
+        "actuator, for other kinds in its own unit (`ematwin actuators NAME`). Repeatable.",
+    ),
+    model: str | None = typer.Option(
+        None, help="For the brushless actuator: reference (default) or monitor."
+    ),
+    scenario: str | None = options.SCENARIO,
+    actuator: str = options.ACTUATOR,
+    out: Path | None = typer.Option(None, help="Write the record here (.parquet or .csv)."),
+    plot: Path | None = typer.Option(
+        None, help="Write a page here that shows the record beside the healthy one (.html)."
+    ),
+    noise: str | None = typer.Option(
+        None, help="Sensor noise, e.g. white=0.02,offset=0.05,bits=12,full_scale=25."
+    ),
+    seed: int = typer.Option(0, help="Seed of the noise."),
+    sample_rate: float | None = typer.Option(
+        None, help="Samples per second, Hz; the kind's own if not given."
+    ),
+    step: float | None = typer.Option(
+        None, help="Step of the model, s; the actuator's if not given."
+    ),
+    also: str | None = typer.Option(
+        None,
+        help="Further channels, with commas, e.g. voltage_a,voltage_b,voltage_c or bus_current.",
+    ),
+    units: str | None = options.UNITS,
+    json: bool = options.JSON,
 ) -> None:
     """Simulate an actuator with any mix of its faults."""
-    from ematwin.errors import InputError
-    from ematwin.files import check_target, write_text
-    from ematwin.models.reading import WRITTEN, write
-    from ematwin.models.registry import load_actuator, model_of
-    from ematwin.models.simulating import simulate as run
+    from ematwin.models.reading import WRITTEN
+    from ematwin.models.registry import model_of
     from ematwin.models.unknown import table_of
-    from ematwin.recordings.noise import Noise
-    from ematwin.showing.text import said
 
-    chosen = load_actuator(actuator)
+    chosen = ematwin.load_actuator(actuator)
     kind = model_of(chosen)
     values = kind.values_of(chosen, options.numbers(fault or [], "--fault"))
     asked = kind.load_scenario(scenario)
-    sensor = None if noise is None else Noise.parse(noise)
     if out is not None:
         check_target(out, WRITTEN)
         for source in (scenario or "", actuator):
@@ -74,17 +60,17 @@ def simulate(
     options.check_outputs(plot)
     more = [] if also is None else [name.strip() for name in also.split(",") if name.strip()]
     settings = {
-        "noise": sensor, "seed": seed, "sample_rate": sample_rate, "step": step, "also": more,
+        "noise": noise, "seed": seed, "sample_rate": sample_rate, "step": step, "also": more,
     }  # fmt: skip
     with options.progress_bar(f"Simulating {asked.duration:g} s", not json) as progress:
-        record = run(model, asked, values, chosen, progress=progress, **settings)  # type: ignore[arg-type]
+        record = ematwin.simulate(model, asked, values, chosen, progress=progress, **settings)  # type: ignore[arg-type]
     if out is not None:
-        write(record, out)
+        ematwin.write(record, out)
     if plot is not None:
-        from ematwin.report.comparison import comparison_page
+        from ematwin.report.recordings import comparison_page
 
         with options.progress_bar("Simulating healthy", not json) as progress:
-            healthy = run(model, asked, None, chosen, progress=progress, **settings)  # type: ignore[arg-type]
+            healthy = ematwin.simulate(model, asked, None, chosen, progress=progress, **settings)  # type: ignore[arg-type]
         write_text(plot, comparison_page(record, healthy, values, chosen))
     summary = kind.summary(record, chosen)
     described = kind.describe(chosen, values)
@@ -112,27 +98,23 @@ def simulate(
 
 
 def export_fmu(
-    actuator: Annotated[
-        str,
-        typer.Argument(
-            help="A shipped parameter set of any kind, a TOML file, or a calibration.",
-            autocompletion=complete.actuators,
-        ),
-    ],
-    out: Annotated[Path, typer.Option(help="Write the archive here (.fmu).")],
-    fidelity: Annotated[
-        str | None,
-        typer.Option(help="reference or monitor, where a kind has both; its first if not given."),
-    ] = None,
-    fmi: Annotated[int, typer.Option(help="Version of the standard: 3 or 2.")] = 3,
-    json: options.JsonOption = False,
+    actuator: str = typer.Argument(
+        ...,
+        help="A shipped parameter set of any kind, a TOML file, or a calibration.",
+        autocompletion=complete.actuators,
+    ),
+    out: Path = typer.Option(..., help="Write the archive here (.fmu)."),
+    fidelity: str | None = typer.Option(
+        None, help="reference or monitor, where a kind has both; its first if not given."
+    ),
+    fmi: int = typer.Option(3, help="Version of the standard: 3 or 2."),
+    json: bool = options.JSON,
 ) -> None:
     """Export an actuator for co-simulation elsewhere: an FMU that needs no Python."""
-    from ematwin.fmu.export import export_fmu as export
-    from ematwin.models.registry import load_actuator, model_of
+    from ematwin.models.registry import model_of
 
-    chosen = load_actuator(actuator)
-    written = export(chosen, out, fidelity=fidelity, fmi=fmi)
+    chosen = ematwin.load_actuator(actuator)
+    written = ematwin.export_fmu(chosen, out, fidelity=fidelity, fmi=fmi)
     form = fidelity or model_of(chosen).fidelities[0]
     plain = {
         "out": written, "actuator": chosen.name, "kind": chosen.kind, "fidelity": form, "fmi": fmi,

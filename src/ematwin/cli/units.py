@@ -1,31 +1,26 @@
 """``ematwin units``: the units in which a user wants to see values, kept in the settings."""
 
-from typing import Annotated
+import tomllib
 
+import tomli_w
 import typer
 
-from ematwin.cli.options import JsonOption, print_json
+from ematwin.cli.options import JSON, print_json
 from ematwin.errors import FileError, InputError
+from ematwin.files import write_text
+from ematwin.quantities import QUANTITIES, parse_units, settings_file, units_in_settings
 
 
 def units(
-    keep: Annotated[
-        str | None,
-        typer.Argument(help='Units to keep, e.g. "angle=mrad, torque=mN m"; SI forgets them.'),
-    ] = None,
-    json: JsonOption = False,
+    keep: str | None = typer.Argument(
+        None, help='Units to keep, e.g. "angle=mrad, torque=mN m"; SI forgets them.'
+    ),
+    json: bool = JSON,
 ) -> None:
     """List or keep the units in which values are shown, on pages as well.
 
     Tables, JSON and DataFrames stay SI.
     """
-    import tomllib
-
-    import tomli_w
-
-    from ematwin.files import write_text
-    from ematwin.quantities import QUANTITIES, parse_units, settings_file, units_in_settings
-
     path = settings_file()
     if keep is not None:
         if "=" not in keep and keep.strip().casefold() != "si":

@@ -3,13 +3,16 @@
 import time
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
+import ematwin
 from ematwin.cli import options
-from ematwin.cli.fleet import StepOption, check_step, plain_rows, print_fleet, reached
+from ematwin.cli.fleet import STEP, check_step, print_fleet, reached
+from ematwin.cli.recordings import map_of
 from ematwin.errors import InputError
+from ematwin.showing.results import plain
 
 if TYPE_CHECKING:
     from ematwin.fleet.fleet import Fleet
@@ -17,55 +20,43 @@ if TYPE_CHECKING:
 
 
 def watch(
-    recordings: Annotated[
-        list[Path],
-        typer.Argument(
-            help="Folders or files with recordings: recordings/EMA-17/2026-05-01T08-30.csv, a "
-            "table with a column serial_number, or a table of runs with columns path, serial, time."
-        ),
-    ],
-    fleet: Annotated[Path, typer.Option(help="Folder of the fleet; made where it is missing.")],
-    actuator: Annotated[
-        str | None,
-        typer.Option(
-            help="Twin of actuators without a file calibrations/<serial number>.toml in the fleet."
-        ),
-    ] = None,
-    serial_number: Annotated[
-        str | None,
-        typer.Option(
-            help=r"Regular expression for paths, e.g. '(?P<serial>EMA-\d+)'; a group time is "
-            "the date."
-        ),
-    ] = None,
-    column: options.ColumnOption = None,
-    map_file: options.MapOption = None,
-    every: Annotated[
-        float | None,
-        typer.Option(help="Look again every so many seconds, until Ctrl-C; else once."),
-    ] = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(
-            help="Judge on the workers of a Dask scheduler, e.g. tcp://host:8786, which see the "
-            "same folders."
-        ),
-    ] = None,
-    report: options.ReportOption = None,
-    table: options.TableOption = None,
-    fail_on: StepOption = None,
-    units: options.UnitsOption = None,
-    json: options.JsonOption = False,
+    recordings: list[Path] = typer.Argument(
+        ...,
+        help="Folders or files with recordings: recordings/EMA-17/2026-05-01T08-30.csv, a "
+        "table with a column serial_number, or a table of runs with columns path, serial, time.",
+    ),
+    fleet: Path = typer.Option(..., help="Folder of the fleet; made where it is missing."),
+    actuator: str | None = typer.Option(
+        None,
+        help="Twin of actuators without a file calibrations/<serial number>.toml in the fleet.",
+    ),
+    serial_number: str | None = typer.Option(
+        None,
+        help=r"Regular expression for paths, e.g. '(?P<serial>EMA-\d+)'; a group time is "
+        "the date.",
+    ),
+    column: list[str] | None = options.COLUMN,
+    map_file: Path | None = options.MAP,
+    every: float | None = typer.Option(
+        None, help="Look again every so many seconds, until Ctrl-C; else once."
+    ),
+    scheduler: str | None = typer.Option(
+        None,
+        help="Judge on the workers of a Dask scheduler, e.g. tcp://host:8786, which see the "
+        "same folders.",
+    ),
+    report: Path | None = options.REPORT,
+    table: Path | None = options.TABLE,
+    fail_on: str | None = STEP,
+    units: str | None = options.UNITS,
+    json: bool = options.JSON,
 ) -> None:
     """Judge new recordings of a fleet, and say which actuator needs what, and when.
 
     Each recording is judged once, and its estimate is kept in the folder of the fleet. Ctrl-C
     or a crash loses nothing: the same command goes on.
     """
-    from ematwin.cli.channels import map_of
-    from ematwin.fleet.fleet import Fleet
     from ematwin.fleet.paths import Hashes, Paths
-    from ematwin.models.registry import load_actuator
 
     check_step(fail_on)
     if every is not None and not every > 0.0:
@@ -73,9 +64,9 @@ def watch(
     options.check_outputs(report, table)
     columns = None
     if column or map_file:
-        columns = map_of(column, map_file, load_actuator(actuator))
+        columns = map_of(column, map_file, ematwin.load_actuator(actuator))
     Paths(recordings, serial_number)  # refuses what is not there before a fleet is made
-    known, hashes = Fleet(fleet), Hashes()
+    known, hashes = ematwin.Fleet(fleet), Hashes()
     while True:
         with options.progress_bar("Judging", not json) as progress:
             found = known.watch(
@@ -87,8 +78,8 @@ def watch(
         if report is not None:
             known.report(report)
         fails = every is None and reached(known, fail_on)
-        plain, tell = partial(_plain, known, found), partial(_tell, known, found)
-        options.answer(json, plain, tell, table, report, fails=fails)
+        told = partial(_plain, known, found), partial(_tell, known, found)
+        options.answer(json, *told, table, report, fails=fails)
         if every is None:
             break
         time.sleep(every)
@@ -98,7 +89,7 @@ def _plain(fleet: "Fleet", found: "Watched") -> dict[str, object]:
     return {
         "judged": found.judged, "known": found.known, "duplicates": found.duplicates,
         "set_aside": [{"source": a, "reason": b} for a, b in found.set_aside],
-        "actuators": plain_rows(fleet),
+        "actuators": plain(fleet.table()),
     }  # fmt: skip
 
 

@@ -12,21 +12,14 @@ from functools import partial
 from typing import Any
 
 # Arguments whose options have another name.
-_OTHERWISE = {
-    "columns": "--column",
-    "held": "--hold",
-    "where": "--where",
-}
+_OTHERWISE = {"columns": "--column", "held": "--hold", "where": "--where"}
 # Entries of a channel map that --column takes as well, beside the channels, and an example of each.
 _ENTRIES = {"sample_rate": '"20 kHz"', "gear_ratio": "100", "phase_order": "acb"}
 # Advice that has another form here.
+_SINGLE = "Give a file with one motion; ematwin identify and ematwin detect take many."
 SENTENCES = {
-    "Read it with split=True, which gives a recording for each.": (
-        "Give a file with one motion; ematwin identify and ematwin detect take many."
-    ),
-    "Narrow it to one, or read them with split=True, which gives a recording for each.": (
-        "Give a file with one motion; ematwin identify and ematwin detect take many."
-    ),
+    "Read it with split=True, which gives a recording for each.": _SINGLE,
+    "Narrow it to one, or read them with split=True, which gives a recording for each.": _SINGLE,
     "leave step and initial_position out": "leave --step out",
 }
 

@@ -26,8 +26,6 @@ from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording
 from ematwin.showing.text import capital, said
 
-_PROFILE = 64  # points of a profile, full lanes; a bound at either end
-
 
 class StoppedError(Exception):
     """Nobody waits for the answer any more."""
@@ -36,25 +34,16 @@ class StoppedError(Exception):
 class Explorer:
     """A recording, its actuator's twin, and the unknowns that one may move.
 
-    Parameters
-    ----------
-    record : a `Recording`, a file that `ematwin.read` knows, or None: a shipped scenario, with the
-        healthy twin in place of a recording
-    actuator : as `ematwin.identify` takes it
-    scenario : simulated with the healthy twin where there is no recording; None takes the
-        kind's default
+    Raises `RecordError` if candidates cannot be compared with the recording; `InputError` if an
+    argument cannot be used.
+
+    Parameters are as of `ematwin.explore`. Raises `RecordError` if candidates cannot be compared
+    with the recording; `InputError` if an argument cannot be used.
 
     Attributes
     ----------
     unknowns : by name, what has a slider: faults, then load and sensors where they matter
     stopped : set it to end a search that is under way
-
-    Raises
-    ------
-    RecordError
-        If candidates cannot be compared with the recording.
-    InputError
-        If an argument cannot be used.
     """
 
     def __init__(
@@ -126,20 +115,17 @@ class Explorer:
     def setup(self) -> dict[str, Any]:
         """Contents of a page: sliders, channels, and all that does not change as they move."""
         captions = self._comparison.captions()
+        rate = f"{len(self.recording)} samples at {self.recording.sample_rate:g} Hz"
         return {
             "title": f"{self.actuator.name}: {self.model.title}",
             "recorded": self.recorded,
-            "source": self._source(),
+            "source": f"{self.recording.name}, {rate}" if self.recorded else rate,
             "warnings": self.warnings,
             "scenario": self.scenario,
             "scenarios": [] if self.recorded else sorted(self.model.scenarios()),
             "sliders": [self._slider(one) for one in self.unknowns.values()],
             "channels": [
-                {
-                    "name": name,
-                    "title": capital(captions[name][0]),
-                    "unit": self._shown_in(name)[0],
-                }
+                {"name": name, "title": capital(captions[name][0]), "unit": self._shown_in(name)[0]}
                 for name in self._target
             ],
             "inputs": self._inputs(),
@@ -157,13 +143,9 @@ class Explorer:
         }
 
     def answer(self, values: Mapping[str, float], channel: str, fitted: bool) -> dict[str, Any]:
-        """The twin's answer where the sliders stand.
+        """The twin's answer in a channel where the sliders stand; missing values are healthy.
 
-        Parameters
-        ----------
-        values : by name of `unknowns`; missing ones are healthy
-        channel : one of `channels`
-        fitted : whether parameters, load and sensors are taken from the last `verdict`
+        ``fitted`` takes parameters, load and sensors from the last `verdict`.
         """
         one = self._batch(values, 1, fitted)
         answer = self._comparison.responses(one, 1)[channel][0]
@@ -179,9 +161,9 @@ class Explorer:
         """The misfit over the range of one unknown, the others where the sliders stand."""
         one = self.unknowns[along]
         space = np.geomspace if one.logarithmic else np.linspace
-        grid = space(one.lower, one.upper, _PROFILE)
-        batch = self._batch(values, _PROFILE, fitted)
-        batch[along] = grid
+        count = 64  # full lanes
+        grid = space(one.lower, one.upper, count)
+        batch = self._batch(values, count, fitted) | {along: grid}
         rows = [one.physical_value(self.actuator, float(x)) for x in grid]
         x, unit = np.array([row.value for row in rows]), rows[0].unit
         if not (np.diff(x) > 0.0).all():
@@ -192,7 +174,7 @@ class Explorer:
             "position": _plain(grid, exact=True),
             "x": _plain(factor * x, exact=True),
             "unit": _spaced(unit),
-            "misfit": self._misfits(batch, _PROFILE),
+            "misfit": self._misfits(batch, count),
         }
 
     def fit(self, values: Mapping[str, float], fitted: bool) -> dict[str, Any]:
@@ -231,21 +213,15 @@ class Explorer:
             self._searched = (0, 0)
         known = {**found.fitted, **found.values}
         self._fitted = {n: x for n, x in known.items() if n not in self.unknowns}
+        sliders = {n: one for n, one in self.unknowns.items() if n in known}
         return {
-            "grade": found.verdict.grade,
-            "sentence": found.verdict.sentence,
-            "warnings": found.warnings,
-            "values": {
-                name: min(max(known[name], one.lower), one.upper)
-                for name, one in self.unknowns.items()
-                if name in known
-            },
+            "grade": found.verdict.grade, "sentence": found.verdict.sentence,
+            "warnings": found.warnings, "present": list(found.present),
+            "values": {n: min(max(known[n], o.lower), o.upper) for n, o in sliders.items()},
             "intervals": {n: list(e) for n, e in found.intervals.items() if n in self.unknowns},
-            "present": list(found.present),
-            "fitted": bool(self._fitted),
-            "evaluations": found.evaluations,
+            "fitted": bool(self._fitted), "evaluations": found.evaluations,
             "seconds": found.seconds,
-        }
+        }  # fmt: skip
 
     def progress(self) -> dict[str, Any]:
         """Simulations of the `verdict` under way, and their maximum; may be asked meanwhile."""
@@ -290,25 +266,16 @@ class Explorer:
         return _spaced(unit), factor
 
     def _slider(self, one: Unknown) -> dict[str, Any]:
-        truth = self._truth().get(one.name)
-        return {
-            "name": one.name,
-            "title": one.name.replace("_", " ").capitalize(),
-            "meaning": capital(one.meaning),
-            "fault": one.role == "fault",
-            "lower": one.lower,
-            "upper": one.upper,
-            "healthy": one.healthy,
-            "logarithmic": one.logarithmic,
-            "ends": [self._said(one.name, {one.name: x}) for x in (one.lower, one.upper)],
-            "truth": truth if truth is not None and one.lower <= truth <= one.upper else None,
-        }
-
-    def _truth(self) -> Mapping[str, float]:
-        """The injected faults of a simulated recording."""
         source = self.recording.provenance
         known = self.recorded and source.get("source") == "simulated"
-        return source.get("faults") or {} if known else {}
+        truth = (source.get("faults") or {}).get(one.name) if known else None
+        return {
+            "name": one.name, "title": one.name.replace("_", " ").capitalize(),
+            "meaning": capital(one.meaning), "fault": one.role == "fault", "lower": one.lower,
+            "upper": one.upper, "healthy": one.healthy, "logarithmic": one.logarithmic,
+            "ends": [self._said(one.name, {one.name: x}) for x in (one.lower, one.upper)],
+            "truth": truth if truth is not None and one.lower <= truth <= one.upper else None,
+        }  # fmt: skip
 
     def _inputs(self) -> list[dict[str, Any]]:
         """Command and load over time; a load of zero is left out."""
@@ -319,18 +286,9 @@ class Explorer:
                 continue
             one = self.model.channel(name)
             unit, factor = preferred(one.unit)
-            found.append(
-                {
-                    "title": capital(one.meaning),
-                    "unit": _spaced(unit),
-                    "values": _plain(factor * trace[self._shown]),
-                }
-            )
+            shown = _plain(factor * trace[self._shown])
+            found.append({"title": capital(one.meaning), "unit": _spaced(unit), "values": shown})
         return found
-
-    def _source(self) -> str:
-        rate = f"{len(self.recording)} samples at {self.recording.sample_rate:g} Hz"
-        return f"{self.recording.name}, {rate}" if self.recorded else rate
 
 
 def _spaced(text: str) -> str:
@@ -342,7 +300,6 @@ def _plain(values: np.ndarray, exact: bool = False) -> list[float | None]:
     finite = np.isfinite(values)
     if not exact and finite.any():
         largest = float(np.abs(values[finite]).max())
-        if largest > 0.0:
-            # five digits of the largest value
+        if largest > 0.0:  # five digits of it
             values = np.round(values, 5 - math.ceil(math.log10(largest)))
     return [x if ok else None for x, ok in zip(values.tolist(), finite.tolist(), strict=True)]

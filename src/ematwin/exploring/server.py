@@ -1,10 +1,9 @@
 """Local pages: one explorer, or what others show, behind a small server of the standard library.
 
-Who may ask. The server listens on the loopback address only, and every address begins with a
-random token, which no other page knows. The Host must be the loopback one, so that no foreign name
-that resolves to it gets an answer (DNS rebinding). A question must come from the page itself
-(Origin) and be JSON, for which other pages need a leave that nobody gives. Files are read once, at
-the start: no path of a request reaches the disk.
+The server listens on the loopback address only, and every address begins with a random token, which
+no other page knows. The Host must be the loopback one, so that no foreign name that resolves to it
+gets an answer (DNS rebinding). A question must come from the page itself (Origin) and be JSON.
+Files are read once, at the start: no path of a request reaches the disk.
 """
 
 import errno
@@ -23,7 +22,6 @@ from ematwin.errors import InputError
 from ematwin.exploring.door import answered, waits
 from ematwin.exploring.explorer import Explorer, StoppedError
 
-_HOST = "127.0.0.1"
 HEADERS = {
     "Cache-Control": "no-store",
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
@@ -33,8 +31,6 @@ HEADERS = {
     "Referrer-Policy": "no-referrer",
     "X-Content-Type-Options": "nosniff",
 }
-
-
 # uPlot (github.com/leeoniya/uPlot, MIT, see uPlot.LICENSE) draws the traces. It is part of the
 # script, so that neither the page nor the widget of a notebook loads anything from elsewhere.
 SCRIPTS = ("uPlot.js", "explore.js")
@@ -50,15 +46,7 @@ def asset(*names: str) -> str:
 class LocalServer(ThreadingHTTPServer):
     """A server on the loopback address, whose pages only those find who know its token.
 
-    Parameters
-    ----------
-    handler : `LocalHandler`
-    port : 0 takes a free one
-
-    Raises
-    ------
-    InputError
-        If the port cannot be used.
+    Port 0 takes a free one. Raises `InputError` if the port cannot be used.
     """
 
     daemon_threads = True
@@ -68,22 +56,18 @@ class LocalServer(ThreadingHTTPServer):
     def __init__(self, handler: "type[LocalHandler]", port: int = 0) -> None:
         self.token = secrets.token_urlsafe(24)
         try:
-            super().__init__((_HOST, port), handler)
+            super().__init__(("127.0.0.1", port), handler)
         except (OSError, OverflowError) as refusal:
+            in_use = getattr(refusal, "errno", None) == errno.EADDRINUSE
             raise InputError(
-                f"Port {port} "
-                + (
-                    "is in use"
-                    if getattr(refusal, "errno", None) == errno.EADDRINUSE
-                    else "cannot be used"
-                )
-                + "; choose another with --port, or leave it out for a free one."
+                f"Port {port} {'is in use' if in_use else 'cannot be used'}; choose another with "
+                "--port, or leave it out for a free one."
             ) from None
 
     @property
     def hosts(self) -> tuple[str, str]:
         """Names by which a request may address this server."""
-        return f"{_HOST}:{self.server_port}", f"localhost:{self.server_port}"
+        return f"127.0.0.1:{self.server_port}", f"localhost:{self.server_port}"
 
     @property
     def address(self) -> str:
@@ -131,13 +115,7 @@ class LocalHandler(BaseHTTPRequestHandler):
 
 
 class Server(LocalServer):
-    """Serves an explorer until it is closed.
-
-    Parameters
-    ----------
-    explorer : Explorer
-    port : 0 takes a free one
-    """
+    """Serves an explorer until it is closed."""
 
     def __init__(self, explorer: Explorer, port: int = 0) -> None:
         self.explorer = explorer

@@ -10,27 +10,19 @@ Each function takes a result and returns a figure of plotly. Names are loaded wh
 from importlib import import_module
 from typing import Any
 
-_HOMES = {
-    "plot_before_and_after": "calibration",
-    "plot_channels": "channels",
-    "plot_command": "design",
-    "plot_convergence": "identification",
-    "plot_correlation": "identifiability",
-    "plot_errors": "design",
-    "plot_faults": "identification",
-    "plot_fit": "identification",
-    "plot_healthy_tests": "design",
-    "plot_learnt": "calibration",
-    "plot_learnt_errors": "design",
-    "plot_posterior": "uncertainty",
-    "plot_profile": "uncertainty",
-    "plot_recording": "channels",
-    "plot_residuals": "calibration",
-    "plot_response": "simulation",
-    "plot_smallest": "identifiability",
-    "plot_study": "study",
-    "plot_trend": "detection",
-}
+_FILES = {
+    "calibration": ("plot_before_and_after", "plot_learnt", "plot_residuals"),
+    "experiments": (
+        "plot_command", "plot_correlation", "plot_errors", "plot_healthy_tests",
+        "plot_learnt_errors", "plot_smallest",
+    ),
+    "detection": ("plot_trend",),
+    "identification": ("plot_convergence", "plot_faults", "plot_fit"),
+    "recordings": ("plot_channels", "plot_recording", "plot_response"),
+    "study": ("plot_study",),
+    "uncertainty": ("plot_posterior", "plot_profile"),
+}  # fmt: skip
+_HOMES = {name: file for file, names in _FILES.items() for name in names}
 
 __all__ = list(_HOMES)
 

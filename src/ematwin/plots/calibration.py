@@ -12,13 +12,11 @@ from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison
 from ematwin.models.registry import model_of
 from ematwin.monitoring.calibration_report import CalibrationReport
-from ematwin.plots.style import BLUE, GREY, ORANGE, PALE, line, stacked, styled
+from ematwin.plots.style import BLUE, GREY, ORANGE, PALE, Panel, panels_drawn, styled
 from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording
 from ematwin.showing.text import capital
 
-_ROW = 26  # px of a parameter
-_SHOWN = 3  # recordings, of different commands
 _PARTS = 48  # of a turn, of the speeds and of the time
 
 
@@ -39,11 +37,11 @@ def plot_learnt(report: CalibrationReport) -> Any:
         },
         hovertemplate="%{y}: %{x:.2f} %<extra></extra>",
     )  # fmt: skip
-    figure.update_xaxes(title_text="change, %",
-                        zeroline=True, zerolinewidth=2)  # fmt: skip
-    figure = styled(figure, 110 + _ROW * len(shown))
-    figure.update_layout(hovermode="closest", margin_l=20, margin_t=20, showlegend=False)
-    return figure
+    figure.update_xaxes(title_text="change, %", zeroline=True, zerolinewidth=2)
+    return styled(
+        figure, 110 + 26 * len(shown),  # px of a parameter
+        hovermode="closest", margin_l=20, margin_t=20, showlegend=False,
+    )  # fmt: skip
 
 
 class _Beside(NamedTuple):
@@ -58,27 +56,19 @@ class _Beside(NamedTuple):
 
 def plot_before_and_after(report: CalibrationReport) -> Any:
     """Healthy recordings of different commands beside the template and the calibrated twin."""
-    shown = list(_beside(report))
-    titles, units = [], []
-    for one in shown:
-        for title, unit in one.captions.values():
-            titles += [f"{capital(title)}, {one.recording.name}", "Residual"]
-            units += [preferred(unit)[0]] * 2
-    figure = stacked(titles, units, "time, s", height=110 + 200 * len(titles))
-    row = 1
-    for one in shown:
-        for name in one.measured:
-            factor, time = preferred(one.captions[name][1])[1], one.recording.time
-            target, before, after = (
-                factor * x[name] for x in (one.measured, one.before, one.after)
-            )
-            line(figure, row, time, target, "measured", PALE, width=5)
-            line(figure, row, time, before, "template", BLUE, dash="dot")
-            line(figure, row, time, after, "calibrated", ORANGE)
-            line(figure, row + 1, time, target - before, "measured - template", BLUE, dash="dot")
-            line(figure, row + 1, time, target - after, "measured - calibrated", GREY)
-            row += 2
-    return figure
+    panels = []
+    for one in _beside(report):
+        time = one.recording.time
+        for name, (title, unit) in one.captions.items():
+            target, before, after = (x[name] for x in (one.measured, one.before, one.after))
+            beside = Panel(f"{capital(title)}, {one.recording.name}", unit)
+            beside.line(time, target, "measured", PALE, width=5)
+            beside.line(time, before, "template", BLUE, dash="dot")
+            left = Panel("Residual", unit)
+            left.line(time, target - before, "measured - template", BLUE, dash="dot")
+            left.line(time, target - after, "measured - calibrated", GREY)
+            panels += [beside.line(time, after, "calibrated", ORANGE), left]
+    return panels_drawn(panels, "time, s", 200)
 
 
 def plot_residuals(report: CalibrationReport) -> Any:
@@ -91,7 +81,7 @@ def plot_residuals(report: CalibrationReport) -> Any:
     unit, factor = preferred(unit)
     rows = []
     for one in shown:
-        where, what, speed = _motion(model, one.recording)
+        where, what, speed, speed_unit = _motion(model, one.recording)
         gaps = [factor * (one.measured[name] - x[name]) for x in (one.before, one.after)]
         time = one.recording.time
         rows.append((where, speed, (time - time[0]) / (time[-1] - time[0]), *gaps))
@@ -99,7 +89,7 @@ def plot_residuals(report: CalibrationReport) -> Any:
     figure = make_subplots(
         rows=1, cols=3, shared_yaxes=True, horizontal_spacing=0.03, subplot_titles=[capital(title)]
     )
-    axes = (what, f"speed, {_rate_unit(model, shown[0].recording)}", "share of the recording")
+    axes = (what, f"speed, {speed_unit}", "share of the recording")
     for n, (axis, values) in enumerate(zip(axes, columns[:3], strict=True), start=1):
         for label, color, gap in (
             ("measured - template", BLUE, columns[3]), ("measured - calibrated", ORANGE, columns[4])
@@ -125,8 +115,8 @@ def _beside(report: CalibrationReport) -> Iterator[_Beside]:
     for recording, nuisances in zip(basis.recordings, basis.nuisances, strict=True):
         if any(same_command(recording, other, model.command) for other in known):
             continue
-        if len(known) == _SHOWN:
-            return
+        if len(known) == 3:
+            return  # more make the page no clearer
         known.append(recording)
         before = model.compare(recording, basis.template)
         after = model.compare(recording, report.actuator)
@@ -145,28 +135,22 @@ def _answer(comparison: Comparison, values: dict[str, float]) -> dict[str, np.nd
     return {name: trace[0] for name, trace in found.items()}
 
 
-def _position(model: Model, recording: Recording) -> str:
-    """The recorded position nearest to the motor, else the command."""
+def _motion(model: Model, recording: Recording) -> tuple[np.ndarray, str, np.ndarray, str]:
+    """The recorded position nearest to the motor, else the command; its name; speed and its unit.
+
+    An angle of the motor is given in turns from 0 to 1.
+    """
     places = [
         one.name for one in model.channels
         if one.unit in ("rad", "m") and one.name in recording.channels and one.name != model.command
     ]  # fmt: skip
-    return next((name for name in places if "motor" in name), next(iter(places), model.command))
-
-
-def _motion(model: Model, recording: Recording) -> tuple[np.ndarray, str, np.ndarray]:
-    """Angle of the motor, or position, its name, and speed."""
-    name = _position(model, recording)
+    name = next((name for name in places if "motor" in name), next(iter(places), model.command))
     unit, factor = preferred(model.channel(name).unit)
     place = recording.channels[name]
     speed = factor * np.gradient(place, recording.time)
     if "motor" in name and model.channel(name).unit == "rad":
-        return place / (2.0 * np.pi) % 1.0, "motor angle, turns", speed
-    return factor * place, f"{name.replace('_', ' ')}, {unit}", speed
-
-
-def _rate_unit(model: Model, recording: Recording) -> str:
-    return f"{preferred(model.channel(_position(model, recording)).unit)[0]}/s"
+        return place / (2.0 * np.pi) % 1.0, "motor angle, turns", speed, f"{unit}/s"
+    return factor * place, f"{name.replace('_', ' ')}, {unit}", speed, f"{unit}/s"
 
 
 def _by_parts(values: np.ndarray, gap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

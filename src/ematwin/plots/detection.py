@@ -4,15 +4,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from ematwin.monitoring.detection import Detection
-from ematwin.monitoring.diagnosis import Diagnosis, Magnitude
-from ematwin.plots.style import (
-    AMBER,
-    GREEN,
-    GREY,
-    colors_of,
-    stacked,
-    tick_labels,
-)
+from ematwin.monitoring.diagnosis import Diagnosis
+from ematwin.plots.style import AMBER, GREEN, GREY, SERIES, stacked, tick_labels
 from ematwin.quantities import preferred
 
 _SYMBOLS = ("diamond", "square", "triangle-up", "cross", "x", "star", "pentagon", "hourglass")
@@ -33,16 +26,13 @@ def plot_trend(found: Detection, each: str = "run") -> Any:
     Parameters
     ----------
     each : "run" (its recordings together) or "motion" (each recording)
-
-    Returns
-    -------
-    plotly.graph_objects.Figure
     """
     rows = found.each(each)
     x, axis = _places(rows, each)
     first = rows[0]
     at = [one.standing for one in rows if one.standing is not None]
-    titles = ["Distance from healthy runs"] * bool(at) + [_title(m) for m in first.magnitudes]
+    titles = ["Distance from healthy runs"] * bool(at)
+    titles += [m.name.replace("_", " ").capitalize() for m in first.magnitudes]
     units = [""] * bool(at)
     units += ["times healthy" if m.unit == "x" else preferred(m.unit)[0] for m in first.magnitudes]
     figure = stacked(titles, units, "", 150 + 180 * len(titles))
@@ -67,10 +57,6 @@ def plot_trend(found: Detection, each: str = "run") -> Any:
     return figure
 
 
-def _title(one: Magnitude) -> str:
-    return one.name.replace("_", " ").capitalize()
-
-
 def _places(verdicts: Sequence[Diagnosis], each: str) -> tuple[list[Any], dict[str, Any]]:
     """Places of verdicts on the axis, and the layout of the axis."""
     times = [verdict.when for verdict in verdicts]
@@ -82,23 +68,18 @@ def _places(verdicts: Sequence[Diagnosis], each: str) -> tuple[list[Any], dict[s
 
 def _looks(found: Detection) -> dict[str, tuple[str, str]]:
     """Colour and symbol of each verdict, different for each fault."""
-    faults = [v.said for v in (*found.runs, *found.motions) if v.said not in _PLAIN]
-    colors = colors_of(faults)
+    said = dict.fromkeys(verdict.said for verdict in (*found.runs, *found.motions))
+    faults = [name for name in said if name not in _PLAIN]
     return _PLAIN | {
-        name: (color, _SYMBOLS[n % len(_SYMBOLS)]) for n, (name, color) in enumerate(colors.items())
+        name: (SERIES[n % len(SERIES)], _SYMBOLS[n % len(_SYMBOLS)])
+        for n, name in enumerate(faults)
     }
 
 
 def _marks(
-    figure: Any,
-    row: int,
-    x: list[Any],
-    y: list[float],
-    verdicts: Sequence[Diagnosis],
-    texts: list[str],
-    looks: dict[str, tuple[str, str]],
-    bars: dict[str, Any] | None = None,
-) -> None:
+    figure: Any, row: int, x: list[Any], y: list[float], verdicts: Sequence[Diagnosis],
+    texts: list[str], looks: dict[str, tuple[str, str]], bars: dict[str, Any] | None = None,
+) -> None:  # fmt: skip
     for name, (color, symbol) in looks.items():
         members = [n for n, verdict in enumerate(verdicts) if verdict.said == name]
         if not members:

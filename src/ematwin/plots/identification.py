@@ -13,12 +13,19 @@ from ematwin.plots.style import (
     GREY,
     ORANGE,
     PALE,
+    Panel,
     line,
+    panels_drawn,
     stacked,
     styled,
 )
 from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording
+
+_LOOKS = {
+    "fault": ORANGE, "changed": AMBER, "agrees with healthy": GREEN, "no verdict": GREY,
+    "held": PALE,
+}  # fmt: skip
 
 
 def plot_faults(found: Identification) -> Any:
@@ -27,10 +34,6 @@ def plot_faults(found: Identification) -> Any:
     A bar is a share of the fault's range. Green agrees with healthy, amber has changed without a
     name, orange is a fault that the verdict names; grey where there is no verdict or the value was
     held. A diamond is the true value, where the recording is a simulation.
-
-    Returns
-    -------
-    plotly.graph_objects.Figure
     """
     from plotly.graph_objects import Figure
 
@@ -40,9 +43,10 @@ def plot_faults(found: Identification) -> Any:
         if one.name in found.values and one.direction_of is None
     }
     names = list(unknowns)[::-1]  # plotly draws from below
+    healthy = {name: one.healthy for name, one in unknowns.items()}
 
     def deviation(name: str, value: float) -> float:
-        return 100.0 * (value - unknowns[name].healthy) / unknowns[name].width
+        return 100.0 * (value - healthy[name]) / unknowns[name].width
 
     at = {name: deviation(name, found.values[name]) for name in names}
     ends = {
@@ -51,7 +55,8 @@ def plot_faults(found: Identification) -> Any:
         for name in names
     }
     figure = Figure()
-    for label, color, members in _by_verdict(found, names):
+    for label, color in _LOOKS.items():
+        members = [name for name in names if _state(found, name, healthy[name]) == label]
         if not members:
             continue
         figure.add_bar(
@@ -76,36 +81,21 @@ def plot_faults(found: Identification) -> Any:
     figure.update_yaxes(categoryorder="array", categoryarray=names)
     figure.update_xaxes(title_text="deviation from healthy, % of its range", zeroline=True,
                         zerolinewidth=2, ticksuffix=" %")  # fmt: skip
-    figure = styled(figure, 130 + 34 * len(names))  # px of a bar
-    figure.update_layout(hovermode="closest", barmode="overlay", margin_l=20)
-    return figure
+    height = 130 + 34 * len(names)  # px of a bar
+    return styled(figure, height, hovermode="closest", barmode="overlay", margin_l=20)
 
 
-def _by_verdict(found: Identification, names: list[str]) -> list[tuple[str, str, list[str]]]:
-    """Label, colour and faults of each group of bars."""
-    free = [name for name in names if name in found.intervals]
-    groups: dict[str, list[str]] = {"fault": [], "changed": [], "healthy": [], "open": []}
-    for name in free:
-        healthy = next(
-            one.healthy for one in found.model.faults(found.actuator) if one.name == name
-        )
-        low, high = found.intervals[name]
-        if name in found.present:
-            groups["fault"].append(name)
-        elif found.verdict.grade == "none":
-            groups["open"].append(name)
-        elif found.verdict.grade == "changed" and not low <= healthy <= high:
-            groups["changed"].append(name)
-        else:
-            groups["healthy"].append(name)
-    held = [name for name in names if name not in free]
-    return [
-        ("fault", ORANGE, groups["fault"]),
-        ("changed", AMBER, groups["changed"]),
-        ("agrees with healthy", GREEN, groups["healthy"]),
-        ("no verdict", GREY, groups["open"]),
-        ("held", PALE, held),
-    ]
+def _state(found: Identification, name: str, healthy: float) -> str:
+    """The group of bars that a fault belongs to."""
+    if name not in found.intervals:
+        return "held"
+    if name in found.present:
+        return "fault"
+    if found.verdict.grade == "none":
+        return "no verdict"
+    low, high = found.intervals[name]
+    off = found.verdict.grade == "changed" and not low <= healthy <= high
+    return "changed" if off else "agrees with healthy"
 
 
 def true_faults(found: Identification) -> dict[str, float]:
@@ -133,10 +123,6 @@ def plot_fit(found: Identification, recording: Recording | None = None) -> Any:
     ----------
     recording : that was identified; None takes the recording in the identification
 
-    Returns
-    -------
-    plotly.graph_objects.Figure
-
     Raises
     ------
     InputError
@@ -150,30 +136,22 @@ def plot_fit(found: Identification, recording: Recording | None = None) -> Any:
     model = found.model
     comparison = model.compare(recording, found.actuator)
     values = {**found.fitted, **found.values}
-    healthy_values = {**values, **_healthy_faults(found)}
+    # nuisances stay as they were found
+    healthy_values = values | {one.name: one.healthy for one in model.faults(found.actuator)}
     both = {name: np.array([value, healthy_values[name]]) for name, value in values.items()}
     answers = comparison.responses(both, 2)
     measured = comparison.measured()
     captions = comparison.captions()
-    titles = [text for name in measured for text in (captions[name][0], "Residual")]
-    units = [preferred(captions[name][1])[0] for name in measured for _ in range(2)]
-    figure = stacked(titles, units, "time, s", height=110 + 240 * len(titles))
-    time = recording.time
-    for n, (name, target) in enumerate(measured.items()):
-        factor = preferred(captions[name][1])[1]
-        fitted, healthy = factor * answers[name]
-        target = factor * target
+    time, panels = recording.time, []
+    for name, target in measured.items():
+        title, unit = captions[name]
+        fitted, healthy = answers[name]
         # the measured line is wide and pale, so that it shows under the fitted one
-        line(figure, 2 * n + 1, time, target, "measured", PALE, width=5)
-        line(figure, 2 * n + 1, time, healthy, "healthy twin", BLUE, dash="dot")
-        line(figure, 2 * n + 1, time, fitted, "fitted", ORANGE)
-        line(figure, 2 * n + 2, time, target - fitted, "measured - fitted", GREY)
-    return figure
-
-
-def _healthy_faults(found: Identification) -> dict[str, float]:
-    """Healthy values of the faults; nuisances stay as they were found."""
-    return {one.name: one.healthy for one in found.model.faults(found.actuator)}
+        beside = Panel(title, unit).line(time, target, "measured", PALE, width=5)
+        beside.line(time, healthy, "healthy twin", BLUE, dash="dot")
+        residual = Panel("Residual", unit).line(time, target - fitted, "measured - fitted", GREY)
+        panels += [beside.line(time, fitted, "fitted", ORANGE), residual]
+    return panels_drawn(panels, "time, s", 240)
 
 
 def plot_convergence(found: Any) -> Any:
@@ -182,10 +160,6 @@ def plot_convergence(found: Any) -> Any:
     Parameters
     ----------
     found : Identification, or the `MinimizeResult` of `ematwin.minimize`
-
-    Returns
-    -------
-    plotly.graph_objects.Figure
     """
     if isinstance(found, Identification):
         evaluations, cost = found.history.T

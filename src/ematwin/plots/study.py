@@ -14,7 +14,6 @@ PALETTE = (
     "#332288", "#882255", "#117733", "#999933", "#44aa99", "#aa4499", "#ddcc77", "#661100",
 )  # fmt: skip
 MOST_CASES = 12  # with bars or a panel of their own
-_LEAST_ERROR = 1e-6  # per cent: the axis is a logarithm
 
 
 def plot_study(analysis: Any) -> dict[str, Any]:
@@ -86,8 +85,8 @@ def _ranks(analysis: Any) -> Any:
     from plotly.graph_objects import Figure
 
     ranks = analysis.ranks
-    order = ranks.order if len(ranks.average) > 1 else []
-    order = order if all(math.isfinite(rank) for rank in ranks.average.values()) else []
+    known = len(ranks.average) > 1 and all(map(math.isfinite, ranks.average.values()))
+    order = ranks.order if known else []
     figure = styled(Figure(), 170 + 24 * len(order))
     reached = 0
     for n, name in enumerate(order):
@@ -121,9 +120,8 @@ def _convergence(analysis: Any) -> Any:
     colors = dict(_colored(analysis))
     frame = analysis.bands
     shown: set[str] = set()
-    for (case, name), band in (
-        frame.groupby(["case", "algorithm"], sort=False) if len(frame) else ()
-    ):
+    bands = frame.groupby(["case", "algorithm"], sort=False) if len(frame) else ()
+    for (case, name), band in bands:
         band = band[np.isfinite(band["q3"]) & (band["q1"] > 0.0)]
         if case in places and len(band):
             columns = ("median", "q1", "q3")
@@ -139,12 +137,13 @@ def _distributions(analysis: Any) -> Any:
     figure, places = _panels(analysis)
     errors = analysis.table.frame["err"].to_numpy(dtype=float)
     cells = analysis.cells.set_index(["case", "algorithm"])
+    least = 1e-6  # per cent: the axis is a logarithm
     for case, place in places.items():
         for name, color in _colored(analysis):
             cell, rows = cells.loc[(case, name)], analysis.table.cells[case, name]
             if not cell["done"]:
                 continue
-            q1, median, q3 = np.maximum(cell[["err_q1", "err_median", "err_q3"]], _LEAST_ERROR)
+            q1, median, q3 = np.maximum(cell[["err_q1", "err_median", "err_q3"]], least)
             figure.add_scatter(
                 x=[name], y=_short([median]), mode="markers", name=name, legendgroup=name,
                 showlegend=all(trace.name != name for trace in figure.data),
@@ -154,7 +153,7 @@ def _distributions(analysis: Any) -> Any:
                 hovertemplate=f"median {median:.3g}, quartiles {q1:.3g} to {q3:.3g}", **place,
             )  # fmt: skip
             if len(rows) <= 30:  # runs of a cell drawn one by one
-                err = np.maximum(errors[rows[analysis.table.done[rows]]], _LEAST_ERROR)
+                err = np.maximum(errors[rows[analysis.table.done[rows]]], least)
                 figure.add_scatter(
                     x=[name] * len(err), y=_short(err), mode="markers", showlegend=False,
                     name=name, legendgroup=name, hoverinfo="y",
@@ -207,14 +206,9 @@ def _titled(figure: Any, places: dict[str, dict[str, int]], y: str, x: str = "")
 
 
 def _spread(
-    figure: Any,
-    name: str,
-    color: str,
-    curve: Any,
-    columns: tuple[str, str, str],
-    first: bool = True,
-    where: dict[str, int] | None = None,
-) -> None:
+    figure: Any, name: str, color: str, curve: Any, columns: tuple[str, str, str],
+    first: bool = True, where: dict[str, int] | None = None,
+) -> None:  # fmt: skip
     """A line with a band around it: columns of a DataFrame over its evaluations."""
     x, (middle, low, high) = curve["evaluations"], (curve[column] for column in columns)
     shared = {"legendgroup": name, "name": name, "mode": "lines", **(where or {})}

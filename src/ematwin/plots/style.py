@@ -5,10 +5,12 @@ and in a dark one; pages set both to their own theme.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from ematwin.quantities import preferred
 from ematwin.recordings.survey import extremes
 
 BLUE, ORANGE, GREEN, GREY = "#0072b2", "#d55e00", "#009e73", "#8c959f"
@@ -16,27 +18,51 @@ AMBER, PALE = "#e69f00", "#aeb8c2"
 # Faults side by side: none of them the green of healthy nor the grey of no verdict.
 SERIES = ("#d55e00", "#cc79a7", "#0072b2", "#e69f00", "#56b4e9", "#7a5195", "#b8860b", "#a6761d")
 SHOWN_POINTS = 2400  # of a line; more make the page slow and show nothing more
-_TEXT, _GRID = "#6e7781", "rgba(128,138,148,0.25)"
-_SAFE = 1e6  # largest over smallest step that single precision still shows
 
 
 def template() -> Any:
     """The look, as a template of plotly: a tenth of the size of those that come with it."""
     from plotly.graph_objects import layout
 
-    axis = {"gridcolor": _GRID, "zerolinecolor": _GRID, "linecolor": _GRID, "automargin": True,
+    grid = "rgba(128,138,148,0.25)"
+    axis = {"gridcolor": grid, "zerolinecolor": grid, "linecolor": grid, "automargin": True,
             "title": {"standoff": 8}}  # fmt: skip
     return layout.Template(
         layout={
             "paper_bgcolor": "rgba(0,0,0,0)",
             "plot_bgcolor": "rgba(0,0,0,0)",
-            "font": {"family": "system-ui, sans-serif", "size": 13, "color": _TEXT},
+            "font": {"family": "system-ui, sans-serif", "size": 13, "color": "#6e7781"},
             "colorway": list(SERIES),
             "xaxis": axis,
             "yaxis": axis,
             "hoverlabel": {"font": {"family": "system-ui, sans-serif"}},
         }
     )
+
+
+@dataclass
+class Panel:
+    """Lines over one horizontal axis; ``unit`` is SI, and they are shown in the user's."""
+
+    title: str
+    unit: str
+    lines: list[tuple[Any, Any, str, str, dict[str, Any]]] = field(default_factory=list)
+
+    def line(self, x: Any, y: Any, name: str, color: str, **style: Any) -> "Panel":
+        """The panel with one more line, of values (S,) in SI."""
+        self.lines.append((x, np.asarray(y, dtype=float), name, color, style))
+        return self
+
+
+def panels_drawn(panels: Sequence[Panel], x_title: str, height: int) -> Any:
+    """Panels above one another, ``height`` px each."""
+    shown = [preferred(panel.unit) for panel in panels]
+    titles, units = [panel.title for panel in panels], [unit for unit, _ in shown]
+    figure = stacked(titles, units, x_title, 110 + height * len(panels))
+    for row, (panel, (_, factor)) in enumerate(zip(panels, shown, strict=True), start=1):
+        for x, y, name, color, style in panel.lines:
+            line(figure, row, x, factor * y, name, color, **style)
+    return figure
 
 
 def stacked(titles: list[str], units: list[str], x_title: str, height: int) -> Any:
@@ -53,8 +79,8 @@ def stacked(titles: list[str], units: list[str], x_title: str, height: int) -> A
     return styled(figure, height)
 
 
-def styled(figure: Any, height: int) -> Any:
-    """The common look."""
+def styled(figure: Any, height: int, **layout: Any) -> Any:
+    """The common look; ``layout`` has what is different here."""
     figure.update_layout(
         template=template(),
         height=height,
@@ -64,7 +90,7 @@ def styled(figure: Any, height: int) -> Any:
         modebar={"orientation": "v"},
     )
     # the legend stands above the title of the first panel, 25 px higher
-    figure.update_layout(legend_y=1.0 + 25.0 / max(height - 110, 100))
+    figure.update_layout(legend_y=1.0 + 25.0 / max(height - 110, 100), **layout)
     figure.update_annotations(x=0.0, xanchor="left", font_size=14)
     return figure
 
@@ -86,27 +112,14 @@ def compact(values: np.ndarray) -> np.ndarray:
     steps = np.abs(np.diff(np.sort(known)))
     finest = steps[steps > 0.0].min(initial=np.inf)
     span = np.abs(known).max(initial=0.0)
-    if finest < span / _SAFE and np.ptp(known) < span / 10.0:
-        return values  # small steps far from zero, such as calendar times
+    if finest < 1e-6 * span and np.ptp(known) < span / 10.0:
+        return values  # steps too small for single precision, such as those of calendar times
     return values.astype(np.float32)
 
 
-def tick_labels(names: Sequence[str], most: int = 40) -> dict[str, Any]:
-    """Ticks at the places 1, 2, ... with names, no more of them than fit."""
-    count = len(names)
-    step = max(1, -(-count // most))
-    places = list(range(1, count + 1, step))
-    return {"tickvals": places, "ticktext": [shortened(names[n - 1]) for n in places]}
-
-
-def shortened(name: str, length: int = 24) -> str:
-    """A long name by its beginning and its end."""
-    if len(name) <= length:
-        return name
-    half = (length - 1) // 2
-    return f"{name[:half]}…{name[-half:]}"
-
-
-def colors_of(names: Sequence[str]) -> dict[str, str]:
-    """A colour for each of several faults, in their order."""
-    return {name: SERIES[n % len(SERIES)] for n, name in enumerate(dict.fromkeys(names))}
+def tick_labels(names: Sequence[str]) -> dict[str, Any]:
+    """Ticks at the places 1, 2, ... with names, no more of them than fit; long ones shortened."""
+    places = list(range(1, len(names) + 1, max(1, -(-len(names) // 40))))
+    shown = [names[n - 1] for n in places]
+    texts = [name if len(name) <= 24 else f"{name[:11]}…{name[-11:]}" for name in shown]
+    return {"tickvals": places, "ticktext": texts}

@@ -1,6 +1,7 @@
 """Figures of uncertainty: corner plot, profiles, and the band of answers."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -8,23 +9,21 @@ import numpy as np
 from ematwin.errors import InputError
 from ematwin.estimation.identification import Identification
 from ematwin.estimation.intervals import Draws
-from ematwin.estimation.profile import LIMIT, Profile, ProfileUncertainty
+from ematwin.estimation.profile import LIMIT, ProfileUncertainty
+from ematwin.estimation.uncertainty import predicted
 from ematwin.plots.style import BLUE, GREEN, GREY, ORANGE, line, stacked, styled
-
-_COLUMNS = 3  # of profiles
+from ematwin.recordings.recording import Recording
 
 
 def plot_posterior(found: Identification, names: Sequence[str] | None = None) -> Any:
     """Joint distribution of faults: each pair as a cloud of draws, each alone as a histogram.
 
+    A dotted line stands at a threshold that is a number.
+
     Parameters
     ----------
     found : Identification with an ``uncertainty``
     names : unknowns that are shown; all faults if not given
-
-    Returns
-    -------
-    plotly.graph_objects.Figure
 
     Raises
     ------
@@ -40,7 +39,7 @@ def plot_posterior(found: Identification, names: Sequence[str] | None = None) ->
         raise InputError(
             f"There are no draws of {missing[0]!r}; there are of {', '.join(sure.draws.names)}."
         )
-    return corner_figure(sure.draws, shown)
+    return _corner(sure.draws, shown, _limits(sure.thresholds))
 
 
 def plot_profile(found: Identification) -> Any:
@@ -50,10 +49,6 @@ def plot_profile(found: Identification) -> Any:
     ----------
     found : Identification with ``uncertainty="profile"``
 
-    Returns
-    -------
-    plotly.graph_objects.Figure
-
     Raises
     ------
     InputError
@@ -61,16 +56,39 @@ def plot_profile(found: Identification) -> Any:
     """
     if not isinstance(found.uncertainty, ProfileUncertainty):
         raise InputError('The identification has no profiles; identify with uncertainty="profile".')
-    return profile_figure(found.uncertainty.walks)
+    from plotly.subplots import make_subplots
+
+    profiles, columns = found.uncertainty.walks, 3
+    rows = -(-len(profiles) // columns)
+    titles = [f"{name}<br>{one.shape}" for name, one in profiles.items()]
+    figure = make_subplots(rows=rows, cols=columns, subplot_titles=titles, vertical_spacing=0.12)
+    for n, (name, one) in enumerate(profiles.items()):
+        place = {"row": n // columns + 1, "col": n % columns + 1}
+        figure.add_scatter(
+            x=one.values, y=one.rise, mode="lines+markers", name=name, showlegend=False,
+            line={"color": BLUE, "width": 1.4}, **place,
+        )  # fmt: skip
+        figure.add_hline(LIMIT, line_color=GREY, line_dash="dot", **place)
+        figure.add_vrect(*one.interval, fillcolor=GREEN, opacity=0.12, line_width=0, **place)
+        figure.update_yaxes(range=[-0.2, 8.0], **place)  # rise that is shown
+    figure.update_yaxes(title_text="rise", col=1)
+    titles_at = [(a.x, a.xanchor) for a in figure.layout.annotations]
+    figure = styled(figure, 110 + 250 * rows, hovermode="closest")
+    for annotation, (x, anchor) in zip(figure.layout.annotations, titles_at, strict=True):
+        annotation.update(x=x, xanchor=anchor)
+    return figure
 
 
-def corner_figure(
-    drawn: Draws, names: Sequence[str], limits: Mapping[str, float] | None = None
-) -> Any:
-    """Corner plot: each pair of unknowns as a cloud of draws, each alone as a histogram.
+def _limits(thresholds: Mapping[str, str]) -> dict[str, float]:
+    """Thresholds that are given in the unknown's own unit, not in a physical one."""
+    found = {}
+    for name, text in thresholds.items():
+        with suppress(ValueError):
+            found[name] = float(text)
+    return found
 
-    ``limits`` are thresholds by name, in the unit of the unknown.
-    """
+
+def _corner(drawn: Draws, names: Sequence[str], limits: Mapping[str, float]) -> Any:
     from plotly.subplots import make_subplots
 
     size = len(names)
@@ -87,7 +105,7 @@ def corner_figure(
             if row == column:
                 counts, _ = np.histogram(drawn.of(along), edges[along])
                 figure.add_bar(x=middle, y=counts, marker_color=BLUE, showlegend=False, **place)
-                limit = (limits or {}).get(along, np.nan)
+                limit = limits.get(along, np.nan)
                 if edges[along][0] < limit < edges[along][-1]:
                     figure.add_vline(limit, line_color=ORANGE, line_dash="dot", **place)
                 figure.update_yaxes(showticklabels=False, **place)
@@ -103,9 +121,7 @@ def corner_figure(
                 figure.update_xaxes(title_text=along, **place)
             if column == 0 and row:
                 figure.update_yaxes(title_text=across, **place)
-    figure = styled(figure, 160 + 110 * size)
-    figure.update_layout(hovermode="closest", bargap=0.0)
-    return figure
+    return styled(figure, 160 + 110 * size, hovermode="closest", bargap=0.0)
 
 
 def _edges(x: np.ndarray) -> np.ndarray:
@@ -114,45 +130,20 @@ def _edges(x: np.ndarray) -> np.ndarray:
     return np.linspace(low, high if high > low else low + 1e-12, 33)
 
 
-def profile_figure(profiles: Mapping[str, Profile]) -> Any:
-    """The rise of the deviance along each fault, and where it ends the 95 % interval."""
-    from plotly.subplots import make_subplots
-
-    rows = -(-len(profiles) // _COLUMNS)
-    titles = [f"{name}<br>{one.shape}" for name, one in profiles.items()]
-    figure = make_subplots(rows=rows, cols=_COLUMNS, subplot_titles=titles, vertical_spacing=0.12)
-    for n, (name, one) in enumerate(profiles.items()):
-        place = {"row": n // _COLUMNS + 1, "col": n % _COLUMNS + 1}
-        figure.add_scatter(
-            x=one.values, y=one.rise, mode="lines+markers", name=name, showlegend=False,
-            line={"color": BLUE, "width": 1.4}, **place,
-        )  # fmt: skip
-        figure.add_hline(LIMIT, line_color=GREY, line_dash="dot", **place)
-        figure.add_vrect(*one.interval, fillcolor=GREEN, opacity=0.12, line_width=0, **place)
-        figure.update_yaxes(range=[-0.2, 8.0], **place)  # rise that is shown
-    figure.update_yaxes(title_text="rise", col=1)
-    titles_at = [(a.x, a.xanchor) for a in figure.layout.annotations]
-    figure = styled(figure, 110 + 250 * rows)
-    for annotation, (x, anchor) in zip(figure.layout.annotations, titles_at, strict=True):
-        annotation.update(x=x, xanchor=anchor)
-    figure.update_layout(hovermode="closest")
-    return figure
-
-
-def band_figure(
-    time: np.ndarray,
-    measured: Mapping[str, np.ndarray],
-    bands: Mapping[str, np.ndarray],
-    captions: Mapping[str, tuple[str, str]],
-) -> Any:
-    """Measured channels (S,) over the band of answers (3, S) that are as likely as not.
-
-    Bands hold the lower end, the middle and the upper end.
-    """
+def plot_answers(found: Identification, recording: Recording) -> Any:
+    """Measured channels over the band in which 95 % of the answers to all draws lie."""
+    assert found.uncertainty is not None
+    comparison = found.model.compare(recording, found.actuator)
+    bands = predicted(found.uncertainty.draws, found.estimate.held, comparison)
+    measured, captions = comparison.measured(), comparison.captions()
+    # more points make the page slow and show nothing more
+    thin = slice(None, None, max(1, len(recording) // 5_000))
+    time = recording.time[thin]
     titles = [captions[name][0] for name in bands]
     figure = stacked(titles, [captions[name][1] for name in bands], "time, s", 330 * len(bands))
-    for n, (name, (low, middle, high)) in enumerate(bands.items()):
-        line(figure, n + 1, time, measured[name], "measured", GREY)
+    for n, (name, band) in enumerate(bands.items()):
+        low, middle, high = band[:, thin]
+        line(figure, n + 1, time, measured[name][thin], "measured", GREY)
         edge = {"row": n + 1, "col": 1, "mode": "lines", "line": {"width": 0}}
         figure.add_scatter(x=time, y=high, showlegend=False, hoverinfo="skip", **edge)
         figure.add_scatter(

@@ -10,18 +10,11 @@ NAMED: set[str] = set()  # every channel that some kind of actuator declares
 
 @dataclass(frozen=True)
 class Derivation:
-    """How a channel follows from others, where a file has those and not the channel itself.
+    """How a channel follows from others, where a file has those and not the channel itself."""
 
-    Parameters
-    ----------
-    formula : for the provenance, such as "set_point - position"
-    sources : names of the channels that it follows from
-    compute : from their values, (S,) arrays in SI, to the values of the channel
-    """
-
-    formula: str
-    sources: tuple[str, ...]
-    compute: Callable[..., np.ndarray]
+    formula: str  # for the provenance, such as "set_point - position"
+    sources: tuple[str, ...]  # names of the channels that it follows from
+    compute: Callable[..., np.ndarray]  # from their values, (S,) in SI, to those of the channel
 
 
 @dataclass(frozen=True)

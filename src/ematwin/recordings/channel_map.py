@@ -24,7 +24,6 @@ from ematwin.recordings.channel import Channel, channel_called, plain, with_time
 from ematwin.validation import load_toml, one_sentence
 
 PHASES = ("current_a", "current_b", "current_c")
-_IN_ORDER = "abc"
 _OPTIONS = ("sample_rate", "phase_order", "gear_ratio", "without")
 _CSV_OPTIONS = ("delimiter", "decimal", "skip_rows")
 
@@ -38,35 +37,23 @@ def _hertz(value: Any) -> Any:
         raise ValueError(str(error)) from None
 
 
-Hertz = Annotated[float, BeforeValidator(_hertz), Field(gt=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
 class MappedChannel(BaseModel):
-    """One channel of a file: value in the unit = sign (scale x number in the file + offset).
-
-    Parameters
-    ----------
-    channel : name in the file
-    unit : of ``scale x number + offset``; None takes the unit in the file or the name, else SI
-    sign : +1 or -1
-    scale : factor on the number in the file, such as A per V of a current probe
-    offset : in the unit, added after the scale
-    full_scale : in the unit, where the converter saturates at plus and minus; None: unknown
-    side : "motor" or "output", the shaft on which it was measured; None: the recording's own
-    unwrap : whether an angle starts anew at each full turn and is to be counted on
-    """
+    """One channel of a file: value in the unit = sign (scale x number in the file + offset)."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
-    channel: Annotated[str, Field(min_length=1)]
-    unit: str | None = None
+    channel: Annotated[str, Field(min_length=1)]  # name in the file
+    unit: str | None = None  # None takes the unit in the file or the name, else SI
     sign: Literal[1, -1] = 1
-    scale: Finite = 1.0
-    offset: Finite = 0.0
-    full_scale: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
-    side: Literal["motor", "output"] | None = None
-    unwrap: bool = False
+    scale: Finite = 1.0  # such as A per V of a current probe
+    offset: Finite = 0.0  # in the unit
+    full_scale: Positive | None = None  # in the unit, where the converter saturates on both sides
+    side: Literal["motor", "output"] | None = None  # the shaft; None: the recording's own
+    unwrap: bool = False  # an angle that starts anew at each full turn is counted on
 
     @model_validator(mode="after")
     def _scale_keeps_something(self) -> Self:
@@ -88,31 +75,18 @@ class CsvOptions(BaseModel):
 class ChannelMap(BaseModel):
     """Channels of a file by channel of the recording, and what holds for the whole file.
 
-    Parameters
-    ----------
-    channels : of the kind of actuator; time is added
-    columns : mapping of name or alias (``i_a``, ``t``) to `MappedChannel`, name in the file or
-        table
-    sample_rate : float (Hz) or text such as ``"20 kHz"``, in place of a time channel
-    phase_order : the phases that the channels given for a, b, c really carry, such as ``"acb"``;
-        for kinds with three phases only
-    gear_ratio : motor turns for one turn of the output, needed for channels of the other side
-    without : channels that are left out although the file has them under their own names
-    csv : `CsvOptions`
-
-    Raises
-    ------
-    InputError
-        If a column or option is unknown or impossible.
+    Made for ``channels`` of a kind of actuator, to which time is added. Raises `InputError` if a
+    column or option is unknown or impossible.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
-    columns: dict[str, MappedChannel] = {}
-    sample_rate: Hertz | None = None
-    phase_order: str = _IN_ORDER
-    gear_ratio: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
-    without: tuple[str, ...] = ()
+    columns: dict[str, MappedChannel] = {}  # by name or alias (``i_a``, ``t``)
+    # Hz, or text such as ``"20 kHz"``, in place of a time channel
+    sample_rate: Annotated[Positive, BeforeValidator(_hertz)] | None = None
+    phase_order: str = "abc"  # the phases that the channels given for a, b, c really carry
+    gear_ratio: Positive | None = None  # motor turns for one turn of the output
+    without: tuple[str, ...] = ()  # left out although the file has them under their own names
     csv: CsvOptions = CsvOptions()
     _channels: tuple[Channel, ...] = PrivateAttr(default=())
 
@@ -149,7 +123,7 @@ class ChannelMap(BaseModel):
 
     def _problem(self) -> str | None:
         """A sentence on entries that do not fit together, or None."""
-        if sorted(self.phase_order) != list(_IN_ORDER):
+        if sorted(self.phase_order) != list("abc"):
             return (
                 "phase_order must name a, b and c once each, "
                 f"received {self.phase_order!r}; write for example acb"
@@ -158,7 +132,7 @@ class ChannelMap(BaseModel):
         if both:
             return f"{', '.join(both)} is mapped and left out; do one of the two"
         names = {channel.name for channel in self._channels}
-        if self.phase_order != _IN_ORDER and not names.issuperset(PHASES):
+        if self.phase_order != "abc" and not names.issuperset(PHASES):
             return "phase_order is for actuators with three phases; remove it"
         if self.sample_rate is not None and "time" in self.columns:
             return "time comes from a channel or from sample_rate; give one of the two"
@@ -182,13 +156,12 @@ class ChannelMap(BaseModel):
         """A map from a map, a mapping, a TOML file, or None: names as in a recording.
 
         A flat mapping may hold the options beside the columns:
-        ``{"i_a": "Phase A [A]", "sample_rate": "20 kHz"}``. ``channels`` belong to the kind.
+        ``{"i_a": "Phase A [A]", "sample_rate": "20 kHz"}``.
         """
-        if given is None:
-            return cls(channels)
         if isinstance(given, ChannelMap):
-            same = given.channels == with_time(channels)
-            return given if same else cls._from_table(given.as_table(), channels)
+            given = given.as_table()
+        if given is None or isinstance(given, Mapping):
+            return cls._from_table(given or {}, channels)
         if isinstance(given, str | Path):
             path = Path(given)
             table = load_toml(path, "column map")
@@ -196,8 +169,6 @@ class ChannelMap(BaseModel):
                 return cls._from_table(table, channels)
             except InputError as error:
                 raise InputError(f"{path}: {error}") from None
-        if isinstance(given, Mapping):
-            return cls._from_table(given, channels)
         raise InputError(
             "columns must be a mapping of columns to channel names, or the path of a TOML file; "
             f"received {type(given).__name__}."
@@ -205,10 +176,7 @@ class ChannelMap(BaseModel):
 
     @classmethod
     def parse(
-        cls,
-        columns: Sequence[str],
-        channels: Sequence[Channel],
-        base: "ChannelMap | None" = None,
+        cls, columns: Sequence[str], channels: Sequence[Channel], base: "ChannelMap | None" = None
     ) -> "ChannelMap":
         """A map from texts such as ``'i_a=Phase A [A]'``, put over another map.
 
@@ -255,10 +223,7 @@ Columns = ChannelMap | Mapping[str, Any] | str | Path | None
 def _column_name(text: str, channels: Sequence[Channel]) -> str:
     """The name of the channel that a name or alias means.
 
-    Raises
-    ------
-    InputError
-        If there is none; the message names the closest.
+    Raises `InputError`, which names the closest, if there is none.
     """
     channel = channel_called(text, channels)
     if channel is None:

@@ -15,13 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.errors import FileError
+from ematwin.errors import FileError, RecordError
 
 FORMAT = 1  # of the metadata of a recording; readers refuse what is newer
 KEY = "ematwin"
 MARK = f"# {KEY} "  # of the first line of a CSV
-_REMAINS = re.compile(r'": "[0-9a-f]{32}"')
-_STARTS = re.compile(r"([,;])([=+\-@])")
 
 
 def with_checksums(metadata: Mapping[str, Any], columns: Mapping[str, Any]) -> str:
@@ -29,30 +27,20 @@ def with_checksums(metadata: Mapping[str, Any], columns: Mapping[str, Any]) -> s
 
     A spreadsheet that parts the line at its commas finds no formula in it.
     """
-    whole = {
-        **metadata,
-        "checksums": {name: _of_column(values) for name, values in columns.items()},
-    }
-    whole = json.loads(json.dumps(whole))
+    checksums = {name: _of_column(values) for name, values in columns.items()}
+    whole = json.loads(json.dumps({**metadata, "checksums": checksums}))
     text = json.dumps({**whole, "checksum": _of_metadata(whole)}, sort_keys=True)
-    return _STARTS.sub(lambda found: f"{found[1]}\\u{ord(found[2]):04x}", text)
+    return re.sub(r"([,;])([=+\-@])", lambda m: f"{m[1]}\\u{ord(m[2]):04x}", text)
 
 
 def checked(text: str | None, path: Path, others: str = "") -> dict[str, Any]:
     """The metadata in a file; empty for files of others.
 
-    Parameters
-    ----------
-    text : as `with_checksums` made it, or None where a file has none
-    others : whatever else stands where metadata could be, to recognise ours without their mark
-
-    Raises
-    ------
-    FileError
-        If they are not as they were written.
+    ``text`` is as `with_checksums` made it, or None; ``others`` whatever else stands there, by
+    which ours are recognised without their mark. Raises `FileError` if they were changed.
     """
     if text is None:
-        if _REMAINS.search(others):
+        if re.search(r'": "[0-9a-f]{32}"', others):
             raise _damaged(path, "what it says of itself has lost its mark")
         return {}
     try:
@@ -62,7 +50,10 @@ def checked(text: str | None, path: Path, others: str = "") -> dict[str, Any]:
     if not isinstance(found, dict):
         raise _damaged(path, "what it says of itself cannot be read")
     if isinstance(found.get("format"), int) and found["format"] > FORMAT:
-        return found  # of a newer ematwin, which the reader refuses in its own words
+        raise RecordError(
+            f"{path} was written by a newer ematwin (format {found['format']}, this one knows "
+            f"{FORMAT}). Update ematwin."
+        )
     # either shows that it had checksums, in case the other's name is what was damaged
     if {"checksum", "checksums"} & found.keys() and found.get("checksum") != _of_metadata(found):
         raise _damaged(path, "what it says of itself differs from its checksum")
@@ -72,10 +63,8 @@ def checked(text: str | None, path: Path, others: str = "") -> dict[str, Any]:
 def verify(columns: Mapping[str, np.ndarray], metadata: Mapping[str, Any], path: Path) -> None:
     """Raise `FileError` if a column that was read, (S,) float64, differs from its checksum."""
     known = metadata.get("checksums")
-    if known is None:
-        return
     for name, values in columns.items():
-        if known.get(name) != _of_column(values):
+        if known is not None and known.get(name) != _of_column(values):
             raise _damaged(path, f"column {name} differs from its checksum")
 
 
@@ -87,13 +76,10 @@ def _damaged(path: Path, what: str) -> FileError:
 
 
 def _of_column(values: Any) -> str:
-    return _digest(np.ascontiguousarray(values, dtype=np.float64))
+    content = np.ascontiguousarray(values, dtype=np.float64)
+    return hashlib.sha256(content.data).hexdigest()[:32]
 
 
 def _of_metadata(metadata: Mapping[str, Any]) -> str:
     rest = {name: value for name, value in metadata.items() if name != "checksum"}
-    return _digest(json.dumps(rest, sort_keys=True).encode())
-
-
-def _digest(content: Any) -> str:
-    return hashlib.sha256(content).hexdigest()[:32]
+    return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()[:32]

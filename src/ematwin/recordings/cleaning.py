@@ -7,50 +7,32 @@ explain it: such a peak visits the last step about as often as the one below.
 
 from collections.abc import Collection, Mapping, Sequence
 from itertools import pairwise
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 
-from ematwin.errors import InputError, RecordError
+from ematwin.errors import RecordError
 from ematwin.recordings.collect import Collected
 from ematwin.recordings.sampling import gap_starts
+from ematwin.showing.text import capital
 
 Policy = Literal["refuse", "longest", "mask"]
+_Holes = Mapping[str, list[tuple[int, int]]]  # by column, as of `runs`
 _LONGEST_BRIDGE = 0.005  # s: over so short a time an input is taken for a straight line
-_MOST_MASKED = 0.5  # of the record
-_SHORTEST_RUN = 3  # samples at a limit
-_FEWEST = 8  # samples in such runs, altogether
-_OVER_NEXT = 5.0  # times as often as the value next to the extreme
-_AT_REST = 0.05  # of the largest magnitude: an extreme so close to zero is no limit
-_FULL = 0.999  # of a declared full scale
 
 
-def check_policy(policy: str) -> None:
-    """Raise `InputError` unless ``policy`` is a `Policy`."""
-    known = get_args(Policy)
-    if policy not in known:
-        raise InputError(f"gaps must be {', '.join(known)}; received {policy!r}.")
+def make_sound(found: Collected, policy: Policy, inputs: Collection[str]) -> None:
+    """Deal with gaps in time and stretches of NaN of columns on one time base.
 
-
-def make_sound(
-    found: Collected, policy: Policy, what: object, inputs: Collection[str] = ()
-) -> None:
-    """Deal with gaps in time and stretches of NaN.
+    Raises `RecordError` if there are holes and they are refused, or nothing sound is left.
 
     Parameters
     ----------
-    found : on one time base
     policy : "refuse"; "longest" keeps the longest stretch without a hole; "mask" fills holes with
         straight lines and lists them, so that the comparison can leave them out
-    what : file, or motion in it, for messages
     inputs : columns that drive the model, which must be known throughout
-
-    Raises
-    ------
-    RecordError
-        If there are holes and they are refused, or nothing sound is left.
     """
-    time = found.time
+    time, what = found.time, found.name
     for name, values in found.columns.items():
         if not np.isfinite(values).any():
             raise RecordError(
@@ -70,11 +52,8 @@ def make_sound(
     if not starts.size and not holes:
         return
     if policy == "refuse":
-        raise RecordError(_refusal(time, starts, holes, what))
-    if policy == "longest":
-        said = _longest(found, starts, what)
-    else:
-        said = _mask(found, starts, holes, what, inputs)
+        raise RecordError(_refusal(found, starts, holes))
+    said = _longest(found, starts) if policy == "longest" else _mask(found, starts, holes, inputs)
     found.changed.append(said)
     found.warnings.append(sentence(said))
 
@@ -85,9 +64,8 @@ def runs(flags: np.ndarray) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def _refusal(
-    time: np.ndarray, starts: np.ndarray, holes: Mapping[str, list[tuple[int, int]]], what: object
-) -> str:
+def _refusal(found: Collected, starts: np.ndarray, holes: _Holes) -> str:
+    time, what = found.time, found.name
     advice = (
         'Take the longest sound stretch with gaps="longest", or fill and mask with gaps="mask".'
     )
@@ -98,10 +76,10 @@ def _refusal(
             f"{what} has {many} of {time[n + 1] - time[n]:.4g} s from {time[n]:.6g} to "
             f"{time[n + 1]:.6g} s (after sample {n}). {advice}"
         )
-    name, found = max(holes.items(), key=lambda item: max(b - a for a, b in item[1]))
-    first, stop = max(found, key=lambda run: run[1] - run[0])
+    name, some = max(holes.items(), key=lambda item: max(b - a for a, b in item[1]))
+    first, stop = max(some, key=lambda run: run[1] - run[0])
     others = [other for other in holes if other != name]
-    many = f"{len(found)} stretches, the longest" if len(found) > 1 else "a stretch"
+    many = f"{len(some)} stretches, the longest" if len(some) > 1 else "a stretch"
     also = f"; so have {', '.join(others)}" if others else ""
     return (
         f"{what}: column {name} has no values in {many} of {stop - first} samples from "
@@ -109,7 +87,7 @@ def _refusal(
     )
 
 
-def _longest(found: Collected, starts: np.ndarray, what: object) -> str:
+def _longest(found: Collected, starts: np.ndarray) -> str:
     time = found.time
     good = np.all([np.isfinite(values) for values in found.columns.values()], axis=0)
     cuts = [0, *(int(n) + 1 for n in starts), time.size]
@@ -119,7 +97,7 @@ def _longest(found: Collected, starts: np.ndarray, what: object) -> str:
     first, stop = max(stretches, key=lambda run: time[run[1] - 1] - time[run[0]], default=(0, 0))
     if stop - first < 2:
         raise RecordError(
-            f"{what} has no two consecutive samples at which all columns have values. "
+            f"{found.name} has no two consecutive samples at which all columns have values. "
             "Leave the column with the holes out of the map."
         )
     found.columns = {name: values[first:stop].copy() for name, values in found.columns.items()}
@@ -130,14 +108,8 @@ def _longest(found: Collected, starts: np.ndarray, what: object) -> str:
     )
 
 
-def _mask(
-    found: Collected,
-    starts: np.ndarray,
-    holes: Mapping[str, list[tuple[int, int]]],
-    what: object,
-    inputs: Collection[str],
-) -> str:
-    time, columns = found.time, found.columns
+def _mask(found: Collected, starts: np.ndarray, holes: _Holes, inputs: Collection[str]) -> str:
+    time, columns, what = found.time, found.columns, found.name
     filled = [("time and all columns", int(n), int(n) + 1) for n in starts]
     for name, some in holes.items():
         filled += [(name, max(a - 1, 0), min(b, time.size - 1)) for a, b in some]
@@ -157,7 +129,7 @@ def _mask(
         else:
             masked.append([start, stop])
     total = sum(stop - start for start, stop in masked)
-    if total > _MOST_MASKED * (time[-1] - time[0]):
+    if total > 0.5 * (time[-1] - time[0]):
         raise RecordError(
             f"{what}: {total:.4g} s of {time[-1] - time[0]:.4g} s would be masked, more than half. "
             "Record again, or leave the column with the holes out of the map."
@@ -171,23 +143,20 @@ def _mask(
 
 def sentence(text: str) -> str:
     """A part of a sentence as a whole one."""
-    return f"{text[0].upper()}{text[1:]}."
+    return f"{capital(text)}."
 
 
 def saturated(
     values: np.ndarray, full_scale: tuple[float, float] | None = None
 ) -> tuple[np.ndarray, list[float]]:
-    """Flags (S,) of saturated samples, and the values at which the channel stopped.
+    """Flags (S,) of saturated samples, and the values at which the channel (S,) stopped.
 
-    Parameters
-    ----------
-    values : (S,) array; NaN is never saturated
-    full_scale : lowest and highest value that the converter gives, or None: look for them
+    ``full_scale`` is the lowest and highest value of the converter; None looks for them.
     """
     flags = np.zeros(values.shape, dtype=bool)
     limits: list[float] = []
     if full_scale is not None:
-        margin = 0.5 * (1.0 - _FULL) * (full_scale[1] - full_scale[0])
+        margin = 0.0005 * (full_scale[1] - full_scale[0])
         low, high = values <= full_scale[0] + margin, values >= full_scale[1] - margin
         limits = [float(x) for one, x in zip((low, high), full_scale, strict=True) if one.any()]
         return low | high, limits
@@ -198,14 +167,14 @@ def saturated(
         signed = values if sign > 0.0 else -values
         extreme = float(np.nanmax(signed))
         below = signed[signed < extreme]
-        if extreme < _AT_REST * largest or extreme == 0.0 or below.size == 0:
-            continue  # at rest, or constant, of which another check speaks
+        if extreme < 0.05 * largest or extreme == 0.0 or below.size == 0:
+            continue  # no limit so close to zero; nor is a constant, which another check refuses
         held = np.zeros(values.shape, dtype=bool)
         for start, stop in runs(signed == extreme):
-            if stop - start >= _SHORTEST_RUN:
+            if stop - start >= 3:  # samples at a limit
                 held[start:stop] = True
         next_count = int((below == below.max()).sum())
-        if held.sum() >= max(_FEWEST, _OVER_NEXT * next_count):
+        if held.sum() >= max(8, 5 * next_count):
             flags |= held
             limits.append(sign * extreme)
     return flags, limits

@@ -12,7 +12,7 @@ from ematwin.errors import RecordError
 from ematwin.recordings.channel import TIME, Channel, channel_called, derivable, plain
 from ematwin.recordings.channel_map import ChannelMap, MappedChannel
 from ematwin.recordings.formats.base import RecordedFile
-from ematwin.recordings.names import Said, find_channel, last_part, listed, said_by
+from ematwin.recordings.names import Said, find_channel, first_names, last_part, said_by
 from ematwin.recordings.survey import Surveyed, unit_and_stem
 from ematwin.recordings.units import (
     bare,
@@ -23,6 +23,7 @@ from ematwin.recordings.units import (
     unit_factor,
     unit_in_name,
 )
+from ematwin.showing.text import listed
 
 Needs = Sequence[Sequence[Sequence[str]]]
 """Groups of channels; of each group at least one whole alternative must be there."""
@@ -33,7 +34,6 @@ UNIT_ONLY, NAMED, IN_WORDS, A_CLOCK, BEFORE_A_UNIT, ALIAS, OWN_NAME = map(float,
 _CLOCKS = ("zeit", "zeitstempel", "timestamp", "time_stamp", "uhrzeit", "datetime")
 _DIMENSIONS = {"s": "time", "A": "current", "V": "voltage", "rad/s": "speed", "m/s": "speed",
                "rad": "position", "m": "position", "N*m": "load"}  # fmt: skip
-_PROBE = 1.0  # V: less is no voltage of a motor
 
 
 class MissingChannelError(RecordError):
@@ -42,32 +42,19 @@ class MissingChannelError(RecordError):
 
 @dataclass(frozen=True)
 class Candidate:
-    """A channel of the file that may be one of the recording.
+    """A channel of the file that may be one of the recording."""
 
-    Attributes
-    ----------
-    name : in the file
-    score : how strongly name and unit speak for it
-    reason : a part of a sentence
-    """
-
-    name: str
-    score: float
-    reason: str = ""
+    name: str  # in the file
+    score: float  # how strongly name and unit speak for it
+    reason: str = ""  # a part of a sentence
 
 
 @dataclass
 class Matched:
-    """Channels of a recording with their full names in the file and their entries of the map.
+    """Channels of a recording with their full names in the file and their entries of the map."""
 
-    Attributes
-    ----------
-    channels : by channel of the recording, time first
-    assumed, warnings : sentences for the provenance
-    """
-
-    channels: dict[str, tuple[str, MappedChannel]]
-    assumed: list[str] = field(default_factory=list)
+    channels: dict[str, tuple[str, MappedChannel]]  # by channel of the recording, time first
+    assumed: list[str] = field(default_factory=list)  # sentences for the provenance
     warnings: list[str] = field(default_factory=list)
 
 
@@ -76,14 +63,9 @@ def match(file: RecordedFile, channel_map: ChannelMap, needs: Needs) -> Matched:
 
     Channels that the map does not name are found by their own name or alias, with or without a
     unit. Beside a map an optional channel that is ambiguous or of another unit is left out, with a
-    warning, and so is another form of a quantity that the map gives.
-
-    Raises
-    ------
-    MissingChannelError
-        If there is none of a needed channel.
-    RecordError
-        If a channel is ambiguous, or there is none of that name in the map.
+    warning, and so is another form of a quantity that the map gives. Raises `MissingChannelError`
+    if there is none of a needed channel; `RecordError` if a channel is ambiguous, or there is none
+    of that name in the map.
     """
     channels, mapped = channel_map.channels, channel_map.columns
     found = {
@@ -99,7 +81,7 @@ def match(file: RecordedFile, channel_map: ChannelMap, needs: Needs) -> Matched:
         name, *others = by_name.pop(column)
         if others:
             raise RecordError(
-                f"{file.path} has several channels for {column}: {listed([name, *others])}. "
+                f"{file.path} has several channels for {column}: {first_names([name, *others])}. "
                 f'Map one of them, such as {column}="{name}".'
             )
         found[column] = (name, MappedChannel(channel=name))
@@ -126,12 +108,9 @@ def _by_name(file: RecordedFile, channels: Sequence[Channel]) -> dict[str, list[
 
 
 def _add_optional(
-    result: Matched,
-    by_name: Mapping[str, Sequence[str]],
-    file: RecordedFile,
-    channel_map: ChannelMap,
-    needs: Needs,
-) -> None:
+    result: Matched, by_name: Mapping[str, Sequence[str]], file: RecordedFile,
+    channel_map: ChannelMap, needs: Needs,
+) -> None:  # fmt: skip
     """Add channels that are neither needed nor mapped, by their own names."""
     found, channels = result.channels, channel_map.channels
     used = {name for name, _ in found.values()}
@@ -147,16 +126,16 @@ def _add_optional(
     for column, (name, *others) in by_name.items():
         if column in otherwise or used & {name, *others}:
             continue
-        stated = file.stated_unit(name)
+        stated, why = file.stated_unit(name), ""
         if others:
-            why = f"{file.given.name} has several channels for it, {listed([name, *others])}"
+            why = f"{file.given.name} has several channels for it, {first_names([name, *others])}"
         elif stated and not fits(stated, channel_map.channel(column).unit):
             why = f"{name} is in {stated}"
+        if why:
+            result.warnings.append(f"{column} was left out: {why}. Map it where it is needed.")
         else:
             found[column] = (name, MappedChannel(channel=name))
             added.append(column)
-            continue
-        result.warnings.append(f"{column} was left out: {why}. Map it where it is needed.")
     if added:
         said = f"beside the map, these were found by their names: {', '.join(added)}"
         result.assumed.append(said)
@@ -197,29 +176,21 @@ def _check_complete(
                     unit_factor(unit, channel.unit, what)
         meaning = f" ({wanted[0].meaning})" if len(group) == 1 == len(group[0]) else ""
         raise MissingChannelError(
-            f"{file.path} has no channel for {', nor for '.join(map(_joined, group))}{meaning}; "
-            f"it has {listed(file.names)}. Map it, such as {wanted[0].name}="
+            f"{file.path} has no channel for {', nor for '.join(map(listed, group))}{meaning}; "
+            f"it has {first_names(file.names)}. Map it, such as {wanted[0].name}="
             f'"{_likely(file, wanted[0])}".'
         )
 
 
 def _likely(file: RecordedFile, channel: Channel) -> str:
     """The channel of a file for which words speak most, for messages; an example if none do."""
-    heads = (Surveyed(name, *unit_and_stem(file, name)) for name in file.names)
-    found = [
-        (by_words[0], one.name)
-        for one in heads
-        if (not one.unit or fits(one.unit, channel.unit))
-        and (by_words := _by_words(one, channel)) is not None
-        and by_words[0] > UNIT_ONLY
-    ]
-    first = max(found, key=lambda one: one[0], default=(0.0, ""))[1]
-    return first or f"Channel 1 [{example(channel.unit)}]"
-
-
-def _joined(names: Sequence[str]) -> str:
-    *head, last = names
-    return f"{', '.join(head)} and {last}" if head else last
+    best, likely = UNIT_ONLY, f"Channel 1 [{example(channel.unit)}]"
+    for name in file.names:
+        one = Surveyed(name, *unit_and_stem(file, name))
+        if not one.unit or fits(one.unit, channel.unit):
+            score, _ = _by_words(one, channel) or (0.0, "")
+            best, likely = (score, name) if score > best else (best, likely)
+    return likely
 
 
 def named(name: str, channels: Sequence[Channel], names: Collection[str]) -> tuple[str, float]:
@@ -251,13 +222,11 @@ def candidates(
         if one.is_text or not one.samples or (one.unit and not fits(one.unit, channel.unit)):
             continue
         own, score = named(one.name, channels, names)
-        if own:
-            same = own == channel.name
-            said = "it has that name" if score == OWN_NAME else (
-                "its name is one that files use for it"
-            )  # fmt: skip
-            found += [Candidate(one.name, score, said)] if same else []
-        elif by_words := _by_words(one, channel):
+        is_own = score == OWN_NAME
+        if own == channel.name:
+            said = "it has that name" if is_own else "its name is one that files use for it"
+            found.append(Candidate(one.name, score, said))
+        elif not own and (by_words := _by_words(one, channel)):
             found.append(Candidate(one.name, *by_words))
     return sorted(found, key=lambda one: -one.score)
 
@@ -270,8 +239,8 @@ def _by_words(one: Surveyed, channel: Channel) -> tuple[float, str] | None:
         return None
     if channel.unit == "V" and not said.quantities and one.unit:
         most = max(abs(one.low), abs(one.high)) * unit_factor(one.unit, channel.unit, one.name)
-        if most < _PROBE:
-            return None  # more likely what a probe makes of a current
+        if most < 1.0:
+            return None  # V: more likely what a probe makes of a current
     found = _by_quantity(said, wanted, _DIMENSIONS.get(channel.unit, "") if one.unit else "", text)
     if found is None:
         return None

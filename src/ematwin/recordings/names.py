@@ -49,32 +49,20 @@ _OBJECTS = {
 }  # fmt: skip
 _INDEX = re.compile(r"(?i)\b(?:0x(60[67f][0-9a-f])|(60[67f][0-9a-f])h)\b")
 _SERIES = ("phase", "ph", "strang")  # before the letter or number of a phase
-_HEADS = ("soll", "ist", "motor", "last", "abtriebs", "phasen")  # of German compounds
-
-
-def _by_word(table: dict[str, str]) -> dict[str, str]:
-    return {word: key for key, words in table.items() for word in words.split()}
-
-
-_QUANTITY_OF, _PLACE_OF, _PHASE_OF = map(_by_word, (_QUANTITIES, _PLACES, _PHASES))
+_QUANTITY_OF, _PLACE_OF, _PHASE_OF = (
+    {word: key for key, words in table.items() for word in words.split()}
+    for table in (_QUANTITIES, _PLACES, _PHASES)
+)
 
 
 @dataclass(frozen=True)
 class Said:
-    """The words of a name.
+    """The words of a name."""
 
-    Attributes
-    ----------
-    quantities : such as "position" and "command"
-    place : "motor", "output", "bus", or ""
-    phase : "a", "b", "c", "d", "q", or ""
-    other : a word by which it is something else, such as "temperature"; "" without
-    """
-
-    quantities: frozenset[str]
-    place: str = ""
-    phase: str = ""
-    other: str = ""
+    quantities: frozenset[str]  # such as "position" and "command"
+    place: str = ""  # "motor", "output", "bus", or ""
+    phase: str = ""  # "a", "b", "c", "d", "q", or ""
+    other: str = ""  # a word by which it is something else, such as "temperature"; "" without
 
 
 def said_by(name: str) -> Said:
@@ -130,7 +118,7 @@ def _words(name: str) -> list[str]:
 def _parts(word: str) -> list[str]:
     """A German compound in its parts: ``sollwinkel`` as soll and winkel."""
     known = {**_QUANTITY_OF, **_PLACE_OF}
-    for head in _HEADS:
+    for head in ("soll", "ist", "motor", "last", "abtriebs", "phasen"):
         if word not in known and word.startswith(head) and word[len(head) :] in known:
             return [head, word[len(head) :]]
     return [word]
@@ -141,11 +129,7 @@ def find_channel(names: Sequence[str], wanted: str, path: Path) -> str:
 
     Compared one after the other, until exactly one fits: the full name; the name in another case;
     the last part of a path (``group/name``, ``struct.name``); either without the bracketed unit.
-
-    Raises
-    ------
-    RecordError
-        If no channel or more than one fits; the message names the closest.
+    Raises `RecordError`, which names the closest, if no channel or more than one fits.
     """
     if wanted in names:
         return wanted
@@ -173,10 +157,10 @@ def last_part(name: str) -> str:
 
 
 def _quoted(names: Sequence[str]) -> str:
-    return listed([repr(name) for name in names], 8)
+    return first_names([repr(name) for name in names], 8)
 
 
-def listed(names: Sequence[str], most: int = 12) -> str:
+def first_names(names: Sequence[str], most: int = 12) -> str:
     """The first names, for messages, and how many more there are."""
     shown = ", ".join(names[:most])
     return f"{shown} and {len(names) - most} more" if len(names) > most else shown or "no channels"

@@ -8,8 +8,6 @@ import numpy as np
 from ematwin.errors import InputError
 from ematwin.recordings.recording import Recording
 
-_CURRENTS = ("current_a", "current_b", "current_c", "current")  # in A, stated or not
-
 
 @dataclass(frozen=True)
 class Noise:
@@ -29,20 +27,22 @@ class Noise:
     full_scale: float = 25.0
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.white) and self.white >= 0.0):
-            raise InputError(f"White noise must be a share of at least 0, received {self.white}.")
-        if self.white > 1.0:
-            hint = f" It looks like per cent; write {self.white / 100.0:g}."
-            raise InputError(
-                "White noise is a share of the signal's RMS and must be at most 1, received "
-                f"{self.white:g}.{hint if self.white >= 2.0 else ''}"
-            )
-        if not np.isfinite(self.offset):
-            raise InputError(f"The offset must be a number of amperes, received {self.offset}.")
-        if self.bits is not None and not (isinstance(self.bits, int) and 2 <= self.bits <= 32):
-            raise InputError(f"A converter has 2 to 32 bits, received {self.bits}.")
-        if not (np.isfinite(self.full_scale) and self.full_scale > 0.0):
-            raise InputError(f"full_scale must be positive amperes, received {self.full_scale}.")
+        hint = f" It looks like per cent; write {self.white / 100.0:g}."
+        for is_right, said in (
+            (np.isfinite(self.white) and self.white >= 0.0,
+             f"White noise must be a share of at least 0, received {self.white}."),
+            (not self.white > 1.0,
+             "White noise is a share of the signal's RMS and must be at most 1, received "
+             f"{self.white:g}.{hint if self.white >= 2.0 else ''}"),
+            (np.isfinite(self.offset),
+             f"The offset must be a number of amperes, received {self.offset}."),
+            (self.bits is None or (isinstance(self.bits, int) and 2 <= self.bits <= 32),
+             f"A converter has 2 to 32 bits, received {self.bits}."),
+            (np.isfinite(self.full_scale) and self.full_scale > 0.0,
+             f"full_scale must be positive amperes, received {self.full_scale}."),
+        ):  # fmt: skip
+            if not is_right:
+                raise InputError(said)
 
     @classmethod
     def of(cls, given: "Noise | float | str | None") -> "Noise | None":
@@ -85,7 +85,8 @@ class Noise:
     ) -> Recording:
         """The recording as these sensors would have given it: its currents, and ``also`` others."""
         channels = recording.channels
-        known = [name for name in _CURRENTS if name in channels]
+        currents = ("current_a", "current_b", "current_c", "current")  # in A, stated or not
+        known = [name for name in currents if name in channels]
         known += [n for n in channels if recording.units.get(n) == "A" and n not in known]
         seen = {name: self._measure(channels[name], rng) for name in known}
         for name in also:

@@ -16,31 +16,21 @@ from ematwin.recordings.survey import Survey, Surveyed
 from ematwin.recordings.units import unit_factor
 from ematwin.showing import markup
 from ematwin.showing.results import frame_of_rows
+from ematwin.showing.text import capital
 
-_SAME_SHAFT, _OTHER_SHAFT = (0.5, 2.0), 5.0  # span over that of the command
 HEADINGS = ("taken for", "channel", "unit", "because")
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One line of a proposed map.
+    """One line of a proposed map."""
 
-    Attributes
-    ----------
-    column : channel of the recording
-    channel : name in the file
-    unit : of the file's numbers; "" where nobody states one and it is left open
-    unit_from : "file", "name", "plausibility"; "channel" of a ratio, which has no unit; or ""
-    reasons : sentences
-    units : the units that are left, where ``unit`` is open
-    """
-
-    column: str
-    channel: str
-    unit: str
-    unit_from: str
-    reasons: tuple[str, ...]
-    units: tuple[str, ...] = ()
+    column: str  # channel of the recording
+    channel: str  # name in the file
+    unit: str  # of the file's numbers; "" where nobody states one and it is left open
+    unit_from: str  # "file", "name", "plausibility"; "channel" of a ratio, which has no unit; or ""
+    reasons: tuple[str, ...]  # sentences
+    units: tuple[str, ...] = ()  # the units that are left, where ``unit`` is open
 
     @property
     def is_open(self) -> bool:
@@ -55,51 +45,32 @@ class Entry:
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
         return {
-            "channel": self.channel,
-            "unit": self.unit or None,
-            "unit_from": self.unit_from or None,
-            "reasons": list(self.reasons),
+            "channel": self.channel, "unit": self.unit or None,
+            "unit_from": self.unit_from or None, "reasons": list(self.reasons),
             **({"units": list(self.units)} if self.is_open else {}),
-        }
+        }  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Question:
-    """A choice that the file leaves open.
+    """A choice that the file leaves open."""
 
-    Attributes
-    ----------
-    sentence : the question, and how to answer it
-    lines : lines of the map to choose from
-    needed : whether there is no recording without an answer
-    """
-
-    sentence: str
-    lines: tuple[str, ...] = ()
-    needed: bool = False
+    sentence: str  # the question, and how to answer it
+    lines: tuple[str, ...] = ()  # lines of the map to choose from
+    needed: bool = False  # whether there is no recording without an answer
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """A proposed map.
+    """A proposed map."""
 
-    Attributes
-    ----------
-    kind : of actuator
-    entries : by channel of the recording
-    questions : open ones
-    unused : names of the channels of the file that are not used
-    check : doubts about a recording read with this map, or why it is refused
-    refused : whether a recording read with this map would be refused
-    rate : samples per second that its channel of time gives, Hz; None where there is none
-    """
-
-    kind: str
-    entries: Mapping[str, Entry]
-    questions: tuple[Question, ...] = ()
-    unused: tuple[str, ...] = ()
-    check: tuple[str, ...] = ()
-    refused: bool = False
+    kind: str  # of actuator
+    entries: Mapping[str, Entry]  # by channel of the recording
+    questions: tuple[Question, ...] = ()  # open ones
+    unused: tuple[str, ...] = ()  # names of the channels of the file that are not used
+    check: tuple[str, ...] = ()  # doubts about a recording read with this map, or why it is refused
+    refused: bool = False  # whether a recording read with this map would be refused
+    # samples per second that its channel of time gives, Hz; None where there is none
     rate: float | None = None
 
     @property
@@ -144,38 +115,33 @@ class Proposal:
 
     def to_frame(self) -> Any:
         """A pandas DataFrame with a row for each channel of the map; needs pandas."""
-        return frame_of_rows(
-            (
-                {"column": name, "channel": one.channel, "unit": one.unit or None,
-                 "unit_from": one.unit_from or None, "because": " ".join(one.reasons)}
-                for name, one in self.entries.items()
-            ),
-            "column",
+        rows = (
+            {"column": name, "channel": one.channel, "unit": one.unit or None,
+             "unit_from": one.unit_from or None, "because": " ".join(one.reasons)}
+            for name, one in self.entries.items()
         )  # fmt: skip
+        return frame_of_rows(rows, "column")
 
     to_dataframe = to_frame
 
     def _repr_html_(self) -> str:
         """Whether it is complete, then the map and open questions, in a notebook."""
-        return "".join(
-            [
-                markup.verdict(self.sentence, "healthy" if self.is_complete else "changed"),
-                markup.table(HEADINGS, self.rows),
-                *(markup.note(f"Open: {one.sentence}") for one in self.questions),
-                *(markup.note(f"Warning: {text}") for text in self.check),
-            ]
-        )
+        parts = [
+            markup.verdict(self.sentence, "healthy" if self.is_complete else "changed"),
+            markup.table(HEADINGS, self.rows),
+            *(markup.note(f"Open: {one.sentence}") for one in self.questions),
+            *(markup.note(f"Warning: {text}") for text in self.check),
+        ]
+        return "".join(parts)
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
         return {
-            "kind": self.kind,
+            "kind": self.kind, "complete": self.is_complete,
             "columns": {name: entry.as_dict() for name, entry in self.entries.items()},
             "questions": [one.sentence for one in self.questions],
-            "unused": list(self.unused),
-            "check": list(self.check),
-            "complete": self.is_complete,
-        }
+            "unused": list(self.unused), "check": list(self.check),
+        }  # fmt: skip
 
 
 def values(channel: str, unit: str) -> dict[str, str]:
@@ -195,12 +161,7 @@ def _lines(columns: Iterable[str], channels: Sequence[tuple[str, str]]) -> tuple
 class Draft:
     """A proposal in the making: which channels are clear, and which have to be asked for.
 
-    Parameters
-    ----------
-    found : Survey
-    channels : of the kind of actuator
-    needs : groups of channels; of each group at least one whole alternative must be there
-    command : name of the channel that is commanded
+    ``command`` is the name of the channel that is commanded.
     """
 
     def __init__(
@@ -220,10 +181,12 @@ class Draft:
     def _assign(self) -> None:
         """Enter the channels that are clear; ask where two are equally likely."""
         may_be: dict[str, list[str]] = {}  # by channel of the file
-        for column, all_of in self.ranked.items():
-            best = [one.name for one in all_of if one.score == all_of[0].score]
-            if not best or all_of[0].score < NAMED:
-                if best and self.channels[column].unit == "N*m":
+        for column, ranked in self.ranked.items():
+            best = [one.name for one in ranked if one.score == ranked[0].score]
+            if not best:
+                continue
+            if ranked[0].score < NAMED:
+                if self.channels[column].unit == "N*m":
                     listed = " or ".join(f"“{name}”" for name in best)
                     said = "or the motor's own torque: the name does not tell which."
                     self._ask(f"{listed} may be the {column}, {said}", [column], best)
@@ -262,13 +225,11 @@ class Draft:
     def _by_span(self, name: str, free: Sequence[str], command: Surveyed) -> tuple[str, str] | None:
         """Which shaft an angle is of, by how far it moves beside the command; None: not clear."""
         one, own = self.found[name], self.channels[self.command]
-        unit = own.unit
-        if not (one.unit and command.unit and free and own.side):
-            return None
-        if self.channels[free[0]].unit != unit:
+        is_known = one.unit and command.unit and free and own.side
+        if not is_known or self.channels[free[0]].unit != own.unit:
             return None
         span, commanded = (
-            (each.high - each.low) * unit_factor(each.unit, unit, each.name)
+            (each.high - each.low) * unit_factor(each.unit, own.unit, each.name)
             for each in (one, command)
         )
         if not (span > 0.0 and commanded > 0.0):
@@ -278,15 +239,13 @@ class Draft:
         same = [name for name, side in sides.items() if side == own.side]
         others = [name for name, side in sides.items() if side not in (own.side, None)]
         said = f"it moves {ratio:.3g} times as far as the command, so it is of the"
-        if _SAME_SHAFT[0] < ratio < _SAME_SHAFT[1] and len(same) == 1:
+        if 0.5 < ratio < 2.0 and len(same) == 1:
             return same[0], f"{said} same shaft"
-        if ratio > _OTHER_SHAFT and len(others) == 1:
-            return others[0], f"{said} other shaft"
-        return None
+        return (others[0], f"{said} other shaft") if ratio > 5.0 and len(others) == 1 else None
 
     def _entry(self, column: str, chosen: Candidate, also: Sequence[str]) -> Entry:
         channel, one = self.channels[column], self.found[chosen.name]
-        reasons = [f"{channel.meaning[:1].upper()}{channel.meaning[1:]}: {chosen.reason}."]
+        reasons = [f"{capital(channel.meaning)}: {chosen.reason}."]
         if also:
             listed = " and ".join(also)
             reasons.append(f"By its words {listed} would do as well, but less plainly: check it.")
@@ -308,13 +267,10 @@ class Draft:
         """Ask for needed channels for which there is no name."""
         asked = [line for one in self.questions for line in one.lines]
         for group, wanted in unmet(self.needs, tuple(self.channels.values()), self.entries):
-            choice = [
-                line
-                for name in wanted
-                for line in _lines(
-                    [name], [(c.name, self.found[c.name].unit) for c in self.ranked[name]]
-                )
-            ]
+            choice: list[str] = []
+            for name in wanted:
+                channels = [(one.name, self.found[one.name].unit) for one in self.ranked[name]]
+                choice += _lines([name], channels)
             alternatives = " or ".join(" with ".join(part) for part in group)
             lead = f"Needed and not found for certain: {alternatives}; "
             if any(line.startswith(tuple(f"{name} =" for name in wanted)) for line in asked):

@@ -1,29 +1,20 @@
 """Recordings in files, for the channels of a given kind of actuator.
 
-Channels are collected in SI (`collect`), tables cut into motions (`motions`), times tidied and
-brought to one constant rate (`sampling`), holes and saturated samples dealt with (`cleaning`). Each
-step adds to the provenance. `ematwin.models.reading` gives the public `read`, which knows the
+Each step adds to the provenance. `ematwin.models.reading` gives the public `read`, which knows the
 kinds.
 """
 
 from collections.abc import Collection, Sequence
 from datetime import datetime, timedelta
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
-from ematwin.errors import RecordError
+from ematwin.errors import InputError, RecordError
 from ematwin.quantities import parse_quantity
 from ematwin.recordings.channel import Channel, with_time
 from ematwin.recordings.channel_map import ChannelMap, Columns
-from ematwin.recordings.checksums import FORMAT
-from ematwin.recordings.cleaning import (
-    Policy,
-    check_policy,
-    make_sound,
-    sentence,
-    warn_of_saturation,
-)
+from ematwin.recordings.cleaning import Policy, make_sound, sentence, warn_of_saturation
 from ematwin.recordings.collect import Collected, collect, derive
 from ematwin.recordings.formats.base import Progress, RecordedFile, open_file
 from ematwin.recordings.formats.csv_dialect import ROUTINE
@@ -31,9 +22,7 @@ from ematwin.recordings.matching import Needs, is_met
 from ematwin.recordings.motions import Choice, check_length, check_single, fitting, pieces
 from ematwin.recordings.recording import Recording
 from ematwin.recordings.refreshed import sampled
-from ematwin.recordings.sampling import check_rate, onto, tidy_time, to_constant_rate
-
-_MOVED = 1.0  # s: tidying moves times by less, unless it counts calendar times from the first
+from ematwin.recordings.sampling import onto, tidy_time, to_constant_rate
 
 
 def read_file(
@@ -60,30 +49,26 @@ def read_file(
     inputs : channels that drive the model
     own : whether a file that ematwin wrote is read as it is, whatever its channels; else if it
         has the needed channels
-
-    Returns
-    -------
-    list of Recording, one unless the file was cut into several motions; only chosen motions have
-        to be sound
     """
     channel_map = ChannelMap.of(columns, channels)
-    check_policy(gaps)
+    if gaps not in (known := get_args(Policy)):
+        raise InputError(f"gaps must be {', '.join(known)}; received {gaps!r}.")
     if isinstance(resample_to, str):
         resample_to = parse_quantity(resample_to, "Hz", "resample_to")
-    check_rate(resample_to)
+    if resample_to is not None and not (np.isfinite(resample_to) and resample_to > 0.0):
+        raise InputError(f"resample_to must be a positive number of Hz, received {resample_to}.")
     with open_file(path, **channel_map.csv.model_dump(exclude_none=True)) as file:
-        _check_format(file)
         is_complete = own or all(is_met(group, file.names) for group in needs)
         if file.metadata and columns is None and is_complete:
             return fitting([_as_written(file, channel_map.channels, resample_to, progress)], where)
         found = collect(file, channel_map, needs, progress)
         if not split and where is None:
-            check_single(found, file)
-            return [_cleaned(found, file, channel_map, inputs, resample_to, gaps)]
-        chosen = fitting(pieces(found, file), where)
+            check_single(found)
+            return [_cleaned(found, inputs, resample_to, gaps)]
+        chosen = fitting(pieces(found), where)
         for piece in chosen:
             check_length(piece)
-        return [_cleaned(one, file, channel_map, inputs, resample_to, gaps) for one in chosen]
+        return [_cleaned(one, inputs, resample_to, gaps) for one in chosen]
 
 
 def assumptions(recording: Recording) -> list[str]:
@@ -96,72 +81,54 @@ def assumptions(recording: Recording) -> list[str]:
 
 
 def _cleaned(
-    found: Collected,
-    file: RecordedFile,
-    channel_map: ChannelMap,
-    inputs: Collection[str],
-    rate: float | None,
-    gaps: Policy,
+    found: Collected, inputs: Collection[str], rate: float | None, gaps: Policy
 ) -> Recording:
     """Collected columns of a file, or of one motion in it, as a recording."""
-    what = found.name
-    start = found.start
+    file, channels, start = found.file, found.map.channels, found.start
     for key, raw in found.times.items():
-        found.times[key], changed = tidy_time(raw, what)
+        found.times[key], changed = tidy_time(raw, found.name)
         found.changed += changed
         moved = float(raw[0] - found.times[key][0])
-        if start is not None and start is found.start and abs(moved) > _MOVED:
+        # by less than 1 s, unless calendar times are counted from the first
+        if start is not None and start is found.start and abs(moved) > 1.0:
             start += timedelta(seconds=moved)
-    currents = [one.name for one in channel_map.channels if one.unit == "A"]
-    counts = warn_of_saturation(found, currents)
-    means = {one.name for one in channel_map.channels if one.is_mean}
-    found.time = _bring_to_one_base(found, means, inputs, what)
-    derive(found, channel_map, found.time)
-    make_sound(found, gaps, what, inputs)
-    for channel in channel_map.channels:
-        if channel.refreshed and channel.name in found.columns:
-            _put_at_samples(found, channel)
-    time, columns, changed = to_constant_rate(found.time, found.columns, rate, what, means)
+    counts = warn_of_saturation(found, [one.name for one in channels if one.unit == "A"])
+    means = {one.name for one in channels if one.is_mean}
+    found.time = _bring_to_one_base(found, means, inputs)
+    derive(found, found.time)
+    make_sound(found, gaps, inputs)
+    for channel in channels:
+        if not channel.refreshed or channel.name not in found.columns:
+            continue
+        moved_to = sampled(found.time, found.columns[channel.name], channel.refreshed)
+        if moved_to is not None:  # each read was a sample of before
+            found.columns[channel.name], period = moved_to
+            found.changed.append(
+                f"{channel.name} is read up to {1e3 * period:.3g} ms after it was sampled, as its "
+                "steps show; it was brought to the times of the reads"
+            )
+    time, columns, changed = to_constant_rate(found.time, found.columns, rate, found.name, means)
     provenance: dict[str, Any] = {
-        "source": "file",
-        "file": file.given.name,
-        "format": file.kind,
-        "columns": found.channels,
-        "assumed": found.assumed,
-        "changed": found.changed + changed,
+        "source": "file", "file": file.given.name, "format": file.kind,
+        "columns": found.channels, "assumed": found.assumed, "changed": found.changed + changed,
         "warnings": found.warnings,
-    }
+    }  # fmt: skip
     if file.metadata.get("provenance"):
         provenance["origin"] = file.metadata["provenance"]
     if counts:
         provenance["saturated_samples"] = counts
     if found.masked:
         provenance["masked_s"] = found.masked
-    in_order = [one for one in channel_map.channels if one.name in columns]
+    in_order = [one for one in channels if one.name in columns]
     return Recording(
-        time,
-        {one.name: columns.pop(one.name) for one in in_order},
-        units={one.name: one.unit for one in in_order},
-        labels=found.labels,
-        start=start,
-        source=file.given.name,
-        provenance=provenance,
-    )
-
-
-def _put_at_samples(found: Collected, channel: Channel) -> None:
-    """Values of a channel at the times of the reads, each read being a sample of before."""
-    moved = sampled(found.time, found.columns[channel.name], channel.refreshed)
-    if moved is not None:
-        found.columns[channel.name], period = moved
-        found.changed.append(
-            f"{channel.name} is read up to {1e3 * period:.3g} ms after it was sampled, as its "
-            "steps show; it was brought to the times of the reads"
-        )
+        time, {one.name: columns.pop(one.name) for one in in_order},
+        units={one.name: one.unit for one in in_order}, labels=found.labels, start=start,
+        source=file.given.name, provenance=provenance,
+    )  # fmt: skip
 
 
 def _bring_to_one_base(
-    found: Collected, means: Collection[str], inputs: Collection[str], what: str
+    found: Collected, means: Collection[str], inputs: Collection[str]
 ) -> np.ndarray:
     """All columns at the times of the measured channels, the fastest of several bases."""
     columns, bases, times = found.columns, found.bases, found.times
@@ -177,8 +144,9 @@ def _bring_to_one_base(
     inside = (times[chosen] >= start - slack) & (times[chosen] <= stop + slack)
     if inside.sum() < 2:
         raise RecordError(
-            f"The channels mapped from {what} share no time: the last begins at {start:.6g} s, the "
-            f"first ends at {stop:.6g} s. Map channels that were recorded together."
+            f"The channels mapped from {found.name} share no time: the last begins at "
+            f"{start:.6g} s, the first ends at {stop:.6g} s. Map channels "
+            "that were recorded together."
         )
     time = times[chosen][inside]
     leading = ", ".join(name for name in measured if bases[name] == chosen)
@@ -197,10 +165,7 @@ def _bring_to_one_base(
 
 
 def _as_written(
-    file: RecordedFile,
-    channels: Sequence[Channel],
-    rate: float | None,
-    progress: Progress | None,
+    file: RecordedFile, channels: Sequence[Channel], rate: float | None, progress: Progress | None
 ) -> Recording:
     """A recording that ematwin wrote, bit for bit; only the rate is changed, if asked for."""
     units: dict[str, str] = dict(file.metadata.get("units", {}))
@@ -221,29 +186,15 @@ def _as_written(
             )
     values = file.read(file.names, progress)
     time = values.pop("time")
-    provenance = dict(
-        file.metadata.get("provenance") or {"source": "file", "file": file.given.name}
-    )
+    unknown = {"source": "file", "file": file.given.name}
+    provenance = dict(file.metadata.get("provenance") or unknown)
     if rate is not None:
         means = file.metadata.get("means", [one.name for one in channels if one.is_mean])
         time, values, changed = to_constant_rate(time, values, rate, file.path, means)
         provenance["changed"] = [*provenance.get("changed", []), *changed]
     start = file.metadata.get("start")
     return Recording(
-        time,
-        values,
-        units=units,
-        labels=file.metadata.get("labels"),
-        start=None if start is None else datetime.fromisoformat(start),
-        source=file.given.name,
+        time, values, units=units, labels=file.metadata.get("labels"),
+        start=None if start is None else datetime.fromisoformat(start), source=file.given.name,
         provenance=provenance,
-    )
-
-
-def _check_format(file: RecordedFile) -> None:
-    found = file.metadata.get("format", FORMAT)
-    if found > FORMAT:
-        raise RecordError(
-            f"{file.path} was written by a newer ematwin (format {found}, this one knows "
-            f"{FORMAT}). Update ematwin."
-        )
+    )  # fmt: skip

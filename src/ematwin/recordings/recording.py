@@ -1,13 +1,13 @@
 """Recording: evenly sampled named channels of one actuator, measured or simulated.
 
-One type for every kind of actuator. Which channels it must have is said by the kind
-(`ematwin.models.base.Model.channels`); identification cannot tell a measurement from a simulation,
-except by the provenance that is kept for the report.
+One type for every kind of actuator, which states the channels that it must have. Identification
+cannot tell a measurement from a simulation, except by the provenance that is kept for the report.
 """
 
 import json
 from collections.abc import Iterator, Mapping
 from datetime import datetime
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,6 @@ from ematwin.recordings.channel import NAMED
 from ematwin.showing import markup
 from ematwin.showing.results import drawn, frame
 
-_REGULARITY = 1e-3  # of the sampling interval: more jitter than this needs resampling
 _RESERVED = {"time", "channels", "units", "labels", "start", "source", "provenance"}
 
 
@@ -74,24 +73,27 @@ class Recording:
         self._check()
 
     def _check(self) -> None:
-        prefix = f"{self.name}: " if self.labels or self.source else ""
-        try:
-            check_time(self.time)
-        except RecordError as error:
-            raise RecordError(f"{prefix}{error}") from None
+        time, what = self.time, self._heading
+        _check_time(time, what)
         for name, column in self.channels.items():
-            if column.shape != self.time.shape:
+            if column.shape != time.shape:
                 raise RecordError(
-                    f"{prefix}Column {name} has shape {column.shape} but time has "
-                    f"{self.time.shape}; all columns must be equally long."
+                    f"{what}Column {name} has shape {column.shape} but time has "
+                    f"{time.shape}; all columns must be equally long."
                 )
             bad = np.flatnonzero(~np.isfinite(column))
             if bad.size:
                 raise RecordError(
-                    f"{prefix}Column {name} holds {bad.size} NaN or infinite values, the first at "
-                    f"sample {bad[0]} ({self.time[bad[0]]:g} s). Remove that stretch of the record."
+                    f"{what}Column {name} holds {bad.size} NaN or infinite values, the first at "
+                    f"sample {bad[0]} ({time[bad[0]]:g} s). Remove that stretch of the record."
                 )
-        _check_provenance(self.provenance)
+        try:
+            json.dumps(self.provenance)
+        except (TypeError, ValueError) as error:
+            raise RecordError(
+                f"The provenance must hold JSON values, so that files can keep it: {error}. "
+                "Convert them."
+            ) from None
 
     def __getattr__(self, name: str) -> Any:
         """A channel by name; None for one that kinds of actuators know and this one has not."""
@@ -133,6 +135,10 @@ class Recording:
         """File and labels, for messages and tables."""
         said = label_text(self.labels)
         return " ".join(part for part in (self.source, said) if part) or "the record"
+
+    @property
+    def _heading(self) -> str:
+        return f"{self.name}: " if self.labels or self.source else ""
 
     @property
     def run(self) -> str:
@@ -192,20 +198,15 @@ class Recording:
     ) -> "Recording":
         """A recording from a DataFrame whose columns are channels by name, in SI.
 
-        Other names and units: `ematwin.read` takes a DataFrame, with a map or without.
-
-        Parameters
-        ----------
-        table : DataFrame with a column ``time`` (s), or with the times as its index: numbers of
-            seconds, or moments; the first moment is then the start
-        labels, start, source : as of a recording
+        Times (s) stand in a column ``time`` or are the index; moments are counted from the first,
+        which is then the start. Other names and units: `ematwin.read` takes a DataFrame as well.
 
         Raises
         ------
         RecordError
             If there are no times, or a column is none that a recording can hold.
         """
-        from ematwin.recordings.formats.frame import FrameFile
+        from ematwin.recordings.formats.base import FrameFile
 
         file = FrameFile(table)
         columns = file.read(file.names)
@@ -225,11 +226,12 @@ class Recording:
 
     def __repr__(self) -> str:
         names = ", ".join(name for name, _ in self.columns())
-        said = f"{self.name}: " if self.labels or self.source else ""
-        return (
-            f"Recording({said}{len(self)} samples, {self.time[0]:g} to {self.time[-1]:g} s at "
-            f"{self.sample_rate:.6g} Hz: {names})"
-        )
+        return f"Recording({self._heading}{self._extent}: {names})"
+
+    @property
+    def _extent(self) -> str:
+        reach = f"{self.time[0]:g} to {self.time[-1]:g} s"
+        return f"{len(self)} samples, {reach} at {self.sample_rate:.6g} Hz"
 
     def _repr_html_(self) -> str:
         """Length, rate and channels with their ranges, in a notebook."""
@@ -237,12 +239,8 @@ class Recording:
             (name, f"{values.min():.4g}", f"{values.max():.4g}", self.units.get(name, ""))
             for name, values in self.channels.items()
         ]
-        said = f"{self.name}: " if self.labels or self.source else "Recording: "
         parts = [
-            markup.heading(
-                f"{said}{len(self)} samples, {self.time[0]:g} to {self.time[-1]:g} s at "
-                f"{self.sample_rate:.6g} Hz"
-            ),
+            markup.heading(f"{self._heading or 'Recording: '}{self._extent}"),
             markup.table(("channel", "least", "largest", "unit"), rows),
         ]
         if self.provenance.get("source") == "simulated":
@@ -258,11 +256,7 @@ class Recording:
 
     def __reduce__(self) -> Any:
         parts = {name: getattr(self, name) for name in _RESERVED - {"time", "channels"}}
-        return _rebuilt, (self.time, self.channels, parts)
-
-
-def _rebuilt(time: np.ndarray, channels: dict[str, np.ndarray], parts: Any) -> Recording:
-    return Recording(time, channels, **parts)
+        return partial(Recording, **parts), (self.time, self.channels)
 
 
 def label_text(labels: Mapping[str, str]) -> str:
@@ -277,35 +271,26 @@ def _numbers(values: Any, name: str) -> np.ndarray:
         raise RecordError(f"Column {name} must hold numbers; it does not.") from None
 
 
-def _check_provenance(provenance: Mapping[str, Any]) -> None:
-    try:
-        json.dumps(provenance)
-    except (TypeError, ValueError) as error:
-        raise RecordError(
-            f"The provenance must hold JSON values, so that files can keep it: {error}. "
-            "Convert them."
-        ) from None
-
-
-def check_time(time: np.ndarray) -> None:
-    """Raise `RecordError` unless times (S,) increase in equal steps."""
+def _check_time(time: np.ndarray, what: str) -> None:
     if time.ndim != 1 or time.size < 2:
-        raise RecordError(f"A record needs at least two samples in time, received {time.size}.")
-    check_finite(time)
-    steps = np.diff(time)
-    check_increasing(time, steps)
-    if not is_regular(time, steps):
+        raise RecordError(
+            f"{what}A record needs at least two samples in time, received {time.size}."
+        )
+    check_finite(time, what)
+    check_increasing(time, what)
+    if not is_regular(time):
+        steps = np.diff(time)
         usual = float(np.median(steps))
         odd = np.abs(steps - usual)
         n = int(np.argmax(odd > 0.9 * odd.max())) + 1  # the first, where several are alike
         raise RecordError(
-            f"time must be regular: the step to sample {n} ({time[n]:.6g} s) is "
+            f"{what}time must be regular: the step to sample {n} ({time[n]:.6g} s) is "
             f"{steps[n - 1]:.6g} s where {usual:.6g} s is usual. "
             "Resample the record to a constant rate."
         )
 
 
-def check_finite(time: np.ndarray, what: str = "") -> None:
+def check_finite(time: np.ndarray, what: str) -> None:
     """Raise `RecordError` unless times (S,) are numbers."""
     bad = np.flatnonzero(~np.isfinite(time))
     if bad.size:
@@ -315,9 +300,9 @@ def check_finite(time: np.ndarray, what: str = "") -> None:
         )
 
 
-def check_increasing(time: np.ndarray, steps: np.ndarray, what: str = "") -> None:
+def check_increasing(time: np.ndarray, what: str) -> None:
     """Raise `RecordError` unless times (S,) increase."""
-    falls = np.flatnonzero(steps <= 0.0)
+    falls = np.flatnonzero(np.diff(time) <= 0.0)
     if falls.size:
         n = int(falls[0]) + 1
         raise RecordError(
@@ -327,9 +312,9 @@ def check_increasing(time: np.ndarray, steps: np.ndarray, what: str = "") -> Non
         )
 
 
-def is_regular(time: np.ndarray, steps: np.ndarray | None = None) -> bool:
+def is_regular(time: np.ndarray) -> bool:
     """Whether times (S,), s, increase in equal steps, but for the rounding of the times."""
-    steps = np.diff(time) if steps is None else steps
+    steps = np.diff(time)
     mean = (time[-1] - time[0]) / (time.size - 1)
-    slack = _REGULARITY * mean + 4.0 * float(np.spacing(np.abs(time).max()))
+    slack = 1e-3 * mean + 4.0 * float(np.spacing(np.abs(time).max()))  # more jitter is resampled
     return bool(mean > 0.0 and steps.min() >= mean - slack and steps.max() <= mean + slack)

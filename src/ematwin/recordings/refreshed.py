@@ -10,26 +10,16 @@ import math
 
 import numpy as np
 
-_CLOCKS = 0.01  # by which the clock of a device may be off, share
-_SMOOTHER = 0.8  # of the roughness at the times of the reads: by chance it falls by a few per cent
-_FIRST, _LONGER = 500, 4  # reads by which a period is found, and how many times more then
-_ORDINARY = 99.0  # percentile of the roughness that counts: false reads are beyond
-
 
 def sampled(time: np.ndarray, values: np.ndarray, period: float) -> tuple[np.ndarray, float] | None:
-    """Values (S,) at the times of the reads, and the period (s) of the clock.
+    """Values (S,) at the times (S,) of the reads, s, and the period of the clock, s.
 
-    Parameters
-    ----------
-    time, values : (S,) arrays, of the reads
-    period : float, s, of the clock as stated; the device's may differ by a per cent
-
-    Returns
-    -------
-    None where the values do not show such a clock: they are as smooth without
+    ``period`` is of the clock as stated, s. None where the values do not show such a clock: they
+    are as smooth without.
     """
     since = time - time[0]
-    own, apart, reads = period, _CLOCKS * period, min(_FIRST, time.size)
+    own, apart = period, 0.01 * period  # by which the clock of a device may be off
+    reads = min(500, time.size)
     while True:
         span = since[reads - 1]
         steps = max(1, math.ceil(2.0 * apart * span / period**2))
@@ -41,8 +31,8 @@ def sampled(time: np.ndarray, values: np.ndarray, period: float) -> tuple[np.nda
         if reads == time.size:
             break
         apart /= steps  # to the periods beside it
-        reads = min(_LONGER * reads, time.size)
-    if rough >= _SMOOTHER * float(_roughness(time, values)):
+        reads = min(4 * reads, time.size)
+    if rough >= 0.8 * float(_roughness(time, values)):  # by chance it falls by a few per cent
         return None
     ticks, first = np.unique(ticks, return_index=True)
     return np.interp(since, ticks, values[first]), own
@@ -67,4 +57,5 @@ def _roughness(time: np.ndarray, values: np.ndarray) -> np.ndarray:
     before, here, after = time[..., :-2], time[..., 1:-1], time[..., 2:]
     share = (here - before) / np.maximum(after - before, 1e-9)
     away = np.abs(np.diff(values)[:-1] - share * (values[2:] - values[:-2]))
-    return np.minimum(away, np.percentile(away, _ORDINARY, axis=-1, keepdims=True)).mean(axis=-1)
+    ordinary = np.percentile(away, 99.0, axis=-1, keepdims=True)  # false reads are beyond
+    return np.minimum(away, ordinary).mean(axis=-1)

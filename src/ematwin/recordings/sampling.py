@@ -1,13 +1,11 @@
 """The time grid of a recording: its times tidied, and all columns at one constant rate.
 
-Jittered times are interpolated by Akima's cubics (J. ACM 17, 1970), which do not overshoot at the
-steps that commands have; on a sine of 100 samples a turn their error is 2e-5, where monotone
-cubics (PCHIP) have 3e-4. A lower rate is reached through a linear-phase low-pass
-that is down by 80 dB at the new Nyquist frequency, applied without delay.
+Jittered times are interpolated by Akima's cubics (J. ACM 17, 1970), which do not overshoot at
+steps of commands; on a sine of 100 samples a turn their error is 2e-5 (monotone cubics: 3e-4). A
+lower rate is reached through a linear-phase low-pass, 80 dB down at the new Nyquist frequency.
 
-A current of a brushless actuator is the mean over the interval that ends at its time: it comes half
-an interval late, and half a longer interval once the rate is lowered. Such channels are therefore
-taken that little earlier, so that they are such means before and after.
+A current of a brushless actuator is the mean over the interval that ends at its time. Such channels
+are taken half the difference of the intervals earlier, so that they are such means afterwards.
 """
 
 from collections.abc import Callable, Collection
@@ -22,10 +20,8 @@ from ematwin.recordings.recording import Recording, check_finite, check_increasi
 Arrays = dict[str, np.ndarray]
 ABSURD = 1e12  # in any SI unit of a record: no recording holds that
 GAP = 4.5  # steps longer than this many ordinary ones are a gap, not jitter
-_EPOCH = 1e6  # s: later times are counted from somebody's calendar, not from the start
 _PASS = 0.8  # of the new Nyquist frequency: passed whole; above it the filter falls
 _ATTENUATION = 80.0  # dB
-_BLOCK = 1 << 16  # samples interpolated at a time
 _WHOLE = 1e-6  # a ratio of rates so close to an integer is one
 
 
@@ -33,12 +29,8 @@ def tidy_time(time: np.ndarray, what: object) -> tuple[np.ndarray, list[str]]:
     """Times (S,), s, that increase, and sentences on changes; ``what`` is for messages.
 
     Times that are regular but for the digits with which they were written are put on the grid
-    that they came from; calendar times are counted from the first.
-
-    Raises
-    ------
-    RecordError
-        If times are missing, fall or repeat.
+    that they came from; calendar times are counted from the first. Raises `RecordError` if times
+    are missing, fall or repeat.
     """
     if time.size < 2:
         raise RecordError(f"{what} holds {time.size} samples; a record needs at least two in time.")
@@ -49,11 +41,10 @@ def tidy_time(time: np.ndarray, what: object) -> tuple[np.ndarray, list[str]]:
             "The file is damaged, or another channel was meant."
         )
     changed: list[str] = []
-    if abs(time[0]) > _EPOCH:
+    if abs(time[0]) > 1e6:  # s: counted from somebody's calendar, not from the start
         changed.append(f"time is counted from its first sample, {time[0]:.6f} s")
         time = time - time[0]
-    steps = np.diff(time)
-    if is_regular(time, steps):
+    if is_regular(time):
         return time, changed
     grid = _grid_behind_rounding(time)
     if grid is not None:
@@ -63,7 +54,7 @@ def tidy_time(time: np.ndarray, what: object) -> tuple[np.ndarray, list[str]]:
             "that it was rounded from"
         )
         return grid, changed
-    check_increasing(time, steps, f"{what}: ")
+    check_increasing(time, f"{what}: ")
     return time, changed
 
 
@@ -124,18 +115,8 @@ def averaged(recording: Recording, rate: float, means: Collection[str]) -> Recor
     )
 
 
-def check_rate(rate: float | None) -> None:
-    """Raise `InputError` unless ``rate`` is None or a positive number of Hz."""
-    if rate is not None and not (np.isfinite(rate) and rate > 0.0):
-        raise InputError(f"resample_to must be a positive number of Hz, received {rate}.")
-
-
 def to_constant_rate(
-    time: np.ndarray,
-    columns: Arrays,
-    rate: float | None,
-    what: object,
-    means: Collection[str] = (),
+    time: np.ndarray, columns: Arrays, rate: float | None, what: object, means: Collection[str] = ()
 ) -> tuple[np.ndarray, Arrays, list[str]]:
     """Times and columns at a constant rate, and sentences on changes.
 
@@ -143,18 +124,15 @@ def to_constant_rate(
     ----------
     time : (S,) array, s, increasing, without gaps
     columns : dict of (S,) finite arrays; emptied where the rate changes, to spare memory
-    rate : float, Hz, wanted; None keeps the recorded rate
+    rate : Hz, wanted; None keeps the recorded rate
     what : file, or motion in it, for messages
     means : columns whose samples are means over the interval that ends at their time
-
-    Raises
-    ------
-    RecordError
-        If the record is too short for the filter.
-    """  # fmt: skip
+    """
     changed: list[str] = []
     if not is_regular(time):
-        time, columns = _evened(time, columns, changed)
+        grid, said = _even_grid(time)
+        changed.append(said)
+        time, columns = grid, _each(columns, partial(_akima, time, wanted=grid))
     own = (time.size - 1) / (time[-1] - time[0])
     if rate is None or abs(own / rate - 1.0) < _WHOLE:
         return time, columns, changed
@@ -164,12 +142,24 @@ def to_constant_rate(
             "information"
         )
         grid = _grid(time, rate)
-        return grid, _each(columns, lambda _, values: _akima(time, values, grid)), changed
+        return grid, _each(columns, partial(_akima, time, wanted=grid)), changed
+    if _taps(own, rate) > time.size:
+        raise RecordError(
+            f"{what} is too short to be brought to {rate:g} Hz: the low-pass needs "
+            f"{_taps(own, rate)} samples, the record has {time.size}. Keep its rate, or record for "
+            "longer."
+        )
     changed.append(
         f"the rate was lowered from {own:.6g} to {rate:.6g} Hz behind a low-pass without delay, "
         f"whole to {_PASS * rate / 2:.6g} Hz and down by {_ATTENUATION:g} dB at {rate / 2:.6g} Hz"
     )
-    return *_lowered(time, columns, own, rate, what, means), changed
+    grid, taps = _grid(time, rate), _low_pass(own, rate)
+    moved = np.clip(grid - 0.5 * (1.0 / rate - 1.0 / own), time[0], time[-1])
+    lowered: Arrays = {}
+    for name in list(columns):
+        smooth = _filtered(columns.pop(name), taps)
+        lowered[name] = _spline(time, smooth, moved if name in means else grid)
+    return grid, lowered, changed
 
 
 def onto(
@@ -197,7 +187,8 @@ def onto(
     return np.asarray(result)
 
 
-def _evened(time: np.ndarray, columns: Arrays, changed: list[str]) -> tuple[np.ndarray, Arrays]:
+def _even_grid(time: np.ndarray) -> tuple[np.ndarray, str]:
+    """Even times through uneven ones, and a sentence on them."""
     steps = np.diff(time)
     middle = float(np.median(steps))
     late = int((steps > 1.5 * middle).sum())
@@ -206,36 +197,15 @@ def _evened(time: np.ndarray, columns: Arrays, changed: list[str]) -> tuple[np.n
     grid = np.linspace(time[0], time[-1], max(count, 1) + 1)
     spread = float(np.abs(steps - middle).max() / middle)
     lost = f"; single samples were missing {late} times" if late else ""
-    changed.append(
+    return grid, (
         f"uneven times (steps up to {100 * spread:.3g} % off the median{lost}) were brought "
         f"to a constant {count / (time[-1] - time[0]):.6g} Hz by interpolation"
     )
-    return grid, _each(columns, lambda _, values: _akima(time, values, grid))
 
 
-def _lowered(
-    time: np.ndarray, columns: Arrays, own: float, rate: float, what: object,
-    means: Collection[str],
-) -> tuple[np.ndarray, Arrays]:  # fmt: skip
-    if _taps(own, rate) > time.size:
-        raise RecordError(
-            f"{what} is too short to be brought to {rate:g} Hz: the low-pass needs "
-            f"{_taps(own, rate)} samples, the record has {time.size}. Keep its rate, or record for "
-            "longer."
-        )
-    grid = _grid(time, rate)
-    moved = np.clip(grid - 0.5 * (1.0 / rate - 1.0 / own), time[0], time[-1])
-    taps = _low_pass(own, rate)
-
-    def lowered(name: str, values: np.ndarray) -> np.ndarray:
-        return _spline(time, _filtered(values, taps), moved if name in means else grid)
-
-    return grid, _each(columns, lowered)
-
-
-def _each(columns: Arrays, change: Callable[[str, np.ndarray], np.ndarray]) -> Arrays:
+def _each(columns: Arrays, change: Callable[[np.ndarray], np.ndarray]) -> Arrays:
     """All columns changed; each is let go once it is."""
-    return {name: change(name, columns.pop(name)) for name in list(columns)}
+    return {name: change(columns.pop(name)) for name in list(columns)}
 
 
 def _grid(time: np.ndarray, rate: float) -> np.ndarray:
@@ -290,7 +260,7 @@ def _spline(time: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> np.ndar
 
 
 def _in_blocks(
-    make: Callable[[np.ndarray, np.ndarray], Callable[[np.ndarray], np.ndarray]],
+    make: Callable[..., Callable[[np.ndarray], np.ndarray]],
     time: np.ndarray,
     values: np.ndarray,
     wanted: np.ndarray,
@@ -300,8 +270,9 @@ def _in_blocks(
     The pieces overlap by so much that what lies further off makes no difference to a double.
     """
     result = np.empty(wanted.shape)
-    for first in range(0, time.size, _BLOCK):
-        stop = min(first + _BLOCK, time.size)
+    block = 1 << 16  # samples
+    for first in range(0, time.size, block):
+        stop = min(first + block, time.size)
         left = np.searchsorted(wanted, time[first]) if first else 0
         right = np.searchsorted(wanted, time[stop]) if stop < time.size else wanted.size
         if right > left:

@@ -7,44 +7,30 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.errors import MissingExtraError, RecordError
+from ematwin.errors import RecordError
 from ematwin.recordings.formats.base import Progress, RecordedFile, open_file
 from ematwin.recordings.names import last_part
 from ematwin.recordings.units import bare, beside, is_unit, says_nothing, suffixes
 
-SHOWN_POINTS = 600  # of the small plot of a channel
-_TOGETHER = 64  # channels that are read at once: a text table is read through for each lot
-
 
 @dataclass(frozen=True)
 class Surveyed:
-    """One channel of a file.
+    """One channel of a file."""
 
-    Attributes
-    ----------
-    name : full name in the file
-    unit : as the file or the name states it; "" where neither does
-    unit_from : "file", "name" or ""
-    stem : the last part of the name without a unit
-    samples, missing : how many, and how many of them are NaN or infinite
-    low, high : least and largest value, in ``unit``; NaN where there is none
-    rate : samples per second, Hz, where the file itself gives times; else None
-    places, shape : (P,) arrays, numbers of samples and values of a thinned trace
-    text : a few values, where it holds texts or nothing that is a number
-    """
-
-    name: str
-    unit: str
-    unit_from: str
-    stem: str
+    name: str  # full name in the file
+    unit: str  # as the file or the name states it; "" where neither does
+    unit_from: str  # "file", "name" or ""
+    stem: str  # the last part of the name without a unit
     samples: int = 0
-    missing: int = 0
-    low: float = float("nan")
-    high: float = float("nan")
+    missing: int = 0  # of them, NaN or infinite
+    low: float = float("nan")  # least value, in ``unit``; NaN where there is none
+    high: float = float("nan")  # largest value
+    # samples per second, Hz, where the file itself gives times; else None
     rate: float | None = None
+    # (P,) arrays, numbers of samples and values of a thinned trace
     places: np.ndarray = field(default_factory=lambda: np.empty(0))
     shape: np.ndarray = field(default_factory=lambda: np.empty(0))
-    text: str = ""
+    text: str = ""  # a few values, where it holds texts or nothing that is a number
 
     @property
     def is_text(self) -> bool:
@@ -85,27 +71,18 @@ class Survey:
 
 
 def survey(path: Any, *, progress: Progress | None = None, **options: Any) -> Survey:
-    """Look at every channel of a file.
+    """Look at every channel of a file of a known format, or of a DataFrame.
 
-    Parameters
-    ----------
-    path : a file of a known format, or a DataFrame
-    progress : called with the share read, in [0, 1], now and then
-    **options : of a text table, see `ematwin.recordings.channel_map.CsvOptions`
-
-    Raises
-    ------
-    FileError
-        If the file cannot be read.
-    MissingExtraError
-        If the library for this format is not installed.
+    ``options`` are of a text table, see `ematwin.recordings.channel_map.CsvOptions`. Raises
+    `FileError` if the file cannot be read, `MissingExtraError` if its library is not installed.
     """
     with open_file(path, **options) as file:
         names = file.names
         rates: dict[str, float | None] = {}
         found: list[Surveyed] = []
-        for start in range(0, len(names), _TOGETHER):
-            some = names[start : start + _TOGETHER]
+        together = 64  # channels: a text table is read through for each lot
+        for start in range(0, len(names), together):
+            some = names[start : start + together]
             values = _numbers(file, some)
             found += [_surveyed(file, name, values.get(name), rates) for name in some]
             if progress is not None:
@@ -117,8 +94,6 @@ def _numbers(file: RecordedFile, names: Sequence[str]) -> dict[str, np.ndarray]:
     """The channels that can be read as numbers."""
     try:
         return file.read(names)
-    except MissingExtraError:
-        raise
     except RecordError:  # one of them holds text; reading each shows which
         if len(names) == 1:
             return {}
@@ -133,10 +108,12 @@ def _surveyed(
         return Surveyed(name, *stated, text=_texts(file, name))
     base = file.time_base(name)
     if base not in rates:
-        rates[base] = _rate(file.base_time(base))
+        time = file.base_time(base)
+        step = 0.0 if time is None or time.size < 2 else float(np.median(np.diff(time)))
+        rates[base] = 1.0 / step if step > 0.0 else None
     finite = values[np.isfinite(values)]
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (np.nan, np.nan)
-    places = extremes(values, SHOWN_POINTS)
+    places = extremes(values, 600)  # points of a small plot
     return Surveyed(
         name, *stated, values.size, values.size - finite.size, low, high,
         rates[base], places, values[places],
@@ -164,13 +141,6 @@ def _texts(file: RecordedFile, name: str) -> str:
     except RecordError:
         return "no numbers"
     return ", ".join(seen[:3]) + (" ..." if len(seen) > 3 else "") or "empty"
-
-
-def _rate(time: np.ndarray | None) -> float | None:
-    if time is None or time.size < 2:
-        return None
-    step = float(np.median(np.diff(time)))
-    return 1.0 / step if step > 0.0 else None
 
 
 def extremes(values: np.ndarray, points: int) -> np.ndarray:

@@ -1,14 +1,13 @@
-"""Writing columns and recordings to CSV and Parquet files, through pyarrow.
+"""Writing columns and recordings to CSV and Parquet files, through pyarrow, bit for bit.
 
-Numbers survive the round trip bit for bit. All else about a recording is kept
-with checksums (`checksums`); pages of Parquet have their own. A table of several recordings has no
-such metadata; its columns say labels and units.
+All else about a recording is kept with checksums (`checksums`); a table of several recordings has
+labels and units in its columns alone.
 
-No text in a CSV starts a formula: a cell that begins with = + - @, a tab or a line break is
-computed by spreadsheets, whoever wrote it (OWASP, "CSV injection"). An apostrophe before it makes
-it a text. Numbers stay numbers.
+No text in a CSV starts a formula: spreadsheets compute a cell that begins with = + - @, a tab or a
+line break (OWASP, "CSV injection"). An apostrophe before it makes it a text. Numbers stay numbers.
 """
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,11 +17,10 @@ import numpy as np
 
 from ematwin.errors import InputError, RecordError
 from ematwin.files import written_whole
-from ematwin.recordings.channel import TIME, Channel, channel_called, with_time
+from ematwin.recordings.channel import TIME, Channel, with_time
 from ematwin.recordings.checksums import FORMAT, KEY, MARK, with_checksums
 from ematwin.recordings.recording import Recording
 
-_WORDS = {"m": "mm", "A": "a"}  # what stands for a unit in names such as set_point_mm
 _FORMULA = re.compile(r"'*[=+\-@\t\r\n]")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|-?(inf|nan)|-{1,3}")
 
@@ -36,13 +34,6 @@ def write_recording(
     ----------
     path : its ending says whether Parquet or CSV
     channels : of its kind, for the units of channels that have none
-
-    Raises
-    ------
-    InputError
-        If the ending is another one.
-    FileError
-        If the file cannot be written; nothing is left half-written.
     """
     columns = dict(recording.columns())
     metadata: dict[str, Any] = {
@@ -63,18 +54,8 @@ def write_recordings(
 ) -> None:
     """Write several recordings as one table, as a test bench would: labels, time, channels.
 
-    Units stand in the names of the columns: ``set_point_mm`` where the units of a kind are plain
-    words that cannot be taken for a part of a name (lengths are then in mm), ``load [N*m]`` else.
-    ``path`` and ``channels`` are as in `write_recording`.
-
-    Raises
-    ------
-    InputError
-        If there are none, or the ending is another one.
-    RecordError
-        If they have different channels.
-    FileError
-        If the file cannot be written; nothing is left half-written.
+    Units stand in the names of the columns: ``load [N*m]``. ``path`` and ``channels`` are as in
+    `write_recording`.
     """
     if not recordings:
         raise InputError("There are no recordings to write; give at least one.")
@@ -90,17 +71,10 @@ def write_recordings(
         for name in dict.fromkeys(name for one in recordings for name in one.labels)
     }
     units = _units(recordings, channels)
-    in_words = _fit_behind_names(units, channels)
     for name in (TIME.name, *names):
         unit = units.get(name, "")
         parts = [one.time if name == TIME.name else one.channels[name] for one in recordings]
-        if in_words and unit == "m":
-            parts = [1e3 * values for values in parts]
-        if in_words and unit:
-            headed = f"{name}_{_WORDS.get(unit, unit)}"
-        else:
-            headed = f"{name} [{unit}]" if unit else name
-        columns[headed] = np.concatenate(parts)
+        columns[f"{name} [{unit}]" if unit else name] = np.concatenate(parts)
     write_table(path, columns)
 
 
@@ -116,15 +90,6 @@ def _units(recordings: Sequence[Recording], channels: Sequence[Channel]) -> dict
     return units
 
 
-def _fit_behind_names(units: Mapping[str, str], channels: Sequence[Channel]) -> bool:
-    """Whether all units can stand behind an underscore: ``current_a`` may be a phase."""
-    known = {one.name: one.unit for one in channels}
-    return all(
-        unit.isalpha() and channel_called(f"{name}_{unit}", channels) is None
-        for name, unit in {**known, **units}.items()
-    )
-
-
 def write_rows(path: str | Path, rows: Sequence[Mapping[str, Any]]) -> None:
     """Write rows, with a column for each name that some row has, as Parquet or CSV."""
     names = dict.fromkeys(name for row in rows for name in row)
@@ -135,31 +100,28 @@ def write_table(path: str | Path, columns: Mapping[str, Any], metadata: str | No
     """Write columns, and metadata if any, as Parquet or CSV, as the name of the file says."""
     import pyarrow as pa
 
-    from ematwin.recordings.formats.arrow import from_numpy
-
     path = Path(path)
     kind = path.suffix.lower()
     if kind not in {".parquet", ".csv"}:
         raise InputError(f"Cannot tell how to write {path}: end its name in .parquet or .csv.")
-    is_csv = kind == ".csv"
-    if is_csv:
+    if kind == ".csv":
         columns = {no_formula(name): _cells(values) for name, values in columns.items()}
     table = pa.table({name: from_numpy(values) for name, values in columns.items()})
     with written_whole(path) as draft:
-        if not is_csv:
-            import pyarrow.parquet as pq
+        if kind == ".parquet":
+            from pyarrow.parquet import write_table as write
 
             if metadata is not None:
                 known = dict(table.schema.metadata or {})
                 table = table.replace_schema_metadata({**known, KEY: metadata})
-            pq.write_table(table, draft, compression="zstd", write_page_checksum=True)
+            write(table, draft, compression="zstd", write_page_checksum=True)
         else:
-            from pyarrow import csv
+            from pyarrow.csv import write_csv
 
             with draft.open("wb") as file:
                 if metadata is not None:
                     file.write(f"{MARK}{metadata}\n".encode())
-                csv.write_csv(table, file)
+                write_csv(table, file)
 
 
 def _cells(values: Any) -> Any:
@@ -174,11 +136,28 @@ def no_formula(text: str) -> str:
     Plain numbers such as ``-1.5`` are left as they are, and so are dashes alone, which stand for
     missing values.
     """
-    if _FORMULA.match(text) and not _NUMBER.fullmatch(text):
-        return f"'{text}"
-    return text
+    return f"'{text}" if _FORMULA.match(text) and not _NUMBER.fullmatch(text) else text
 
 
 def without_apostrophe(text: str) -> str:
     """The text before `no_formula` changed it."""
     return text[1:] if text.startswith("'") and _FORMULA.match(text) else text
+
+
+def to_numpy(column: Any) -> np.ndarray:
+    """Values (S,) of an array of pyarrow of floats, with NaN where it has nulls.
+
+    Without the conversion of pyarrow, which imports pandas where it is installed: that takes longer
+    than reading a recording.
+    """
+    return np.from_dlpack(column.fill_null(math.nan) if column.null_count else column)
+
+
+def from_numpy(values: Any) -> Any:
+    """An array of pyarrow of a numpy array of floats, in the same way; else what pyarrow makes."""
+    import pyarrow as pa
+
+    if isinstance(values, np.ndarray) and values.dtype == np.float64 and values.ndim == 1:
+        buffer = pa.py_buffer(np.ascontiguousarray(values))
+        return pa.Array.from_buffers(pa.float64(), len(values), [None, buffer])
+    return pa.array(values)

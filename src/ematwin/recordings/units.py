@@ -33,10 +33,8 @@ _OTHERS = ("kg", "V", "W", "K", "Pa", "Hz", "m/s^2")  # a letter alone is more o
 def unit_factor(unit: str, si_unit: str, what: str) -> float:
     """The number that turns a value in ``unit`` into ``si_unit``.
 
-    Raises
-    ------
-    RecordError
-        If the unit is unknown or measures something else; a frequency is no angular speed.
+    Raises `RecordError` if the unit is unknown or measures something else; a frequency is no
+    angular speed.
     """
     factor = _factor(unit.strip(), si_unit)
     if factor is None:

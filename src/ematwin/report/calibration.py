@@ -12,9 +12,6 @@ from ematwin.plots.calibration import plot_before_and_after, plot_learnt, plot_r
 from ematwin.report.page import Row, Section, Table, render
 from ematwin.showing.text import in_unit, number_of, plain, said_between
 
-_ON_FIGURE = "Lines are 95 % intervals. Pale: not determined by these recordings."
-_ROUNDING = 1e-9  # shares of a range: recordings without noise differ by no more
-
 
 def calibration_page(report: CalibrationReport) -> str:
     """HTML page: parameters beside their template, undetermined ones, spread of healthy runs."""
@@ -25,11 +22,6 @@ def calibration_page(report: CalibrationReport) -> str:
         f"recordings. {misfit_sentence(report)}"
     )
     sections = [
-        Section(
-            "Change from the template",
-            _ON_FIGURE if told else "",
-            figure=plot_learnt(report) if told else None,
-        ),
         Section("How it is built", points=forms_sentences(report), table=_forms_table(report)),
         Section("Parameters", table=parameter_table(report)),
         Section("What they leave open", points=open_sentences(report)),
@@ -37,6 +29,9 @@ def calibration_page(report: CalibrationReport) -> str:
         Section("How healthy runs differ", points=spread_sentences(report)),
         Section("Learnt from", facts={"runs": ", ".join(report.learnt), "kind": actuator.kind}),
     ]
+    if told:
+        text = "Lines are 95 % intervals. Pale: not determined by these recordings."
+        sections.insert(0, Section("Change from the template", text, figure=plot_learnt(report)))
     return render(f"{actuator.name}: calibration", lead.rstrip(), sections, list(report.notes))
 
 
@@ -55,19 +50,14 @@ def _fit_sections(report: CalibrationReport) -> list[Section]:
     """Recordings beside the twin before and after, and residuals; none where that is not known."""
     if report.basis is None or not report.basis.nuisances:
         return []
+    beside = "A healthy recording of each command beside the template and the calibrated twin."
+    by_parts = (
+        "Root mean square of the difference in each of 48 parts. What depends on the angle is "
+        "cogging or the winding, on the speed friction or back-EMF, on the time warming or a load."
+    )
     return [
-        Section(
-            "Before and after",
-            "A healthy recording of each command beside the template and the calibrated twin.",
-            figure=plot_before_and_after(report),
-        ),
-        Section(
-            "Residuals by angle, speed and time",
-            "Root mean square of the difference in each of 48 parts. What depends on the angle is "
-            "cogging or the winding, on the speed friction or back-EMF, on the time warming or a "
-            "load.",
-            figure=plot_residuals(report),
-        ),
+        Section("Before and after", beside, figure=plot_before_and_after(report)),
+        Section("Residuals by angle, speed and time", by_parts, figure=plot_residuals(report)),
     ]
 
 
@@ -89,11 +79,9 @@ def misfit_sentence(report: CalibrationReport) -> str:
     known = report.baseline
     if not math.isfinite(known.misfit):
         return ""
-    floor = (
-        f" (noise and known errors of the twin: {100.0 * known.expected_misfit:.2f} %)"
-        if math.isfinite(known.expected_misfit)
-        else ""
-    )
+    floor = ""
+    if math.isfinite(known.expected_misfit):
+        floor = f" (noise and known errors of the twin: {100.0 * known.expected_misfit:.2f} %)"
     return f"The twin leaves {100.0 * known.misfit:.2f} % of healthy recordings unexplained{floor}."
 
 
@@ -119,19 +107,10 @@ def open_sentences(report: CalibrationReport, file: str = "CALIBRATED.toml") -> 
         for group in report.tied
     ]
     if missing:
-        said.insert(
-            0,
-            f"These recordings do not determine {', '.join(missing)}: they stay within the "
-            "tolerances of the template."
-            + (
-                ""
-                if model_of(report.actuator).recordings_differ
-                else (
-                    " Tests that would: "
-                    f"ematwin design --learn --actuator {shlex.quote(file)} --out test.toml"
-                )
-            ),
-        )
+        learn = f"ematwin design --learn --actuator {shlex.quote(file)} --out test.toml"
+        tests = "" if model_of(report.actuator).recordings_differ else f" Tests that would: {learn}"
+        within = "they stay within the tolerances of the template."
+        said.insert(0, f"These recordings do not determine {', '.join(missing)}: {within}{tests}")
     return [*said, f"Not fitted: {', '.join(fixed)}."]
 
 
@@ -142,7 +121,8 @@ def spread_sentences(report: CalibrationReport) -> list[str]:
         scatter = report.baseline.scatter
         if not scatter:
             return []
-        off = [f"{name} {plain(value, 2)}" for name, value in scatter.items() if value > _ROUNDING]
+        # recordings without noise differ by rounding, as shares of a range
+        off = [f"{name} {plain(value, 2)}" for name, value in scatter.items() if value > 1e-9]
         if not off:
             return ["Estimates on healthy recordings are healthy within their standard errors."]
         return [

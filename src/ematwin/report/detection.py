@@ -45,14 +45,7 @@ def detection_page(found: Detection) -> str:
 def verdict_table(
     verdicts: Sequence[Diagnosis], what: str, magnitudes: Sequence[str] | None = None
 ) -> Table:
-    """A row for each verdict.
-
-    Parameters
-    ----------
-    verdicts : of one actuator or of several
-    what : "recording", "run" or "motion"
-    magnitudes : that are shown; None for all
-    """
+    """A row for each verdict on a recording, run or motion; None shows all magnitudes."""
     if magnitudes is None:
         magnitudes = list(dict.fromkeys(m.name for one in verdicts for m in one.magnitudes))
     at = [one.standing for one in verdicts if one.standing is not None]

@@ -3,45 +3,35 @@
 from ematwin.errors import InputError
 from ematwin.estimation.findings import fault_cells
 from ematwin.estimation.identification import Identification
-from ematwin.models.unknown import PhysicalValue
+from ematwin.estimation.profile import ProfileUncertainty
+from ematwin.estimation.uncertainty import Uncertainty
 from ematwin.plots.identification import plot_convergence, plot_faults, plot_fit, true_faults
+from ematwin.plots.uncertainty import plot_answers, plot_posterior, plot_profile
 from ematwin.recordings.recording import Recording
 from ematwin.report.page import Row, Section, Table, columns_in_words, listed, render
-from ematwin.report.uncertainty import uncertainty_sections
 from ematwin.showing.text import number_of, said_between, with_interval
 
 
 def identification_page(found: Identification) -> str:
     """HTML page: faults, measured and fitted channels, residuals, convergence, provenance.
 
-    The recording is as it was identified: with the load that was given, counted from
-    where its rotor stood, and averaged.
-
-    Raises
-    ------
-    InputError
-        If the identification keeps no recording.
+    The recording is as it was identified: with the load that was given, counted from where its
+    rotor stood, and averaged. Raises `InputError` if the identification keeps no recording.
     """
     record = found.recording
     if record is None:
         raise InputError("The identification keeps no recording; identify from it again.")
     truth = true_faults(found)
+    bars = "Bars are shares of a fault's range, lines their 95 % intervals."
+    bars += " Diamonds are the true values of the simulation." if truth else ""
+    fit = "Both went through the same filter. A pattern in the residual is something that the twin "
+    fit += "does not model."
     sections = [
-        Section(
-            "Deviation from healthy",
-            text="Bars are shares of a fault's range, lines their 95 % intervals."
-            + (" Diamonds are the true values of the simulation." if truth else ""),
-            figure=plot_faults(found),
-        ),
+        Section("Deviation from healthy", bars, figure=plot_faults(found)),
         Section("Faults", table=fault_table(found)),
         Section("Parts", table=parts_table(found)),
         *uncertainty_sections(found, record),
-        Section(
-            "Measured and fitted",
-            text="Both went through the same filter. A pattern in the residual is something that "
-            "the twin does not model.",
-            figure=plot_fit(found),
-        ),
+        Section("Measured and fitted", fit, figure=plot_fit(found)),
         Section("Convergence", figure=plot_convergence(found)),
         Section("How it was found", facts=_facts(found, record)),
     ]
@@ -50,33 +40,52 @@ def identification_page(found: Identification) -> str:
     return render(title, found.verdict.sentence, sections, notes, grade=found.verdict.grade)
 
 
+def uncertainty_sections(found: Identification, record: Recording) -> list[Section]:
+    """Intervals and probabilities, then the figures of the method."""
+    sure = found.uncertainty
+    if sure is None:
+        return []
+    points = [*sure.sentences, *(f"Doubt: {sentence}" for sentence in sure.doubts)]
+    sections = [
+        Section(f"How sure: {sure.method}", table=uncertainty_table(sure)),
+        Section(points=points),
+    ]
+    if isinstance(sure, ProfileUncertainty):
+        text = "Where the rise passes the dotted line the 95 % interval ends."
+        sections.append(Section("Profiles of the faults", text=text, figure=plot_profile(found)))
+    pairs = "Each pair of faults by draws: a slanted cloud is two that are traded off."
+    band = (
+        "The recording over the answers of the twin to draws of everything that is unknown. Noise "
+        "of the sensors is not in the band."
+    )
+    return [
+        *sections,
+        Section("Faults together", pairs, figure=plot_posterior(found)),
+        Section("What the twin may answer", band, figure=plot_answers(found, record)),
+    ]
+
+
+def uncertainty_table(sure: Uncertainty) -> Table:
+    """Interval and probability of each fault by the method that was asked for."""
+    rows = [Row(list(row), marked=sure.present[row[0]] > 0.5) for row in sure.rows]
+    return Table(list(sure.headings), rows, last_is_text=True)
+
+
 def fault_table(found: Identification) -> Table:
     """Each value with its interval, physical value and healthy value; the true one if known."""
     truth = true_faults(found)
-    true_rows = {row.name: row for row in found.model.describe(found.actuator, truth)}
+    true = {
+        row.name: number_of(row.value, row.unit)
+        for row in found.model.describe(found.actuator, truth)
+    }
     rows = []
     for row in fault_cells(found):
-        true = true_rows.get(row.name)
-        cells = [
-            row.name,
-            row.value,
-            row.interval,
-            row.healthy,
-            *([_true_text(true)] if truth else []),
-            row.k,
-            row.k_interval,
-            row.meaning,
-        ]
+        cells = [row.name, row.value, row.interval, row.healthy]
+        cells += [true.get(row.name, "")] if truth else []
+        cells += [row.k, row.k_interval, row.meaning]
         rows.append(Row(cells, marked=row.name in found.present))
-    header = [
-        "fault", "value", "95 % of value", "healthy", *(["true"] if truth else []), "k",
-        "95 % of k", "meaning",
-    ]  # fmt: skip
-    return Table(header, rows, last_is_text=True)
-
-
-def _true_text(true: PhysicalValue | None) -> str:
-    return "" if true is None else number_of(true.value, true.unit)
+    header = ["fault", "value", "95 % of value", "healthy", *(["true"] if truth else [])]
+    return Table([*header, "k", "95 % of k", "meaning"], rows, last_is_text=True)
 
 
 def parts_table(found: Identification) -> Table:
@@ -96,6 +105,9 @@ def parts_table(found: Identification) -> Table:
 
 def _facts(found: Identification, record: Recording) -> dict[str, str]:
     source = found.provenance
+    known = "healthy recordings and their drift" if found.calibrated else (
+        "the tolerances of the data sheet"
+    )  # fmt: skip
     facts = {
         "record": str(source.get("file") or f"{source.get('source')} {source.get('model', '')}"),
         "samples": f"{len(record)} at {record.sample_rate:g} Hz",
@@ -105,11 +117,7 @@ def _facts(found: Identification, record: Recording) -> dict[str, str]:
         "stopped": found.stopped,
         "misfit": f"{found.cost:.4g}; {100.0 * found.relative_misfit:.2f} %",
         "intervals": "95 %, over noise, the twin's own error, and parameters, load and sensors as "
-        + (
-            "far as healthy recordings and their drift leave them open"
-            if found.calibrated
-            else "far as the tolerances of the data sheet leave them open"
-        ),
+        f"far as {known} leave them open",
     }
     if source.get("columns"):
         facts["columns"] = columns_in_words(source["columns"])

@@ -1,15 +1,10 @@
 """Self-contained HTML pages: verdict, tables, facts and interactive figures in one file."""
 
 from dataclasses import dataclass, field, replace
-from importlib import import_module, resources
-from pathlib import Path
+from importlib import resources
 from typing import Any
 
 from ematwin import __version__
-from ematwin.files import check_target, write_text
-
-_BASIC = {"scatter", "bar", "pie"}  # traces that the small bundle of plotly draws
-_BASIC_BUNDLE = "assets/plotly-basic-4.1.1.min.js"
 
 
 @dataclass(frozen=True)
@@ -73,13 +68,9 @@ class Section:
 
 
 def render(
-    title: str,
-    lead: str,
-    sections: list[Section],
-    warnings: list[str] | None = None,
-    *,
+    title: str, lead: str, sections: list[Section], warnings: list[str] | None = None, *,
     grade: str = "",
-) -> str:
+) -> str:  # fmt: skip
     """The page as one HTML text.
 
     Parameters
@@ -102,8 +93,9 @@ def render(
         rest=rest,
         grade=grade,
         sections=[
-            {**vars(section), "figure": section.figure and _as_json(section.figure)}
-            for section in sections
+            # "<" is written otherwise: no tag of HTML ends the script that holds a figure
+            vars(one) | {"figure": one.figure and one.figure.to_json().replace("<", "\\u003c")}
+            for one in sections
         ],
         warnings=warnings or [],
         style=_text("templates/page.css"),
@@ -113,35 +105,15 @@ def render(
     )
 
 
-def write_page(result: Any, path: str | Path, function: str) -> None:
-    """Write the page of a result, made by a function of a module here, "module:name".
-
-    Raises
-    ------
-    InputError
-        If the suffix of the name is not .html.
-    FileError
-        If the file cannot be written.
-    """
-    check_target(Path(path), (".html",))
-    module, _, name = function.partition(":")
-    write_text(path, getattr(import_module(f"ematwin.report.{module}"), name)(result))
-
-
 def _text(name: str) -> str:
     return resources.files("ematwin.report").joinpath(name).read_text("utf-8")
-
-
-def _as_json(figure: Any) -> str:
-    """A figure as JSON that can stand in a script: no tag of HTML ends it."""
-    return str(figure.to_json()).replace("<", "\\u003c")
 
 
 def _plotly_js(figures: list[Any]) -> str:
     """The smallest bundle of plotly that draws the figures: a quarter of the whole, if it can."""
     drawn = {trace.type for figure in figures for trace in figure.data}
-    if drawn <= _BASIC:
-        return _text(_BASIC_BUNDLE)
+    if drawn <= {"scatter", "bar", "pie"}:
+        return _text("assets/plotly-basic-4.1.1.min.js")
     from plotly.offline import get_plotlyjs
 
     return str(get_plotlyjs())
@@ -162,15 +134,11 @@ def columns_in_words(columns: dict[str, Any]) -> str:
     """Which channel of a file became which, from the provenance of a recording."""
     told = []
     for name, account in columns.items():
-        if not isinstance(account, dict):
-            told.append(f"{name}: {account}")
-        elif "derived" in account:
-            told.append(f"{name}: {account['derived']}")
+        if not isinstance(account, dict) or "derived" in account:
+            how = account["derived"] if isinstance(account, dict) else account
         else:
-            rest = [
-                f"{key} {value}" for key, value in account.items()
-                if key not in ("channel", "unit", "unit_from")
-            ]  # fmt: skip
-            more = f", {', '.join(rest)}" if rest else ""
-            told.append(f"{name}: “{account.get('channel')}” in {account.get('unit')}{more}")
+            rest = {k: v for k, v in account.items() if k not in ("channel", "unit", "unit_from")}
+            more = "".join(f", {key} {value}" for key, value in rest.items())
+            how = f"“{account.get('channel')}” in {account.get('unit')}{more}"
+        told.append(f"{name}: {how}")
     return "; ".join(told)

@@ -8,17 +8,12 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from html import escape
-from typing import Any, Protocol
+from typing import Any
 
 _PAUSE = 0.1  # s between two pictures
 
 
-class Bar(Protocol):
-    """Takes the share done, in [0, 1], and a few words."""
-
-    def __call__(self, share: float, words: str = "") -> None:
-        """Show it."""
-        ...  # pragma: no cover
+Bar = Callable[..., None]  # takes the share done, in [0, 1], and a few words
 
 
 @contextmanager

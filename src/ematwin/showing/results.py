@@ -12,29 +12,25 @@ from pathlib import Path
 from typing import Any
 
 from ematwin.errors import InputError, MissingExtraError
+from ematwin.files import check_target, write_text
 
 
-def frame(columns: Mapping[str, Any], index: str | None = None) -> Any:
-    """A pandas DataFrame of columns by name.
+def frame(columns: Any, index: str | None = None) -> Any:
+    """A pandas DataFrame of columns (N,) by name, of which ``index`` may label the rows.
 
-    Parameters
-    ----------
-    columns : name to (N,) values
-    index : name of the column that labels the rows
-
-    Raises
-    ------
-    MissingExtraError
-        If pandas is not installed; the message names the command that installs it.
+    Raises `MissingExtraError`, which names the command that installs it, without pandas.
     """
-    made = _pandas().DataFrame(dict(columns))
+    try:
+        from pandas import DataFrame
+    except ImportError:
+        raise MissingExtraError("pandas", "pandas", "A table") from None
+    made = DataFrame(columns)
     return made if index is None else made.set_index(index)
 
 
 def frame_of_rows(rows: Iterable[Mapping[str, Any]], index: str | None = None) -> Any:
     """A pandas DataFrame of rows; values that a row does not have are missing."""
-    made = _pandas().DataFrame(list(rows))
-    return made if index is None else made.set_index(index)
+    return frame(list(rows), index)
 
 
 def is_frame(value: Any) -> bool:
@@ -62,28 +58,11 @@ def plain(value: Any) -> Any:
     return value
 
 
-def _pandas() -> Any:
-    try:
-        import pandas
-    except ImportError:
-        raise MissingExtraError("pandas", "pandas", "A table") from None
-    return pandas
-
-
 def drawn(result: Any, kind: str, functions: Mapping[str, str], *settings: Any) -> Any:
-    """The figure of a result.
+    """The figure ``kind`` of a result, which a function of `ematwin.plots` draws.
 
-    Parameters
-    ----------
-    result : to be drawn
-    kind : which of its figures
-    functions : kind to the name of a function of `ematwin.plots`
-    settings : further arguments of the function
-
-    Raises
-    ------
-    InputError
-        If there is no such figure.
+    ``functions`` are their names, by kind; ``settings`` further arguments. Raises `InputError` if
+    there is no such figure.
     """
     if kind not in functions:
         raise InputError(f"There is no figure {kind!r}; choose {' or '.join(functions)}.")
@@ -91,5 +70,10 @@ def drawn(result: Any, kind: str, functions: Mapping[str, str], *settings: Any) 
 
 
 def page_written(result: Any, path: str | Path, function: str) -> None:
-    """Write the page of a result; ``function`` of `ematwin.report`, by name, as "module:name"."""
-    import_module("ematwin.report.page").write_page(result, path, function)
+    """Write the page of a result; ``function`` of `ematwin.report`, by name, as "module:name".
+
+    Raises `InputError` if the name does not end in .html, `FileError` if it cannot be written.
+    """
+    check_target(Path(path), (".html",))
+    module, _, name = function.partition(":")
+    write_text(path, getattr(import_module(f"ematwin.report.{module}"), name)(result))

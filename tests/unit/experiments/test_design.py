@@ -17,7 +17,7 @@ from ematwin.experiments.experiment import Experiment, RefusedError
 from ematwin.models.scenario import Chirp, Scenario
 from ematwin.monitoring.identify import identify
 from ematwin.quantities import use_units
-from ematwin.report.design import price_table
+from ematwin.report.experiments import price_table
 
 NOISE = ematwin.Noise(white=0.02, bits=12)
 quick = partial(

@@ -16,7 +16,7 @@ from ematwin.models.parameter_set import ParameterSet, Section, quantity
 from ematwin.models.scenario import Chirp, Scenario
 from ematwin.models.unknown import Unknown
 from ematwin.recordings.channel import Channel
-from ematwin.report.design import design_page
+from ematwin.report.experiments import design_page
 
 FORCE = 4.0  # N; friction of 1 N holds from 4 times on
 

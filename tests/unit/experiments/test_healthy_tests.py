@@ -14,7 +14,7 @@ from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import Unknown
 from ematwin.monitoring.calibration import Calibration
 from ematwin.recordings.channel import Channel
-from ematwin.report.design import healthy_tests_page
+from ematwin.report.experiments import healthy_tests_page
 
 NOISE = 1e-3  # m/s
 

@@ -1,1 +1,0 @@
-"""Formats of recorded files, one a file."""

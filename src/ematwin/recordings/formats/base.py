@@ -22,7 +22,6 @@ from ematwin.showing.results import is_frame
 
 Progress = Callable[[float], None]
 ENTRY_POINTS = "ematwin.readers"
-_MOST_COLUMNS = 64  # of a matrix that is taken for channels side by side
 _TEXT = (".csv", ".tsv", ".txt")
 _FORMATS = {
     **dict.fromkeys(_TEXT, "csv_file:CsvFile"),
@@ -55,29 +54,22 @@ class RecordedFile:
 
     A format gives `channels` and `values`, or `names` and `read` where its library reads several
     channels at once.
-
-    Attributes
-    ----------
-    channels : dict, by full name where the channel lies in the file, in the order of the file
-    zone : of its calendar times
-    path : Path
-    given : Path that the user gave: ``path``, or the packed file that holds it
-    metadata : dict, what ematwin itself wrote into the file; empty for files of others
-    assumed : list of str, sentences on assumptions, for the provenance
-    start : datetime or None, the moment from which the times of `base_time` are counted
-    clocks : dict, the moment of the first sample of each channel of calendar times that was read
     """
 
     kind: ClassVar[str] = "file"  # for messages: "Cannot read run.mf4 as MDF"
-    zone: ClassVar[tzinfo | None] = None
+    zone: ClassVar[tzinfo | None] = None  # of its calendar times
 
     def __init__(self, path: Path) -> None:
-        self.path = self.given = path
+        self.path = path
+        self.given = path  # by the user: the packed file that holds ``path``, if any
+        # by full name where the channel lies in the file, in the order of the file
         self.channels: dict[str, Any] = {}
-        self.metadata: dict[str, Any] = {}
-        self.assumed: list[str] = []
-        self.start: datetime | None = None
-        self.clocks: dict[str, datetime] = {}
+        # samples of each channel, where only channels of one length belong together
+        self.lengths: dict[str, int] = {}
+        self.metadata: dict[str, Any] = {}  # what ematwin itself wrote into the file
+        self.assumed: list[str] = []  # sentences for the provenance
+        self.start: datetime | None = None  # from which the times of `base_time` are counted
+        self.clocks: dict[str, datetime] = {}  # when channels of calendar times began, if read
         self.unpacked: Any = None  # the temporary folder of what a packed file holds
 
     @property
@@ -87,7 +79,7 @@ class RecordedFile:
 
     def values(self, name: str) -> Any:
         """Values of a channel as the library of the format gives them."""
-        raise NotImplementedError(f"{type(self).__name__} gives neither values nor read")
+        return self.read([name])[name]
 
     def read(self, names: Sequence[str], progress: Progress | None = None) -> dict[str, np.ndarray]:
         """Values of some channels, and of no others, as the file holds them.
@@ -98,6 +90,8 @@ class RecordedFile:
             Missing samples are NaN; calendar times are s since the first of them, which is put into
             `clocks`.
         """
+        if type(self).values is RecordedFile.values:
+            raise NotImplementedError(f"{type(self).__name__} gives neither values nor read")
         columns: dict[str, np.ndarray] = {}
         with refusing(self.path, self.kind):
             for done, name in enumerate(names, start=1):
@@ -111,9 +105,17 @@ class RecordedFile:
 
     def texts(self, name: str) -> list[str]:
         """Values of a channel as texts, for labels such as a condition or the number of a run."""
-        values = self.read([name])[name]
+        with refusing(self.path, self.kind):
+            values = np.asarray(self.values(name)).reshape(-1)
+        if values.dtype.kind in "SUO":
+            decoded = (
+                one.decode("utf-8", "replace") if isinstance(one, bytes) else str(one)
+                for one in values.tolist()
+            )  # fmt: skip
+            return [text.strip("\0 ") for text in decoded]
+        numbers = as_float(values, name, self.path).tolist()
         # whole numbers in full: days such as 20261121 must stay apart
-        return [f"{x:.0f}" if x == round(x, 0) else f"{x:g}" for x in values.tolist()]
+        return [f"{x:.0f}" if x == round(x, 0) else f"{x:g}" for x in numbers]
 
     def unit(self, name: str) -> str | None:
         """Unit of a channel as the file states it; None where it states none."""
@@ -126,7 +128,7 @@ class RecordedFile:
 
     def time_base(self, name: str) -> str:
         """Key of the time base of a channel: channels of one key were sampled together."""
-        return ""
+        return f"{self.lengths[name]} samples" if name in self.lengths else ""
 
     def base_time(self, key: str) -> np.ndarray | None:
         """Times of a time base, s; None where the file gives time as a channel or not at all."""
@@ -150,36 +152,64 @@ class RecordedFile:
             name_given(error, self.path, self.given)
 
 
+class FrameFile(RecordedFile):
+    """A DataFrame; its index counts as a channel where it is one of times or is called so.
+
+    Units stand in the names of columns, or in ``frame.attrs["units"]``.
+    """
+
+    kind: ClassVar[str] = "DataFrame"
+
+    def __init__(self, frame: Any) -> None:
+        super().__init__(Path(str(frame.attrs.get("source", "") or "DataFrame")))
+        name = frame.index.name
+        dated = frame.index.dtype.kind in "mM"
+        if dated or str(name).strip().casefold() in ("time", "t", "timestamp"):
+            self.channels["time" if name is None else str(name)] = frame.index
+        for place, column in enumerate(frame.columns):
+            key = str(column)
+            if key in self.channels:
+                raise RecordError(f"The DataFrame has two columns {key!r}; rename one of them.")
+            self.channels[key] = frame.iloc[:, place]
+        self._units = {str(key): str(unit) for key, unit in frame.attrs.get("units", {}).items()}
+
+    def unit(self, name: str) -> str | None:  # noqa: D102
+        return "s" if self.channels[name].dtype.kind in "mM" else self._units.get(name)
+
+    def values(self, name: str) -> Any:  # noqa: D102
+        return self.channels[name].to_numpy()
+
+
 def open_file(path: Any, **options: Any) -> RecordedFile:
     """Open a file by its suffix, or a DataFrame; ``options`` are for text tables.
 
-    Raises
-    ------
-    InputError
-        If no reader knows the suffix, or the options are for another format.
-    FileError
-        If the file cannot be read, is truncated, or is not what its name says.
-    MissingExtraError
-        If the library for this format is not installed.
+    Raises `InputError` if no reader knows the suffix, or the options are for another format;
+    `FileError` if the file cannot be read, is truncated, or is not what its name says;
+    `MissingExtraError` if the library for this format is not installed.
     """
-    named = ", ".join(sorted(options))
-    if is_frame(path):
-        from ematwin.recordings.formats.frame import FrameFile
-
-        if options:
-            raise InputError(
-                f"{named} can be given only for CSV files; a DataFrame is not one. Leave it out."
-            )
+    is_table = is_frame(path)
+    suffix = "" if is_table else Path(path).suffix.lower()
+    if options and suffix not in (*_TEXT, *_PACKED):
+        raise InputError(
+            f"{', '.join(sorted(options))} can be given only for CSV files; "
+            f"{'a DataFrame' if is_table else path} is not one. Leave it out."
+        )
+    if is_table:
         return FrameFile(path)
     path = Path(path)
-    suffix = path.suffix.lower()
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise FileError(f"{path} is a pipe or a device; save the recording to a file first.")
     if suffix in _PACKED and path.is_file():
         from ematwin.recordings.formats.packed import open_packed
 
         return open_packed(path, **options)
-    maker = _maker(suffix)
+    maker: Any
+    if suffix in _FORMATS:
+        module, name = _FORMATS[suffix].split(":")
+        maker = getattr(import_module(f"ematwin.recordings.formats.{module}"), name)
+    else:
+        others = (one for one in entry_points(group=ENTRY_POINTS) if f".{one.name}" == suffix)
+        maker = next((one.load() for one in others), None)
     if maker is None and suffix not in _PACKED:
         raise InputError(
             f"Cannot read {path} itself. {_ELSEWHERE[suffix]}"
@@ -190,10 +220,6 @@ def open_file(path: Any, **options: Any) -> RecordedFile:
     if not path.is_file():
         raise FileError(
             f"{path} is a folder; give a file." if path.is_dir() else f"There is no file {path}."
-        )
-    if options and suffix not in _TEXT:
-        raise InputError(
-            f"{named} can be given only for CSV files; {path} is not one. Leave it out."
         )
     if suffix in _TEXT and not options:
         from ematwin.recordings.formats.twincat_file import TwinCatFile, is_export
@@ -207,16 +233,6 @@ def open_file(path: Any, **options: Any) -> RecordedFile:
 def known_suffixes() -> list[str]:
     """Suffixes that can be read, with installed plug-ins."""
     return [*_FORMATS, *_PACKED, *(f".{entry.name}" for entry in entry_points(group=ENTRY_POINTS))]
-
-
-def _maker(suffix: str) -> Any:
-    if suffix in _FORMATS:
-        module, name = _FORMATS[suffix].split(":")
-        return getattr(import_module(f"ematwin.recordings.formats.{module}"), name)
-    for entry in entry_points(group=ENTRY_POINTS):
-        if f".{entry.name}" == suffix:
-            return entry.load()
-    return None
 
 
 def load_library(module: str, package: str, purpose: str) -> Any:
@@ -275,10 +291,7 @@ def name_given(error: EmatwinError, path: Path, given: Path) -> None:
 def as_float(values: Any, name: str, path: Path) -> np.ndarray:
     """A fresh (S,) float64 array; clock times become seconds since the first of them.
 
-    Raises
-    ------
-    RecordError
-        If the channel holds something else than numbers.
+    Raises `RecordError` if the channel holds something else than numbers.
     """
     array = np.asarray(values)
     if array.dtype.kind == "M":
@@ -293,17 +306,6 @@ def as_float(values: Any, name: str, path: Path) -> np.ndarray:
     return np.array(array, dtype=np.float64, order="C").reshape(-1)
 
 
-def words(values: np.ndarray) -> list[str] | None:
-    """Texts of an array that holds texts, bytes decoded; None if it holds something else."""
-    if values.dtype.kind not in "SUO":
-        return None
-    items = values.reshape(-1).tolist()
-    return [
-        (one.decode("utf-8", "replace") if isinstance(one, bytes) else str(one)).strip("\0 ")
-        for one in items
-    ]
-
-
 def moment(stamp: np.datetime64, zone: tzinfo | None = None) -> datetime | None:
     """A clock time as a datetime, to the microsecond; None for no time or one out of range."""
     found = stamp.astype("datetime64[us]").item()
@@ -315,11 +317,9 @@ def matrix_columns(name: str, shape: Sequence[int]) -> list[tuple[str, int]]:
 
     A vector is one channel, standing or lying; a matrix of up to 64 columns is one for each.
     """
-    sides = [side for side in shape if side != 1]
+    sides = sorted(side for side in shape if side != 1)
     if len(sides) == 1:
         return [(name, sides[0])]
-    if len(sides) == 2 and sides[1] <= _MOST_COLUMNS and sides[1] < sides[0]:
-        return [(f"{name}[{k}]", sides[0]) for k in range(sides[1])]
-    if len(sides) == 2 and sides[0] <= _MOST_COLUMNS:
+    if len(sides) == 2 and sides[0] <= 64:
         return [(f"{name}[{k}]", sides[1]) for k in range(sides[0])]
     return []

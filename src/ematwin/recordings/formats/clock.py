@@ -17,9 +17,6 @@ _CLOCK = re.compile(
     r"(?:(\d{4})-(\d\d?)-(\d\d?)[T ]\s*|(\d\d?)([./])(\d\d?)[./](\d{4}),? \s*)?"
     r"(\d\d?):(\d\d):(\d\d)(?:[.,](\d{1,9}))?\s*(?:([AaPp])\.?[Mm]\.?)?\s*(Z|[+-]\d\d:?\d\d)?"
 )
-_DAY = 86_400 * 10**9  # ns
-_EPOCH = date(1970, 1, 1).toordinal()
-_MIDNIGHT = 60.0  # s: a longer step over midnight is none of one recording
 MISSING = np.iinfo(np.int64).min
 
 
@@ -30,18 +27,11 @@ def is_clock(text: str) -> bool:
 
 @dataclass(frozen=True)
 class Clock:
-    """How the clock times of a column are written.
+    """How the clock times of a column are written."""
 
-    Attributes
-    ----------
-    is_dated : whether dates stand before the times
-    is_utc : whether they state a time zone, and are brought to UTC
-    month_first : of dates with slashes; None where there are none
-    """
-
-    is_dated: bool
-    is_utc: bool
-    month_first: bool | None = None
+    is_dated: bool  # whether dates stand before the times
+    is_utc: bool  # whether they state a time zone, and are brought to UTC
+    month_first: bool | None = None  # of dates with slashes; None where there are none
 
     @classmethod
     def of(cls, texts: Sequence[str]) -> "Clock | None":
@@ -62,10 +52,7 @@ class Clock:
     def nanoseconds(self, texts: Sequence[str | None]) -> np.ndarray:
         """Times (S,), int64, since 1970 or midnight; `MISSING` where a cell is empty.
 
-        Raises
-        ------
-        RecordError
-            If a text is no clock time.
+        Raises `RecordError` if a text is no clock time.
         """
         days: dict[tuple[str | None, ...], int] = {}
         return np.array([self._one(text, days) for text in texts], dtype=np.int64)
@@ -99,7 +86,8 @@ class Clock:
                 day, month = month, day
         if year is None or month is None or day is None:
             return 0
-        return (date(int(year), int(month), int(day)).toordinal() - _EPOCH) * _DAY
+        days = date(int(year), int(month), int(day)) - date(1970, 1, 1)
+        return days.days * 86_400 * 10**9
 
 
 def _offset(zone: str | None) -> int:
@@ -114,5 +102,5 @@ def _offset(zone: str | None) -> int:
 def over_midnight(seconds: np.ndarray) -> np.ndarray:
     """Times of day (S,), s, counted on where midnight lies between two of them."""
     steps = np.diff(seconds, prepend=seconds[:1])
-    past = (steps < 0.0) & (steps + 86_400.0 < _MIDNIGHT)
+    past = (steps < 0.0) & (steps + 86_400.0 < 60.0)  # a longer step is none of one recording
     return seconds + 86_400.0 * np.cumsum(past) if past.any() else seconds

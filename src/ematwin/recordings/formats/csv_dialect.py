@@ -1,10 +1,8 @@
 """How a text table is written: encoding, delimiter, decimal sign, header, units, first row.
 
-Looked for in the first lines and in a piece from the middle, because the first rows may hold
-zeros only and so show no decimal sign. The provenance records the dialect.
-
-Libraries were tried on such tables and left out: clevercsv finds delimiters only, csv.Sniffer took
-a carriage return for one, and charset-normalizer took Windows-1252 for a code page of DOS.
+Looked for in the first lines and in a piece from the middle: the first rows may hold zeros only,
+which show no decimal sign. clevercsv finds delimiters only, csv.Sniffer took a carriage return for
+one, and charset-normalizer took Windows-1252 for a code page of DOS.
 """
 
 import csv
@@ -24,63 +22,42 @@ from ematwin.recordings.units import is_unit, unbracketed
 ROUTINE = "table read with "  # begins the sentence that is said of each table
 PLACEHOLDERS = ["-", "--", "---"]  # what programs write for a missing value, beside NaN and kin
 _SAMPLE = 1 << 16  # bytes looked at, at the head and in the middle
-_DELIMITERS = (",", ";", "\t", "|")
-_COMMENT = ("#", "%", "//")
 _MISSING = {"", "nan", "na", "n/a", "#n/a", "null", "inf", "-inf", *PLACEHOLDERS}
 _UNITS_OF_A_LETTER = frozenset("smghACFHJKNTVW%°Ω1")
 _NUMBER = {
     ".": re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?"),
     ",": re.compile(r"[+-]?(\d+,?\d*|,\d+)([eE][+-]?\d+)?"),
 }
-_BYTE_ORDER_MARKS = (
-    (b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16-le"), (b"\xfe\xff", "utf-16-be"),
-)  # fmt: skip
 
 
 @dataclass
 class CsvDialect:
-    """How a text table is written.
+    """How a text table is written."""
 
-    Attributes
-    ----------
-    names : of the columns, unique
-    units : of the columns, "" where the file states none
-    delimiter, decimal, encoding : as written
-    start : bytes before the first row of numbers
-    signed : positions of columns with numbers such as ``+1.5``
-    clocks : `Clock` of columns with clock times, by position
-    text : positions of columns that hold neither
-    metadata : what ematwin wrote into the first line, else empty
-    assumed : sentences for the provenance
-    """
-
-    names: list[str]
-    units: list[str]
-    delimiter: str
+    names: list[str]  # of the columns, unique
+    units: list[str]  # of the columns, "" where the file states none
+    delimiter: str  # as written
     decimal: str
     encoding: str
-    start: int
+    start: int  # bytes before the first row of numbers
+    # positions of columns with numbers such as ``+1.5``
     signed: set[int] = field(default_factory=set)
+    # `Clock` of columns with clock times, by position
     clocks: dict[int, Clock] = field(default_factory=dict)
-    text: set[int] = field(default_factory=set)
+    text: set[int] = field(default_factory=set)  # positions of columns that hold neither
+    # what ematwin wrote into the first line, else empty
     metadata: dict[str, Any] = field(default_factory=dict)
-    assumed: list[str] = field(default_factory=list)
+    assumed: list[str] = field(default_factory=list)  # sentences for the provenance
 
 
 def sniff(
-    path: Path,
-    delimiter: str | None = None,
-    decimal: str | None = None,
+    path: Path, delimiter: str | None = None, decimal: str | None = None,
     skip_rows: int | None = None,
-) -> CsvDialect:
+) -> CsvDialect:  # fmt: skip
     """Recognise the dialect of a text table; options that are given are not guessed.
 
-    Raises
-    ------
-    FileError
-        If the file is empty, holds a header only, or is no text.
-    RecordError
-        If no rows of numbers can be recognised.
+    Raises `FileError` if the file is empty, holds a header only, or is no text; `RecordError` if no
+    rows of numbers can be recognised.
     """
     head, middle, encoding, mark = _samples(path)
     lines = head.splitlines(keepends=True)
@@ -100,16 +77,12 @@ def sniff(
     probed = [_fields(line, delimiter) for line in probe]
     width = Counter(len(row) for row in probed).most_common(1)[0][0]
     numeric = max((_numbers(row, decimal) for row in probed), default=0)
-    data = next(
-        (
-            n
-            for n in range(first, len(lines))
-            if not _is_comment(lines[n])
-            and len(split[n]) == width
-            and 2 * _numbers(split[n], decimal) > numeric > 0
-        ),
-        None,
-    )
+
+    def is_row(n: int) -> bool:
+        fits = len(split[n]) == width and 2 * _numbers(split[n], decimal) > numeric > 0
+        return fits and not _is_comment(lines[n])
+
+    data = next(filter(is_row, range(first, len(lines))), None)
     if data is None:
         if len(lines) - first <= 1:
             raise FileError(f"{path} holds a header and no rows.")
@@ -120,23 +93,17 @@ def sniff(
     names, units, header_lines = _header(lines, split, first, data, width)
     columns = [[row[n].strip() for row in probed if len(row) == width] for n in range(width)]
     clocks = {n: clock for n, cells in enumerate(columns) if (clock := Clock.of(cells))}
+    text = {
+        n
+        for n, cells in enumerate(columns)
+        if n not in clocks
+        and not any(_is_number(cell, decimal) for cell in cells)
+        and any(cell.casefold() not in _MISSING for cell in cells)
+    }
+    signed = {n for n, cells in enumerate(columns) if any(x.startswith("+") for x in cells)}
+    start = mark + len("".join(lines[:data]).encode(encoding.removesuffix("-sig")))
     dialect = CsvDialect(
-        names=names,
-        units=units,
-        delimiter=delimiter,
-        decimal=decimal,
-        encoding=encoding,
-        start=mark + len("".join(lines[:data]).encode(encoding.removesuffix("-sig"))),
-        signed={n for n, cells in enumerate(columns) if any(x.startswith("+") for x in cells)},
-        clocks=clocks,
-        text={
-            n
-            for n, cells in enumerate(columns)
-            if n not in clocks
-            and not any(_is_number(cell, decimal) for cell in cells)
-            and any(cell.casefold() not in _MISSING for cell in cells)
-        },
-        metadata=metadata,
+        names, units, delimiter, decimal, encoding, start, signed, clocks, text, metadata
     )
     if not metadata:
         dialect.assumed += _assumed(dialect, first, header_lines)
@@ -155,14 +122,13 @@ def _samples(path: Path) -> tuple[str, str, str, int]:
         if size > 4 * _SAMPLE:
             file.seek(size // 4 * 2)
             middle = file.read(_SAMPLE)
-    marks = (one for one in _BYTE_ORDER_MARKS if head.startswith(one[0]))
-    mark, encoding = next(marks, (b"", "utf-8"))
+    marks = {b"\xef\xbb\xbf": "utf-8-sig", b"\xff\xfe": "utf-16-le", b"\xfe\xff": "utf-16-be"}
+    mark = next(filter(head.startswith, marks), b"")
+    encoding = marks.get(mark, "utf-8")
     if not mark:
         if b"\x00" in head:
-            raise FileError(
-                f"Cannot read {path} as text: it holds binary data. Give it the ending of its "
-                "format."
-            )
+            said = "it holds binary data. Give it the ending of its format."
+            raise FileError(f"Cannot read {path} as text: {said}")
         try:
             (head[: head.rfind(b"\n") + 1] or head).decode("utf-8")
         except UnicodeDecodeError:  # what Windows programs write in western countries
@@ -177,7 +143,7 @@ def _samples(path: Path) -> tuple[str, str, str, int]:
 
 
 def _is_comment(line: str) -> bool:
-    return line.lstrip().startswith(_COMMENT)
+    return line.lstrip().startswith(("#", "%", "//"))
 
 
 def _fields(line: str, delimiter: str) -> list[str]:
@@ -198,7 +164,7 @@ def _numbers(fields: Sequence[str], decimal: str) -> int:
 def _signs(lines: Sequence[str], delimiter: str | None, decimal: str | None) -> tuple[str, str]:
     """The delimiter and the decimal sign with which most fields are numbers or clock times."""
     best: tuple[tuple[float, float, int], str, str] | None = None
-    for sign in [delimiter] if delimiter else _DELIMITERS:
+    for sign in [delimiter] if delimiter else (",", ";", "\t", "|"):
         rows = [_fields(line, sign) for line in lines]
         if not rows:
             break

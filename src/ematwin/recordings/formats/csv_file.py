@@ -13,18 +13,16 @@ import numpy as np
 
 from ematwin.errors import FileError, RecordError
 from ematwin.recordings.checksums import verify
-from ematwin.recordings.formats.arrow import as_floats
 from ematwin.recordings.formats.base import Progress, RecordedFile, refusing
 from ematwin.recordings.formats.clock import MISSING, over_midnight
 from ematwin.recordings.formats.csv_dialect import PLACEHOLDERS, sniff
-from ematwin.recordings.tables import without_apostrophe
+from ematwin.recordings.tables import to_numpy, without_apostrophe
 
 
 class CsvFile(RecordedFile):
     """A text table; options as in `ematwin.recordings.channel_map.CsvOptions`."""
 
     kind: ClassVar[str] = "csv"
-    _last_row: ClassVar[str | None] = None  # that ends a table and is none of its rows
 
     def __init__(self, path: Path, **options: Any) -> None:
         super().__init__(path)
@@ -54,7 +52,11 @@ class CsvFile(RecordedFile):
         parts: list[list[np.ndarray]] = [[] for _ in names]
         origins: dict[int, int] = {}
         with refusing(self.path, self.kind):
-            self._check_end()
+            if ends_within_a_line(self) and self.metadata:
+                raise FileError(
+                    f"Cannot read {self.path} as csv: it ends within a line. It was truncated; "
+                    "copy it again."
+                )
             for batch, share in self._batches(positions):
                 for place, column in enumerate(batch.columns):
                     parts[place].append(self._numbers(column, positions[place], origins))
@@ -92,54 +94,35 @@ class CsvFile(RecordedFile):
         self, positions: Sequence[int], types: dict[int, Any] | None = None
     ) -> Iterator[tuple[Any, float]]:
         """Yield blocks of rows of some columns, and the share of the file that was read."""
+        import pyarrow as pa
         from pyarrow import csv
 
         keys = [f"c{n}" for n in range(len(self._dialect.names))]
         # names were read by us: bytes above 127 in other columns stay undecoded
         encoding = self._dialect.encoding if self._dialect.encoding.startswith("utf-16") else "utf8"
-        if self._last_row is not None:
-            encoding = "latin-1"  # pyarrow decodes rows that it shows, and any bytes may be there
         start = self._dialect.start
         size = max(self.path.stat().st_size - start, 1)
+        as_text = {*self._dialect.clocks, *self._dialect.signed}
+        usual = {n: pa.string() if n in as_text else pa.float64() for n in positions}
+        chosen = {keys[n]: kind for n, kind in (usual | (types or {})).items()}
         with self.path.open("rb") as file:
             file.seek(start)
-            yield from (
-                (batch, min(max(file.tell() - start, 1) / size, 1.0))
-                for batch in csv.open_csv(
-                    file,
-                    read_options=csv.ReadOptions(
-                        column_names=keys,
-                        # pyarrow reads dozens ahead: four times as much took 100 MB more
-                        block_size=1 << 20,
-                        encoding=encoding,
-                    ),
-                    parse_options=csv.ParseOptions(
-                        delimiter=self._dialect.delimiter,
-                        invalid_row_handler=None if self._last_row is None else self._shown,
-                    ),
-                    convert_options=csv.ConvertOptions(
-                        include_columns=[keys[position] for position in positions],
-                        column_types={
-                            keys[position]: (types or {}).get(position, self._type(position))
-                            for position in positions
-                        },
-                        null_values=[*csv.ConvertOptions().null_values, *PLACEHOLDERS],
-                        decimal_point=self._dialect.decimal,
-                        check_utf8=False,
-                        strings_can_be_null=True,
-                    ),
-                )
+            batches = csv.open_csv(
+                file,
+                # pyarrow reads dozens of blocks ahead: four times as much took 100 MB more
+                csv.ReadOptions(column_names=keys, block_size=1 << 20, encoding=encoding),
+                csv.ParseOptions(delimiter=self._dialect.delimiter),
+                csv.ConvertOptions(
+                    include_columns=list(chosen),
+                    column_types=chosen,
+                    null_values=[*csv.ConvertOptions().null_values, *PLACEHOLDERS],
+                    decimal_point=self._dialect.decimal,
+                    check_utf8=False,
+                    strings_can_be_null=True,
+                ),
             )
-
-    def _shown(self, row: Any) -> str:
-        """Answer pyarrow about a row of another length than the others."""
-        return "skip" if row.text == self._last_row else "error"
-
-    def _type(self, position: int) -> Any:
-        import pyarrow as pa
-
-        as_text = position in self._dialect.clocks or position in self._dialect.signed
-        return pa.string() if as_text else pa.float64()
+            for batch in batches:
+                yield batch, min(max(file.tell() - start, 1) / size, 1.0)
 
     def _numbers(self, column: Any, position: int, origins: dict[int, int]) -> np.ndarray:
         """One column of a block; clock times as seconds since ``origins[position]``, in ns."""
@@ -164,19 +147,16 @@ class CsvFile(RecordedFile):
             if self._dialect.decimal == ",":
                 column = pc.replace_substring(column, ",", ".")
             column = column.cast(pa.float64())
-        return np.array(as_floats(column))
+        return np.array(to_numpy(column))
 
-    def _check_end(self) -> None:
-        """Refuse a file of ours that ends within a line; say it of others."""
-        with self.path.open("rb") as file:
-            file.seek(max(self.path.stat().st_size - 2, 0))
-            if file.read().rstrip(b"\x00").endswith((b"\n", b"\r")):
-                return
-        if self.metadata:
-            raise FileError(
-                f"Cannot read {self.path} as csv: it ends within a line. It was truncated; copy it "
-                "again."
-            )
-        said = "the file ends without a line break: its last row was taken as it stands"
-        if said not in self.assumed:
-            self.assumed.append(said)
+
+def ends_within_a_line(file: RecordedFile) -> bool:
+    """Whether a table ends without a line break, which is noted for the provenance."""
+    with file.path.open("rb") as content:
+        content.seek(max(file.path.stat().st_size - 2, 0))
+        if content.read().rstrip(b"\x00").endswith((b"\n", b"\r")):
+            return False
+    said = "the file ends without a line break: its last row was taken as it stands"
+    if said not in file.assumed:
+        file.assumed.append(said)
+    return True

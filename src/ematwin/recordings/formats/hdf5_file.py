@@ -7,15 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ematwin.errors import FileError
-from ematwin.recordings.formats.base import (
-    RecordedFile,
-    load_library,
-    matrix_columns,
-    refusing,
-)
-
-_HEAP = b"GCOL\x01\0\0\0"
-_UNIT_ATTRIBUTES = ("unit", "units", "Unit", "Units", "unit_string")
+from ematwin.recordings.formats.base import RecordedFile, load_library, matrix_columns, refusing
 
 
 class Hdf5File(RecordedFile):
@@ -30,8 +22,6 @@ class Hdf5File(RecordedFile):
         super().__init__(path)
         h5py = load_library("h5py", "h5py", "Reading HDF5 files")
         self._file = h5py.File(path, "r")
-        # channel -> dataset, and the field or column of the channel in it
-        self._lengths: dict[str, int] = {}
         self._heaps_checked = False
         try:
             self._file.visititems(self._note)
@@ -42,7 +32,8 @@ class Hdf5File(RecordedFile):
     def unit(self, name: str) -> str | None:  # noqa: D102
         with refusing(self.path, self.kind):
             attributes = self._file[self.channels[name][0]].attrs
-            key = next((key for key in _UNIT_ATTRIBUTES if key in attributes), None)
+            known = ("unit", "units", "Unit", "Units", "unit_string")
+            key = next((key for key in known if key in attributes), None)
             if key is not None and not self._heaps_checked:
                 self._heaps_checked = True
                 kind = attributes.get_id(key).get_type()
@@ -50,9 +41,6 @@ class Hdf5File(RecordedFile):
                     _check_heaps(self.path)
             text = None if key is None else attributes[key]
         return text.decode(errors="replace") if isinstance(text, bytes) else text and str(text)
-
-    def time_base(self, name: str) -> str:  # noqa: D102
-        return f"{self._lengths[name]} samples"
 
     def close(self) -> None:  # noqa: D102
         self._file.close()
@@ -64,24 +52,21 @@ class Hdf5File(RecordedFile):
             return dataset[()]
         if isinstance(part, str):
             return dataset[part]
-        return dataset[part, :] if dataset.shape[0] != self._lengths[name] else dataset[:, part]
+        return dataset[part, :] if dataset.shape[0] != self.lengths[name] else dataset[:, part]
 
     def _note(self, key: str | bytes, item: Any) -> None:
         shape = getattr(item, "shape", None)
         # left out: names that are no text, groups, scalars, empty datasets
         if isinstance(key, bytes) or not shape:
             return
-        if item.dtype.names:
-            for field in item.dtype.names:
-                self._add(f"{key}/{field}", key, field, int(np.prod(shape)))
-        elif item.dtype.kind in "biuf":
+        for field in item.dtype.names or ():
+            name = f"{key}/{field}"
+            self.channels[name], self.lengths[name] = (key, field), int(np.prod(shape))
+        if item.dtype.kind in "biuf":
             found = matrix_columns(key, shape)
             for k, (name, length) in enumerate(found):
-                self._add(name, key, None if len(found) == 1 else k, length)
-
-    def _add(self, name: str, key: str, part: str | int | None, length: int) -> None:
-        self.channels[name] = (key, part)
-        self._lengths[name] = length
+                self.channels[name] = (key, None if len(found) == 1 else k)
+                self.lengths[name] = length
 
 
 def _check_heaps(path: Path) -> None:
@@ -95,7 +80,7 @@ def _check_heaps(path: Path) -> None:
         def number(place: int, size: int) -> int:
             return int.from_bytes(content[place : place + size], "little")
 
-        start = content.find(_HEAP)
+        start = content.find(b"GCOL\x01\0\0\0")
         while start >= 0:
             place = start + 16
             end = min(start + number(start + 8, 8), len(content))
@@ -107,4 +92,4 @@ def _check_heaps(path: Path) -> None:
                         f"Cannot read {path} as HDF5: its heap of texts is damaged. Copy it again."
                     )
                 place += step
-            start = content.find(_HEAP, start + 4)
+            start = content.find(b"GCOL\x01\0\0\0", start + 4)

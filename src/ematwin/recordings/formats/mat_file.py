@@ -4,6 +4,7 @@ Variables are read one by one as they are wanted. Fields of a structure are name
 ``run.signals.values``, columns of a matrix ``data[0]``, ``data[1]``.
 """
 
+import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -12,11 +13,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ematwin.recordings.formats.base import Progress, RecordedFile, load_library, matrix_columns
-
-_NUMERIC = {
-    "double", "single", "logical",
-    "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64",
-}  # fmt: skip
 
 
 class MatFile(RecordedFile):
@@ -28,19 +24,15 @@ class MatFile(RecordedFile):
         super().__init__(path)
         self._library = load_library("pymatreader", "pymatreader", "Reading MATLAB files")
         self._fields: dict[str, np.ndarray] = {}  # of the variable that was read last
-        self._lengths: dict[str, int] = {}
         for name, shape, kind in self._library.whosmat(path):
             found = (
                 matrix_columns(name, shape)
-                if kind in _NUMERIC
+                if re.fullmatch(r"double|single|logical|u?int\d+", kind)
                 else ((key, values.shape[0]) for key, values in self._read(name))
             )
             for key, length in found:
                 self.channels[key] = name
-                self._lengths[key] = length
-
-    def time_base(self, name: str) -> str:  # noqa: D102
-        return f"{self._lengths[name]} samples"
+                self.lengths[key] = length
 
     def read(  # noqa: D102
         self, names: Sequence[str], progress: Progress | None = None

@@ -20,11 +20,7 @@ from ematwin.recordings.formats.base import (
     complaints,
     load_library,
     refusing,
-    words,
 )
-
-_UNSET = datetime(1980, 1, 1, tzinfo=UTC)  # what asammdf gives where a file says nothing
-_VIRTUAL = {3, 6}  # channel types of version 4 without bytes in the record
 
 
 class MdfFile(RecordedFile):
@@ -63,19 +59,12 @@ class MdfFile(RecordedFile):
         with refusing(self.path, self.kind):
             return as_float(self._file.get_master(group), f"time of {key}", self.path)
 
-    def texts(self, name: str) -> list[str]:  # noqa: D102
-        group, index = self.channels[name]
-        with refusing(self.path, self.kind):
-            self._check_place(name, group, index)
-            samples = self._file.get(group=group, index=index, samples_only=True)[0]
-        return words(samples) or super().texts(name)
-
     def close(self) -> None:  # noqa: D102
         if self._file is not None:
             self._file.close()
             self._file = None
 
-    def values(self, name: str) -> np.ndarray:
+    def values(self, name: str) -> Any:
         """Samples of a channel, NaN where the file marks them as invalid."""
         group, index = self.channels[name]
         self._check_place(name, group, index)
@@ -91,16 +80,17 @@ class MdfFile(RecordedFile):
                 f"{self.path} promises {promised} samples of {name!r} and holds {len(samples)}. "
                 "It was truncated; copy it again."
             )
+        if invalid is None:
+            return samples
         values = as_float(samples, name, self.path)
-        if invalid is not None:
-            values[np.asarray(invalid, dtype=bool)] = np.nan
+        values[np.asarray(invalid, dtype=bool)] = np.nan
         return values
 
     def _check_place(self, name: str, group: int, index: int) -> None:
         """Refuse a channel that lies outside its records: asammdf would read foreign memory."""
         channel = self._file.groups[group].channels[index]
-        if getattr(channel, "channel_type", 0) in _VIRTUAL:
-            return
+        if getattr(channel, "channel_type", 0) in (3, 6):
+            return  # of version 4, without bytes in the record
         if hasattr(channel, "byte_offset"):  # version 4
             bits = 8 * channel.byte_offset + channel.bit_offset + channel.bit_count
         else:
@@ -120,7 +110,8 @@ def _start_of(file: Any) -> datetime | None:
         aware = start if start.tzinfo is not None else start.replace(tzinfo=UTC)
     except (AttributeError, OverflowError, ValueError, OSError):  # a date that there is not
         return None
-    return aware if aware > _UNSET else None
+    # asammdf gives 1980 where a file says nothing
+    return aware if aware > datetime(1980, 1, 1, tzinfo=UTC) else None
 
 
 def _open(library: Any, path: Path) -> Any:

@@ -25,22 +25,14 @@ from ematwin.recordings.formats.base import (
 def open_packed(path: Path, **options: Any) -> RecordedFile:
     """Open the content of a gzip or zip file or a workbook; ``options`` are for text tables.
 
-    Raises
-    ------
-    FileError
-        If it is damaged, or holds no recording or several.
-    MissingExtraError
-        If a workbook is given and openpyxl is not installed.
+    Raises `FileError` if it is damaged, or holds no recording or several; `MissingExtraError` if a
+    workbook is given and openpyxl is not installed.
     """
     suffix = path.suffix.lower()
     folder = TemporaryDirectory(prefix="ematwin-")
+    content = {".gz": _ungzipped, ".zip": _unzipped}.get(suffix, _sheet)
     with refusing(path, suffix[1:]):
-        if suffix == ".gz":
-            inside, assumed = _ungzipped(path, Path(folder.name)), ""
-        elif suffix == ".zip":
-            inside, assumed = _unzipped(path, Path(folder.name)), ""
-        else:
-            inside, assumed = _sheet(path, Path(folder.name))
+        inside, assumed = content(path, Path(folder.name))
     try:
         opened = open_file(inside, **options)
     except EmatwinError as error:
@@ -52,14 +44,14 @@ def open_packed(path: Path, **options: Any) -> RecordedFile:
     return opened
 
 
-def _ungzipped(path: Path, folder: Path) -> Path:
+def _ungzipped(path: Path, folder: Path) -> tuple[Path, str]:
     inside = folder / path.stem
     with gzip.open(path) as source, inside.open("wb") as target:
         shutil.copyfileobj(source, target)
-    return inside
+    return inside, ""
 
 
-def _unzipped(path: Path, folder: Path) -> Path:
+def _unzipped(path: Path, folder: Path) -> tuple[Path, str]:
     with zipfile.ZipFile(path) as archive:
         names = [
             one.filename
@@ -75,7 +67,7 @@ def _unzipped(path: Path, folder: Path) -> Path:
         inside = folder / Path(names[0]).name
         with archive.open(names[0]) as source, inside.open("wb") as target:
             shutil.copyfileobj(source, target)
-    return inside
+    return inside, ""
 
 
 def _sheet(path: Path, folder: Path) -> tuple[Path, str]:

@@ -9,8 +9,8 @@ import numpy as np
 
 from ematwin.errors import FileError, RecordError
 from ematwin.recordings.checksums import KEY, checked, verify
-from ematwin.recordings.formats.arrow import as_floats, as_integers
 from ematwin.recordings.formats.base import Progress, RecordedFile, refusing
+from ematwin.recordings.tables import to_numpy
 
 
 class ParquetFile(RecordedFile):
@@ -85,22 +85,25 @@ class ParquetFile(RecordedFile):
 
         kind = chunk.type
         if kind == pa.float64():
-            return as_floats(chunk)  # a cast would load what computes with columns
+            return to_numpy(chunk)  # a cast would load what computes with columns
         is_moment = pa.types.is_timestamp(kind)
         if is_moment or pa.types.is_time(kind) or pa.types.is_duration(kind):
+            import pyarrow.compute as pc
+
             in_ns = (
                 pa.timestamp("ns", tz=kind.tz) if is_moment
                 else pa.time64("ns") if pa.types.is_time(kind) else pa.duration("ns")
             )  # fmt: skip
-            integers = as_integers(chunk.cast(in_ns).cast(pa.int64()))
+            ticks = chunk.cast(in_ns).cast(pa.int64())
             if name not in self._origins:
-                self._origins[name] = int(integers[0]) if integers.size else 0
+                self._origins[name] = (ticks[0].as_py() or 0) if len(ticks) else 0
                 if is_moment:  # a time of day has no date
                     first = np.datetime64(self._origins[name], "ns")
                     self.note_clock(name, first, None if kind.tz is None else UTC)
-            return (integers - self._origins[name]) * 1e-9
+            since = pc.subtract(ticks, self._origins[name])
+            return to_numpy(since.cast(pa.float64(), safe=False)) * 1e-9
         try:
-            return as_floats(chunk.cast(pa.float64()))
+            return to_numpy(chunk.cast(pa.float64()))
         except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
             raise RecordError(
                 f"Column {name} of {self.path} must hold numbers; it holds {kind}. "

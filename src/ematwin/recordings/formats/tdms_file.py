@@ -7,17 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ematwin.errors import FileError
-from ematwin.recordings.formats.base import (
-    RecordedFile,
-    complaints,
-    load_library,
-    moment,
-    refusing,
-    words,
-)
-
-_LOGGERS = ("nptdms.reader", "nptdms.tdms_segment", "nptdms.base_segment", "nptdms.tdms")
-_OF_TEXT = "nptdms.types"  # complains of names in another encoding, which are read all the same
+from ematwin.recordings.formats.base import RecordedFile, complaints, load_library, moment
 
 
 class TdmsFile(RecordedFile):
@@ -32,7 +22,9 @@ class TdmsFile(RecordedFile):
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         library = load_library("nptdms", "npTDMS", "Reading TDMS files")
-        with complaints(_OF_TEXT), complaints(*_LOGGERS) as found:
+        loggers = [f"nptdms.{part}" for part in ("reader", "tdms_segment", "base_segment", "tdms")]
+        # that of types complains of names in another encoding, which are read all the same
+        with complaints("nptdms.types"), complaints(*loggers) as found:
             self._file = library.TdmsFile.open(path)
         self.channels = {
             f"{group.name}/{channel.name}": channel
@@ -82,11 +74,6 @@ class TdmsFile(RecordedFile):
 
     def values(self, name: str) -> Any:  # noqa: D102
         return self.channels[name][:]
-
-    def texts(self, name: str) -> list[str]:  # noqa: D102
-        with refusing(self.path, self.kind):
-            values = np.asarray(self.channels[name][:])
-        return words(values) or super().texts(name)
 
     def close(self) -> None:  # noqa: D102
         self._file.close()

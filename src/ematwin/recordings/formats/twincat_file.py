@@ -15,18 +15,14 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from ematwin.errors import FileError
-from ematwin.recordings.formats.arrow import as_floats
 from ematwin.recordings.formats.base import Progress, RecordedFile, refusing
-from ematwin.recordings.formats.csv_dialect import CsvDialect
-from ematwin.recordings.formats.csv_file import CsvFile
+from ematwin.recordings.formats.csv_dialect import PLACEHOLDERS
+from ematwin.recordings.formats.csv_file import ends_within_a_line
+from ematwin.recordings.tables import to_numpy
 
 _HEAD = 1 << 16  # bytes in which the block of the recording ends
 _TICK = 1e-7  # s
-_EPOCH = datetime(1601, 1, 1, tzinfo=UTC)
-_TICKS_FROM = 10**15  # a time beyond it is counted in ticks, which are too many for a float
-_LATE = 1.5  # samples by which the last one may be before the stated end
-_START, _END = "Starttime of export", "Endtime of export"
-_PAIR = re.compile(r"^Name(?P<sign>[\t;|,])(?P<name>[^\r\n]*)\r?\n", re.MULTILINE)
+_START = "Starttime of export"
 
 
 class _Column(NamedTuple):
@@ -39,26 +35,26 @@ def is_export(path: Path) -> bool:
     """Whether a text file begins as an export of the TwinCAT Scope does."""
     with path.open("rb") as file:
         head = file.read(_HEAD).decode("utf-8-sig", "replace")
-    return _PAIR.match(head) is not None and f"\n{_START}" in head
+    named = re.match(r"Name[\t;|,][^\r\n]*\r?\n", head)
+    return named is not None and f"\n{_START}" in head
 
 
-class TwinCatFile(CsvFile):
+class TwinCatFile(RecordedFile):
     """An export of the TwinCAT Scope; each column of times is a time base."""
 
     kind: ClassVar[str] = "TwinCAT Scope CSV"
-    _last_row = "EOF"
-    texts = RecordedFile.texts  # its columns are numbers
 
     def __init__(self, path: Path) -> None:
-        RecordedFile.__init__(self, path)  # its block of names is no dialect to be recognised
-        head: list[str] = []
-        with path.open("r", encoding="utf-8-sig", errors="replace", newline="") as file:
-            first = file.readline()
-            self._sign = first[len("Name")]
-            told = [line.rstrip("\r\n").split(self._sign) for line in self._block(file, head)]
-            block = [line.rstrip("\r\n").split(self._sign) for line in self._block(file, head)]
-            cell = file.readline().partition(self._sign)[0]
-        self._in_ticks = cell.isdigit() and int(cell) > _TICKS_FROM
+        super().__init__(path)
+        with path.open("rb") as file:
+            self._sign = file.readline().decode("utf-8-sig")[len("Name")]
+            told, block = self._block(file), self._block(file)
+            self._start = file.tell()
+            rows = file.read(_HEAD).decode("utf-8", "replace")
+        first = rows.partition("\n")[0].rstrip("\r").split(self._sign)
+        # ticks are too many for a float
+        self._in_ticks = first[0].isdigit() and int(first[0]) > 10**15
+        self._decimal = "," if self._sign != "," and "," in rows else "."
         facts = {row[0]: row[1] for row in told if len(row) > 1}
         names = next((row for row in block if row[0] == "Name"), None)
         if names is None or len(names) < 2:
@@ -67,7 +63,8 @@ class TwinCatFile(CsvFile):
                 "again with its header."
             )
         units = next((row for row in block if row[0] == "Unit"), [])
-        self._dialect = self._rows(1 + len(head), len(names))
+        # older versions end each row with a delimiter
+        self._width = len(names) + (len(first) == len(names) + 1 and not first[-1])
         time = 0
         for place, name in enumerate(names):
             if name == "Name":
@@ -76,32 +73,21 @@ class TwinCatFile(CsvFile):
                 unit = units[place].partition(" (")[0].strip() if place < len(units) else ""
                 unit = "" if unit == "(None)" else unit
                 self.channels[name.strip()] = _Column(place, time, unit)
-        self._began, self._ended = (_ticks(facts.get(key, "")) for key in (_START, _END))
+        self._began, self._ended = (
+            int(text) if text.strip().isdigit() else 0
+            for text in (facts.get(_START, ""), facts.get("Endtime of export", ""))
+        )
         if self._began:
-            self.start = _EPOCH + timedelta(microseconds=self._began // 10)
+            epoch = datetime(1601, 1, 1, tzinfo=UTC)
+            self.start = epoch + timedelta(microseconds=self._began // 10)
 
-    def _rows(self, skipped: int, width: int) -> CsvDialect:
-        """How the rows below some lines are written."""
-        with self.path.open("rb") as file:
-            for _ in range(skipped):
-                file.readline()
-            start = file.tell()
-            sample = file.read(_HEAD).decode("utf-8", "replace")
-        line = sample.partition("\n")[0].rstrip("\r")
-        if line.endswith(self._sign) and line.count(self._sign) == width:
-            width += 1  # older versions end each row with a delimiter
-        decimal = "," if self._sign != "," and "," in sample else "."
-        names = [str(place) for place in range(width)]
-        return CsvDialect(names, [""] * width, self._sign, decimal, "utf-8", start)
-
-    @staticmethod
-    def _block(file: Any, head: list[str]) -> list[str]:
-        """The next lines up to an empty one, the empty ones before them left out."""
-        found: list[str] = []
-        for line in file:
-            head.append(line)
+    def _block(self, file: Any) -> list[list[str]]:
+        """Cells of the next lines up to an empty one, the empty ones before them left out."""
+        found: list[list[str]] = []
+        for raw in iter(file.readline, b""):
+            line = raw.decode("utf-8", "replace").rstrip("\r\n")
             if line.strip():
-                found.append(line)
+                found.append(line.split(self._sign))
             elif found:
                 break
         return found
@@ -124,7 +110,8 @@ class TwinCatFile(CsvFile):
         step = times[1] - times[0] if times.size > 1 else 0.0
         length = (self._ended - self._began) * _TICK if self._began and self._ended else 0.0
         longest = max(int(np.isfinite(one).sum()) for one in self._stamps.values())
-        if times[-1] + _LATE * step < length and times.size == longest:
+        # the last sample may be a little before the stated end
+        if times[-1] + 1.5 * step < length and times.size == longest:
             raise FileError(
                 f"Cannot read {self.path} as {self.kind}: it ends at {times[-1]:.6g} s of "
                 f"{length:.6g} s. It was truncated; export it again."
@@ -154,27 +141,35 @@ class TwinCatFile(CsvFile):
         """Columns (S,) by their place; those in ticks become ms since the start of the export."""
         import pyarrow as pa
         import pyarrow.compute as pc
+        from pyarrow import csv
 
-        types = dict.fromkeys(places, pa.int64() if ticks else pa.float64())
-        parts: dict[int, list[np.ndarray]] = {place: [] for place in places}
-        began = self._began
-        with refusing(self.path, self.kind):
-            self._check_end()
-            for batch, _ in self._batches(places, types):
-                for place, column in zip(places, batch.columns, strict=True):
-                    if ticks:
-                        began = began or column[0].as_py()
-                        since = pc.subtract(column, began).cast(pa.float64())
-                        column = pc.multiply(since, 1e3 * _TICK)
-                    parts[place].append(np.array(as_floats(column)))
-        return {place: np.concatenate(parts.pop(place)) for place in places}
-
-    def _check_end(self) -> None:
-        with self.path.open("rb") as file:
-            file.seek(max(self.path.stat().st_size - _HEAD, 0))
+        keys = [str(place) for place in range(self._width)]
+        chosen = [keys[place] for place in places]
+        with refusing(self.path, self.kind), self.path.open("rb") as file:
+            file.seek(max(self.path.stat().st_size - _HEAD, self._start))
             if not file.read().rstrip(b"\r\n \0").endswith(b"EOF"):
-                super()._check_end()
-
-
-def _ticks(text: str) -> int:
-    return int(text) if text.strip().isdigit() else 0
+                ends_within_a_line(self)
+            file.seek(self._start)
+            table = csv.read_csv(
+                file,
+                # pyarrow decodes rows that it shows, and any bytes may be there
+                csv.ReadOptions(column_names=keys, encoding="latin-1"),
+                csv.ParseOptions(
+                    delimiter=self._sign,
+                    invalid_row_handler=lambda row: "skip" if row.text == "EOF" else "error",
+                ),
+                csv.ConvertOptions(
+                    include_columns=chosen,
+                    column_types=dict.fromkeys(chosen, pa.int64() if ticks else pa.float64()),
+                    null_values=[*csv.ConvertOptions().null_values, *PLACEHOLDERS],
+                    decimal_point=self._decimal,
+                ),
+            )
+        found = {}
+        for place, key in zip(places, chosen, strict=True):
+            column = table[key].combine_chunks()
+            if ticks:
+                since = pc.subtract(column, self._began or column[0])
+                column = pc.multiply(since.cast(pa.float64()), 1e3 * _TICK)
+            found[place] = np.array(to_numpy(column))
+        return found

@@ -8,8 +8,6 @@ import numpy as np
 from ematwin.errors import FileError
 from ematwin.recordings.formats.base import RecordedFile, load_library
 
-_STAMP = "timestamp"  # us since the start of the system
-
 
 class ULogFile(RecordedFile):
     """A ULog file; instances of a topic after the first are ``topic.1/field``."""
@@ -28,13 +26,13 @@ class ULogFile(RecordedFile):
             f"{topic}/{field}": (topic, field)
             for topic, data in self._topics.items()
             for field in data
-            if field != _STAMP
+            if field != "timestamp"
         }
         if log.file_corruption or not self.channels:
             why = "it is damaged" if log.file_corruption else "it holds no messages"
             raise FileError(f"Cannot read {path} as ULog: {why}. Copy it from the vehicle again.")
         if not _ends_with_a_message(path):
-            last = max(float(data[_STAMP][-1]) for data in self._topics.values())
+            last = max(float(data["timestamp"][-1]) for data in self._topics.values())
             self.assumed.append(
                 f"the log {path.name} ends within a message, as after a loss of power: it was "
                 f"read up to {1e-6 * last:.6g} s of the system's clock"
@@ -44,7 +42,8 @@ class ULogFile(RecordedFile):
         return str(self.channels[name][0])
 
     def base_time(self, key: str) -> np.ndarray | None:  # noqa: D102
-        return np.asarray(self._topics[key][_STAMP], dtype=np.float64) * 1e-6
+        # us since the start of the system
+        return np.asarray(self._topics[key]["timestamp"], dtype=np.float64) * 1e-6
 
     def values(self, name: str) -> Any:  # noqa: D102
         topic, field = self.channels[name]

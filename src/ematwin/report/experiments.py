@@ -1,4 +1,4 @@
-"""Pages: a designed command with its errors beside the given command's, and its price."""
+"""Pages of experiments: what commands can reveal, designed commands, healthy tests."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -7,18 +7,67 @@ from ematwin.experiments.command_errors import CommandErrors
 from ematwin.experiments.design import Design
 from ematwin.experiments.discriminate import Discrimination
 from ematwin.experiments.healthy_tests import HealthyTests
+from ematwin.experiments.identifiability import HEADINGS, Identifiability
+from ematwin.experiments.sensitivity import Sensitivity
 from ematwin.models.base import Demand
 from ematwin.models.registry import model_of
 from ematwin.models.scenario import Scenario
-from ematwin.plots.design import (
+from ematwin.plots.experiments import (
     plot_command,
+    plot_correlation,
     plot_errors,
     plot_healthy_tests,
     plot_learnt_errors,
+    plot_smallest,
 )
-from ematwin.report.identifiability import told_table
 from ematwin.report.page import Row, Section, Table, render
 from ematwin.showing.text import number_of, said
+
+
+def identifiability_page(
+    found: Sequence[Identifiability], parts: Mapping[str, Sensitivity] | None = None
+) -> str:
+    """HTML page of one or several commands, the most telling first.
+
+    ``parts`` are Sobol indices by the name of the command, where they were asked for.
+    """
+    best = found[0]
+    sections = [Section("Smallest fault that is found", figure=plot_smallest(found))]
+    for one in found:
+        text = (
+            f"{one.scenario.duration:g} s. Noise and the twin's own error are "
+            f"{100.0 * one.noise:.2f} % of the answer. Of the smallest faults all but "
+            f"{100.0 * one.miss:.3g} % are found, with false alarms at "
+            f"{100.0 * one.false_alarm:.2g} %."
+        )
+        obstacles = [f"No verdict: {sentence}" for sentence in one.obstacles]
+        sections += [
+            Section(one.scenario.name, text=text, points=obstacles, table=told_table(one)),
+            Section(figure=plot_correlation(one)),
+        ]
+        if parts:
+            own = parts[one.scenario.name]
+            text = (
+                "How much of the variance of the answer goes back to each unknown, from "
+                f"{own.answers} answers: by itself, and with all in which it takes part; standard "
+                "errors."
+            )
+            sections += [
+                Section(f"{one.scenario.name}: {caption}", text, table=sobol_table(own, channel))
+                for channel, caption in own.captions.items()
+            ]
+    return render(f"{best.actuator.name}: identifiability of faults", best.lead, sections)
+
+
+def sobol_table(parts: Sensitivity, channel: str) -> Table:
+    """Indices of a channel."""
+    return Table(["unknown", "by itself", "in all"], [Row(row) for row in parts.rows(channel)])
+
+
+def told_table(found: Identifiability) -> Table:
+    """Each fault with its expected errors."""
+    rows = [Row(one.cells, marked=one.how in ("open", "dead")) for one in found.told]
+    return Table(list(HEADINGS), rows, last_is_text=True)
 
 
 def design_page(found: Design) -> str:
@@ -28,9 +77,8 @@ def design_page(found: Design) -> str:
         "and model discrepancy."
     )
     if found.held:
-        text += (
-            f" Counted as known, because no command can determine them: {', '.join(found.held)}."
-        )
+        held = ", ".join(found.held)
+        text += f" Counted as known, because no command can determine them: {held}."
     if found.left_out:
         text += f" {found.left_out_sentence}"
     if found.promised.checks:
@@ -39,25 +87,16 @@ def design_page(found: Design) -> str:
             f" Observed: root mean square of what identify erred on {found.promised.checks} "
             f"simulated recordings of each command{which}."
         )
+    price = "On a healthy actuator; in brackets the most that was seen with faults."
+    begun = "Identifiability of faults that have just begun"
+    every = "With everything that is unknown, also what no command can determine."
     sections = [
-        Section(
-            "Command",
-            table=parts_table(found.scenario),
-            figure=plot_command(found),
-        ),
+        Section("Command", table=parts_table(found.scenario), figure=plot_command(found)),
         Section("Errors", text=text, table=errors_table(found)),
         Section(figure=plot_errors(found)),
-        Section(
-            "The price",
-            text="On a healthy actuator; in brackets the most that was seen with faults.",
-            table=price_table(found),
-        ),
+        Section("The price", price, table=price_table(found)),
         *(
-            Section(
-                f"Identifiability of faults that have just begun: {title} command",
-                text="With everything that is unknown, also what no command can determine.",
-                table=told_table(one.told),
-            )
+            Section(f"{begun}: {title} command", every, table=told_table(one.told))
             for title, one in (("the designed", found.promised), ("the given", found.default))
             if one.told is not None
         ),
@@ -77,19 +116,14 @@ def discrimination_page(found: Discrimination) -> str:
         f"distance with {found.default.name}": f"{found.default_distance:.3g}",
         "limits": _listed(found.limits),
         "demands": _listed(found.demands),
-        "search": f"{found.evaluations} commands in {found.seconds:.1f} s, seed {found.seed}, "
-        f"{found.stopped}",
+        "search": _search(found),
     }
     return render(
         f"{found.actuator.name}: command to tell two explanations apart",
         found.sentence,
         [
             Section("Explanations", table=Table(["", "first", "second"], rows)),
-            Section(
-                "Command",
-                table=parts_table(found.scenario),
-                figure=plot_command(found),
-            ),
+            Section("Command", table=parts_table(found.scenario), figure=plot_command(found)),
             Section("How it was found", facts=facts),
         ],
     )
@@ -179,16 +213,12 @@ def price_table(found: Design) -> Table:
         text = said(one.demands.get(demand.name, math.nan), demand.unit)
         return text if more is None else f"{text} ({number_of(more, demand.unit)})"
 
-    rows = [
-        Row(["duration", *(f"{one.scenario.duration:g} s"
-                           for one in (found.default, found.promised)), ""]),
-        *(
-            Row([one.name, asked(found.default, one), asked(found.promised, one),
-                 said(found.limits[one.name], one.unit)])
-            for one in found.experiment.model.limited
-            if one.name in found.limits
-        ),
-    ]  # fmt: skip
+    both = (found.default, found.promised)
+    rows = [Row(["duration", *(f"{one.scenario.duration:g} s" for one in both), ""])]
+    for one in found.experiment.model.limited:
+        if one.name in found.limits:
+            limit = said(found.limits[one.name], one.unit)
+            rows.append(Row([one.name, *(asked(each, one) for each in both), limit]))
     return Table(["", "given", "designed", "limit"], rows)
 
 
@@ -206,9 +236,9 @@ def parts_table(scenario: Scenario) -> Table:
 def _shown(value: object) -> str:
     if isinstance(value, list):
         return f"[{', '.join(_shown(x) for x in value)}]"
-    return (
-        f"{value:.4g}" if isinstance(value, float | int) else ("" if value is None else str(value))
-    )
+    if isinstance(value, float | int):
+        return f"{value:.4g}"
+    return "" if value is None else str(value)
 
 
 def _listed(values: Mapping[str, float]) -> str:
@@ -218,8 +248,11 @@ def _listed(values: Mapping[str, float]) -> str:
 def _facts(found: Design) -> dict[str, str]:
     return {
         "made for": found.fault or "the fault with the largest expected error, as a share of range",
-        "search": f"{found.evaluations} commands in {found.seconds:.1f} s, seed {found.seed}, "
-        f"{found.stopped}",
-        "faults": f"{found.draws} vectors drawn from their prior",
+        "search": _search(found), "faults": f"{found.draws} vectors drawn from their prior",
         "limits": _listed(found.limits),
-    }
+    }  # fmt: skip
+
+
+def _search(found: Design | Discrimination) -> str:
+    spent = f"{found.evaluations} commands in {found.seconds:.1f} s"
+    return f"{spent}, seed {found.seed}, {found.stopped}"
