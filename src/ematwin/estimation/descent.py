@@ -145,9 +145,13 @@ def bounded_step(
     """The step (d,) to the least squares of the linearised residuals within the bounds.
 
     ``jacobian`` (d, K) of residuals that are ``here`` (K,) at coordinates (d,); unknowns in
-    ``still`` stay.
+    ``still`` stay, and the directions of magnitudes among them.
     """
-    free = [n for n, one in enumerate(chart.unknowns) if one.name not in still]
+    free = [
+        n
+        for n, one in enumerate(chart.unknowns)
+        if one.name not in still and one.direction_of not in still
+    ]
     low = np.minimum(chart.lower - z, 0.0)[free]
     high = np.maximum(chart.upper - z, 0.0)[free]
     step = np.zeros(len(z))

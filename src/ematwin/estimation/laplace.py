@@ -32,7 +32,7 @@ from ematwin.estimation.levenberg_marquardt import LARGEST_BATCH, NOTHING
 from ematwin.estimation.noise import with_shown_noise
 from ematwin.estimation.problem import Problem
 from ematwin.models.chart import Chart
-from ematwin.numerics.linear_algebra import bounded_squares, eigen, inverse
+from ematwin.numerics.linear_algebra import eigen, inverse
 
 _SHORTEST, _LONGEST = 1e-3, 2e-2  # steps of the last Jacobian, shares of a range
 _STEPS, _SHARES = 8, (1.0, 0.5, 0.25)  # to a peak at most, and of what slopes predict
@@ -89,23 +89,13 @@ class Laplace:
         factor : times that the noise of the data is larger
         held : faults that stay where they are at the peak
         """
-        chart, slope = self.problem.chart, self.slope(factor)
-        precision = self.data / factor**2 + self.priors
-        size = np.sqrt(np.maximum(np.diag(precision), 1e-12))
-        values, vectors = eigen(precision / np.outer(size, size))
-        root = np.sqrt(np.maximum(values, 1e-10))
-        scaled = (vectors * root).T
-        there = -(vectors.T @ (slope / size)) / root
-        low = np.minimum(chart.lower - self.z, 0.0) * size
-        high = np.maximum(chart.upper - self.z, 0.0) * size
-        free = [
-            n for n, one in enumerate(chart.unknowns)
-            if one.name not in held and one.direction_of not in held
-        ]  # fmt: skip
-        step = np.zeros(len(slope))
-        step[free] = bounded_squares(scaled[:, free], there, low[free], high[free])
+        data, evidence, priors = self.problem.split(self.jacobian)
+        jacobian = np.hstack([data / factor, evidence / factor, priors])
+        data, evidence, priors = self.problem.split(self.residuals)
+        here = np.concatenate([data / factor, evidence / factor, priors])
+        free = inverse(jacobian @ jacobian.T) @ (jacobian @ here)
         # slopes are rough: were they exact, this step would be none
-        return self.z + (vectors @ (there / root) - step) / size
+        return self.z - free - bounded_step(jacobian, here, self.z, self.problem.chart, held)
 
     def slope(self, factor: float) -> np.ndarray:
         """Half the slope (d,) of minus twice the log density, with the noise of the data so."""
