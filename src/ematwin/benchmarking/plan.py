@@ -27,19 +27,6 @@ from ematwin.recordings.noise import Noise
 class Plan:
     """Cases, methods and settings of a study.
 
-    Parameters
-    ----------
-    cases : mapping of names to vectors (d,) of the actuator's faults and nuisances
-    algorithms : names of ``ematwin algorithms``, or presets: paper, improved, best; aliases
-        become names
-    runs : int, repetitions of each case with each algorithm
-    population, iterations : int; their product is the budget of each run
-    seed : int
-    noise : of the current sensor, or None
-    box : "plain" or "remapped", see `ematwin.benchmarking.box`
-    actuator : of any kind, or the name of one; None takes the default brushless actuator
-    scenario : of the recordings; None takes the default of the kind
-
     Raises
     ------
     InputError
@@ -48,16 +35,18 @@ class Plan:
         If an algorithm's library is not installed.
     """
 
-    cases: Cases
+    cases: Cases  # vectors (d,) of the actuator's faults and nuisances, by name
+    # names of ``ematwin algorithms``, or presets: paper, improved, best; aliases become names
     algorithms: tuple[str, ...] = ("paper",)
-    runs: int = 10
-    population: int = 50
+    runs: int = 10  # repetitions of each case with each algorithm
+    population: int = 50  # times iterations it is the budget of each run
     iterations: int = 200
     seed: int = 1
-    noise: Noise | None = None
-    box: str = "plain"
+    noise: Noise | None = None  # of the current sensor
+    box: str = "plain"  # "plain" or "remapped", see `ematwin.benchmarking.box`
+    # of any kind, or the name of one; None takes the default brushless actuator
     actuator: ParameterSet | str | None = None
-    scenario: Scenario | str | None = None
+    scenario: Scenario | str | None = None  # of the recordings; None takes the default of the kind
 
     def __post_init__(self) -> None:
         for name, value in [

@@ -149,45 +149,29 @@ def vargha_delaney(x: np.ndarray, y: np.ndarray) -> float:
 
 
 class Pair(NamedTuple):
-    """Two algorithms compared.
-
-    Attributes
-    ----------
-    first, second : names
-    p, p_holm : Wilcoxon signed-rank over the case means, two-sided; plain and corrected
-    a12 : chance that a run of ``first`` has the lower Err% than one of ``second``, ties counting
-        half, averaged over the cases; 0.5 is no difference. A failed run loses to any other.
-    """
+    """Two algorithms compared."""
 
     first: str
     second: str
-    p: float
+    p: float  # p, p_holm: Wilcoxon signed-rank over the case means, two-sided; plain and corrected
     p_holm: float
+    # chance that a run of ``first`` has the lower Err% than one of ``second``, ties counting
+    # half, averaged over the cases; 0.5 is no difference. A failed run loses to any other.
     a12: float
 
 
 @dataclass(frozen=True)
 class RankComparison:
-    """Outcome of the tests.
+    """Outcome of the tests."""
 
-    Attributes
-    ----------
-    average : average rank by algorithm, 1 is best, NaN where no case has all
-    blocks : cases used; left_out : cases in which an algorithm has no result
-    friedman : statistic, friedman_p : NaN where the test could not be made
-    pairs : every two algorithms
-    smallest_holm : float, the least corrected p that so many cases and pairs allow
-    notes : what could not be computed, as sentences
-    """
-
-    average: dict[str, float]
-    blocks: list[str]
+    average: dict[str, float]  # average rank by algorithm, 1 is best, NaN where no case has all
+    blocks: list[str]  # cases used, and cases in which an algorithm has no result
     left_out: list[str]
-    friedman: float
+    friedman: float  # statistic and p; NaN where the test could not be made
     friedman_p: float
-    pairs: list[Pair]
-    smallest_holm: float = math.nan
-    notes: list[str] = field(default_factory=list)
+    pairs: list[Pair]  # every two algorithms
+    smallest_holm: float = math.nan  # the least corrected p that so many cases and pairs allow
+    notes: list[str] = field(default_factory=list)  # what could not be computed, as sentences
 
     @property
     def order(self) -> list[str]:

@@ -19,24 +19,15 @@ from ematwin.errors import EmatwinError
 
 @dataclass
 class Tally:
-    """Progress of a study.
+    """Progress of a study."""
 
-    Attributes
-    ----------
-    planned : int, runs of the plan
-    found : int, of those, in the store before
-    finished : int, by this process
-    elsewhere : int, by other processes meanwhile
-    counts : statuses and how many of the plan's runs ended so
-    seconds : float, since the start
-    """
-
-    planned: int
-    found: int = 0
-    finished: int = 0
-    elsewhere: int = 0
+    planned: int  # runs of the plan
+    found: int = 0  # of those, in the store before
+    finished: int = 0  # by this process
+    elsewhere: int = 0  # by other processes meanwhile
+    # statuses and how many of the plan's runs ended so
     counts: dict[str, int] = field(default_factory=dict)
-    seconds: float = 0.0
+    seconds: float = 0.0  # since the start
 
     @property
     def complete(self) -> int:

@@ -23,18 +23,11 @@ from ematwin.validation import one_sentence
 
 @dataclass(frozen=True)
 class Subject(HasUnknowns):
-    """An actuator and its searched unknowns.
-
-    Attributes
-    ----------
-    model : of its kind
-    actuator : its parameters
-    unknowns : (d,) tuple, faults and nuisances
-    """
+    """An actuator and its searched unknowns."""
 
     model: Model
     actuator: ParameterSet
-    unknowns: tuple[Unknown, ...]
+    unknowns: tuple[Unknown, ...]  # (d,), faults and nuisances
 
     @classmethod
     def of(cls, actuator: ParameterSet | str | None = None) -> "Subject":

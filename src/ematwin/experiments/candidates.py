@@ -35,20 +35,14 @@ Progress = Callable[[int, float, int], object]
 
 @dataclass
 class Ranking:
-    """Commands within limits, the best first.
+    """Commands within limits, the best first."""
 
-    Attributes
-    ----------
-    costs, commands : of those that are worth recording
-    evaluations : how many were looked at
-    stopped : why it ended: "complete", "budget", "time" or "interrupted"
-    nearest : demands of the command next to the limits, of those beyond them
-    """
-
+    # costs, commands: of those that are worth recording
     costs: list[float] = field(default_factory=list)
     commands: list[Scenario] = field(default_factory=list)
-    evaluations: int = 0
-    stopped: str = "complete"
+    evaluations: int = 0  # how many were looked at
+    stopped: str = "complete"  # why it ended: "complete", "budget", "time" or "interrupted"
+    # demands of the command next to the limits, of those beyond them
     nearest: RefusedError | None = None
 
     def refusal(self, actuator: str, asked: Mapping[str, float]) -> InputError:

@@ -34,32 +34,23 @@ Faults = Mapping[str, float]
 
 @dataclass(frozen=True)
 class CommandErrors:
-    """Errors of a command.
-
-    Attributes
-    ----------
-    scenario : Scenario
-    errors : expected standard error of each magnitude, by name; infinite where ``obstacle`` says
-        why nothing is known
-    ranges : of the magnitudes, by name
-    demands : its demands on a healthy actuator, by name, SI
-    faulty : the most that it demanded of one with faults
-    obstacle : why no verdict would be given on such a recording, or ""
-    told : Identifiability, at faults that are only just ones; None where it was not asked for
-    observed : root mean square of the errors that `identify` made on ``checks`` simulated
-        recordings, by name; empty if none were made
-    checks : how many
-    """
+    """Errors of a command."""
 
     scenario: Scenario
+    # expected standard error of each magnitude, by name; infinite where ``obstacle`` says why
+    # nothing is known
     errors: dict[str, float]
-    ranges: dict[str, float]
-    demands: dict[str, float]
+    ranges: dict[str, float]  # of the magnitudes, by name
+    demands: dict[str, float]  # its demands on a healthy actuator, by name, SI
+    # the most that it demanded of one with faults
     faulty: dict[str, float] = field(default_factory=dict)
-    obstacle: str = ""
+    obstacle: str = ""  # why no verdict would be given on such a recording, or ""
+    # at faults that are only just ones; None where it was not asked for
     told: Identifiability | None = None
+    # root mean square of the errors that `identify` made on ``checks`` simulated recordings, by
+    # name; empty if none were made
     observed: dict[str, float] = field(default_factory=dict)
-    checks: int = 0
+    checks: int = 0  # how many
 
     @classmethod
     def none(

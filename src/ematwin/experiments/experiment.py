@@ -72,15 +72,10 @@ UNANSWERED = (DivergedError, ParameterError, RecordError)
 
 @dataclass(frozen=True)
 class Expected:
-    """Expected posterior at the true values of a simulated recording.
-
-    Attributes
-    ----------
-    peak : Laplace
-    model_error : (d, d) array, covariance from the model error elsewhere within the width
-    """
+    """Expected posterior at the true values of a simulated recording."""
 
     peak: Laplace
+    # (d, d) array, covariance from the model error elsewhere within the width
     model_error: np.ndarray | float = 0.0
 
     @property
@@ -124,25 +119,15 @@ class Expected:
 
 @dataclass(frozen=True)
 class Experiment:
-    """Actuator, prior knowledge of it, and settings of the recording.
+    """Actuator, prior knowledge of it, and settings of the recording."""
 
-    Attributes
-    ----------
-    model, actuator : of the twin
-    baseline : prior knowledge of the actuator
-    noise : of the sensors; None for that which the kind simulates by itself
-    sample_rate : float, Hz; None takes the kind's
-    seed : of the noise
-    threads : that share a batch; None takes one for each core
-    """
-
-    model: Model
+    model: Model  # of the twin, as the actuator
     actuator: ParameterSet
-    baseline: Baseline
-    noise: Noise | None = None
-    sample_rate: float | None = None
-    seed: int = 1
-    threads: int | None = None
+    baseline: Baseline  # prior knowledge of the actuator
+    noise: Noise | None = None  # of the sensors; None for that which the kind simulates by itself
+    sample_rate: float | None = None  # Hz; None takes the kind's
+    seed: int = 1  # of the noise
+    threads: int | None = None  # that share a batch; None takes one for each core
 
     @classmethod
     def of(cls, actuator: Any, *, exact: bool = False, **settings: Any) -> "Experiment":

@@ -42,19 +42,13 @@ def numbered(path: str | Path, count: int) -> list[Path]:
 
 @dataclass(frozen=True)
 class HealthyTest:
-    """A healthy test and the errors expected after it.
+    """A healthy test and the errors expected after it."""
 
-    Attributes
-    ----------
-    scenario : the command, with a description
-    errors : expected standard error of the logarithm of each parameter after this test and those
-        before it, by place
-    demands : of the motion, by name, SI
-    """
-
-    scenario: Scenario
+    scenario: Scenario  # the command, with a description
+    # expected standard error of the logarithm of each parameter after this test and those
+    # before it, by place
     errors: dict[str, float]
-    demands: dict[str, float]
+    demands: dict[str, float]  # of the motion, by name, SI
 
 
 @dataclass(frozen=True)

@@ -31,31 +31,23 @@ _PARTNER = 0.5  # correlation from which another is named
 
 @dataclass(frozen=True)
 class FaultIdentifiability:
-    """Identifiability of one fault.
-
-    Attributes
-    ----------
-    name, meaning : of the fault
-    value, range : where slopes were taken, and upper less lower bound
-    error : standard error, with parameters, load and sensors as uncertain as they are
-    sharp_error : standard error if all of them were known exactly
-    smallest : float, least deviation from healthy that is found with the rates that were asked for;
-        infinite if none within the range is
-    physical : the value that deviates so much, in physical units; None if there is none
-    how : "pinned"; "traded" (others widen its error `TRADED` times or more); "open" (it may be
-        anything); "dead" (it hardly shows, even if all else is known)
-    partners : what widens it, with the correlation, the strongest first
-    """
+    """Identifiability of one fault."""
 
     name: str
     meaning: str
-    value: float
+    value: float  # value, range: where slopes were taken, and upper less lower bound
     range: float
-    error: float
-    sharp_error: float
+    error: float  # standard error, with parameters, load and sensors as uncertain as they are
+    sharp_error: float  # standard error if all of them were known exactly
+    # least deviation from healthy that is found with the rates that were asked for; infinite if
+    # none within the range is
     smallest: float
+    # the value that deviates so much, in physical units; None if there is none
     physical: PhysicalValue | None
+    # "pinned"; "traded" (others widen its error `TRADED` times or more); "open" (it may be
+    # anything); "dead" (it hardly shows, even if all else is known)
     how: str
+    # what widens it, with the correlation, the strongest first
     partners: tuple[tuple[str, float], ...]
 
     @property

@@ -32,19 +32,13 @@ _AGAIN = 1.0  # years after an alarm has cleared in which it is not raised again
 
 @dataclass(frozen=True)
 class Policy:
-    """When alarms are raised.
+    """When alarms are raised."""
 
-    Attributes
-    ----------
-    false_alarms : per actuator and year, at most
-    plan, act : years before its limit by which a magnitude asks for a plan, or for action
-    look : years between two looks at the alarms
-    """
-
-    false_alarms: float = 0.1
+    false_alarms: float = 0.1  # per actuator and year, at most
+    # plan, act: years before its limit by which a magnitude asks for a plan, or for action
     plan: float = 0.5
     act: float = 1.0 / 12.0
-    look: float = 0.0
+    look: float = 0.0  # years between two looks at the alarms
 
     def __post_init__(self) -> None:
         if not 0.0 < self.false_alarms < 1.0:
@@ -61,27 +55,16 @@ class Policy:
 
 @dataclass(frozen=True)
 class Alarm:
-    """An alarm on one magnitude of an actuator.
-
-    Attributes
-    ----------
-    magnitude : its name
-    step : "none", "watch", "plan" or "act"
-    probability : that the magnitude is larger than matters
-    ends : years, the lower end of the life until its limit; infinite where none is stated
-    why : a sentence, and what to check
-    since : years, when this step was reached
-    acknowledged, silenced : whether somebody has seen it, or wants to hear no more of it for now
-    """
+    """An alarm on one magnitude of an actuator."""
 
     magnitude: str
     step: Step
-    probability: float
-    ends: float
-    why: str
-    since: float = math.nan
-    acknowledged: bool = False
-    silenced: bool = False
+    probability: float  # that the magnitude is larger than matters
+    ends: float  # years, the lower end of the life until its limit; infinite where none is stated
+    why: str  # a sentence, and what to check
+    since: float = math.nan  # years, when this step was reached
+    acknowledged: bool = False  # somebody has seen it
+    silenced: bool = False  # somebody wants to hear no more of it for now
 
     @property
     def urgency(self) -> int:

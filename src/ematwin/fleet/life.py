@@ -30,20 +30,13 @@ _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(15)
 
 @dataclass(frozen=True)
 class Life:
-    """A distribution of the life that is left.
+    """A distribution of the life that is left."""
 
-    Attributes
-    ----------
-    name : the magnitude, or the requirement, that ends it
-    draws : (N,) array, years from ``moment``; infinite where it lasts longer than ``horizon``
-    moment : years, when it is asked
-    horizon : years
-    """
-
-    name: str
+    name: str  # the magnitude, or the requirement, that ends it
+    # (N,) array, years from ``moment``; infinite where it lasts longer than ``horizon``
     draws: np.ndarray
-    moment: float
-    horizon: float = HORIZON
+    moment: float  # years, when it is asked
+    horizon: float = HORIZON  # years
 
     def within(self, years: float) -> float:
         """Probability that it ends within a time."""
@@ -87,18 +80,11 @@ def spoken(years: float) -> str:
 
 
 class Paths(NamedTuple):
-    """Levels to come.
+    """Levels to come."""
 
-    Attributes
-    ----------
-    ahead : (K,) array, years after the moment, the first 0
-    level : (draws, K) array
-    variance : (draws, 1) array, of the increments per year
-    """
-
-    ahead: np.ndarray
-    level: np.ndarray
-    variance: np.ndarray
+    ahead: np.ndarray  # (K,) array, years after the moment, the first 0
+    level: np.ndarray  # (draws, K) array
+    variance: np.ndarray  # (draws, 1) array, of the increments per year
 
 
 def paths(
@@ -260,19 +246,13 @@ def _gamma_over_wiener(
 
 @dataclass(frozen=True)
 class Requirement:
-    """What an actuator has to do: a measure of its motion in a scenario, and the worst value.
+    """What an actuator has to do: a measure of its motion in a scenario, and the worst value."""
 
-    Attributes
-    ----------
-    measure : "following_error_peak", "following_error_rms", "settling_time", "rise_time", or a
-        number of the kind's summary, such as "current_peak"
-    limit : SI, the largest value with which it does its job
-    scenario : name or file; None takes the kind's default
-    """
-
+    # "following_error_peak", "following_error_rms", "settling_time", "rise_time", or a number
+    # of the kind's summary, such as "current_peak"
     measure: str
-    limit: float
-    scenario: str | None = None
+    limit: float  # SI, the largest value with which it does its job
+    scenario: str | None = None  # name or file; None takes the kind's default
 
     def value(self, actuator: Any, faults: dict[str, float]) -> float:
         """The measure, as the twin of an actuator with some faults shows it."""

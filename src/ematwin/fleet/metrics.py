@@ -16,15 +16,10 @@ from ematwin.errors import InputError
 
 @dataclass(frozen=True)
 class Prediction:
-    """A life left, predicted at some moment.
+    """A life left, predicted at some moment."""
 
-    Attributes
-    ----------
-    moment : when it was made
-    draws : (N,) array, the life left from then on; infinite where it is longer than can be said
-    """
-
-    moment: float
+    moment: float  # when it was made
+    # (N,) array, the life left from then on; infinite where it is longer than can be said
     draws: np.ndarray
 
     @property

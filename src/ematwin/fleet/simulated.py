@@ -66,23 +66,14 @@ Worn = Callable[[np.random.Generator, int, float, np.ndarray], Mapping[str, np.n
 
 @dataclass(frozen=True)
 class SimulatedFleet:
-    """Truth and estimates of a fleet.
-
-    Parameters
-    ----------
-    actuators : how many
-    years : for how long they are recorded, until ``end``
-    per_year : recordings of each actuator in a year
-    seed : int
-    end : moment of the last day; None takes the present day
-    worn : magnitudes over the days from new on, by generator, days, severity and temperatures
-    """
+    """Truth and estimates of a fleet."""
 
     actuators: int = 60
-    years: float = 3.0
-    per_year: float = 100.0
+    years: float = 3.0  # for how long they are recorded, until ``end``
+    per_year: float = 100.0  # recordings of each actuator in a year
     seed: int = 1
-    end: datetime | None = None
+    end: datetime | None = None  # moment of the last day; None takes the present day
+    # magnitudes over the days from new on, by generator, days, severity and temperatures
     worn: Worn = worn
 
     def __post_init__(self) -> None:
@@ -176,19 +167,12 @@ class SimulatedFleet:
 
 @dataclass(frozen=True)
 class Truth:
-    """What an actuator went through, day by day.
+    """What an actuator went through, day by day."""
 
-    Attributes
-    ----------
-    level : by magnitude, (days,) arrays
-    temperature, load : (days,) arrays, deg C and N m
-    repairs : days, and whether they were recorded
-    """
-
-    level: Mapping[str, np.ndarray]
-    temperature: np.ndarray
+    level: Mapping[str, np.ndarray]  # by magnitude, (days,) arrays
+    temperature: np.ndarray  # temperature, load: (days,) arrays, deg C and N m
     load: np.ndarray
-    repairs: tuple[tuple[int, bool], ...]
+    repairs: tuple[tuple[int, bool], ...]  # days, and whether they were recorded
 
     def passes(self, name: str, day: int = 0) -> int | None:
         """The first day from ``day`` on beyond its limit; None if there is none."""

@@ -38,20 +38,13 @@ _LEVEL, _SLOPE, _EFFECTS = 0, 1, 3
 
 @dataclass(frozen=True)
 class Series:
-    """Estimates of one magnitude of one actuator, ordered by time.
+    """Estimates of one magnitude of one actuator, ordered by time."""
 
-    Attributes
-    ----------
-    time : (n,) array, years
-    value, error : (n,) arrays, estimate and its standard error
-    covariates : (n, 2) array, standardised temperature and load; 0 where not recorded
-    overhauls : times, years, from which on the actuator is as another one of the fleet
-    """
-
-    time: np.ndarray
-    value: np.ndarray
+    time: np.ndarray  # (n,) array, years
+    value: np.ndarray  # value, error: (n,) arrays, estimate and its standard error
     error: np.ndarray
-    covariates: np.ndarray
+    covariates: np.ndarray  # (n, 2) array, standardised temperature and load; 0 where not recorded
+    # times, years, from which on the actuator is as another one of the fleet
     overhauls: tuple[float, ...] = ()
 
     def until(self, moment: float) -> "Series":
@@ -79,33 +72,21 @@ class Series:
 
 @dataclass(frozen=True)
 class Wear:
-    """Distribution of a magnitude over the whole fleet.
+    """Distribution of a magnitude over the whole fleet."""
 
-    Attributes
-    ----------
-    mean, spread : (5,) arrays, of level, slope, acceleration and two effects at the start
-    after : (2,) array, mean and spread of the slope after a jump
-    q_level, q_slope : variances per year
-    lasting : years, in which an acceleration falls to 1/e; below 0 it grows by e in these
-    occasion, scale : of the errors of estimates, see above
-    size : standard deviation of jumps and of outliers, the range of the unknown
-    jump_rate : jumps per actuator and year beforehand
-    outlier_share : of estimates beforehand
-    others : draws of other plausible values, for each law of wear some
-    """
-
+    # mean, spread: (5,) arrays, of level, slope, acceleration and two effects at the start
     mean: np.ndarray
     spread: np.ndarray
-    after: np.ndarray
-    q_level: float
+    after: np.ndarray  # (2,) array, mean and spread of the slope after a jump
+    q_level: float  # q_level, q_slope: variances per year
     q_slope: float
-    lasting: float
-    occasion: float
+    lasting: float  # years, in which an acceleration falls to 1/e; below 0 it grows by e in these
+    occasion: float  # occasion, scale: of the errors of estimates, see above
     scale: float
-    size: float
-    jump_rate: float = 0.1
-    outlier_share: float = 0.01
-    others: tuple["Draws", ...] = ()
+    size: float  # standard deviation of jumps and of outliers, the range of the unknown
+    jump_rate: float = 0.1  # jumps per actuator and year beforehand
+    outlier_share: float = 0.01  # of estimates beforehand
+    others: tuple["Draws", ...] = ()  # draws of other plausible values, for each law of wear some
 
     def variance(self, error: np.ndarray) -> np.ndarray:
         """Of the part of an estimate's error that differs between recordings."""
@@ -146,31 +127,22 @@ class Draws(NamedTuple):
 
 @dataclass(frozen=True)
 class Trend:
-    """Posterior of level and slope of a magnitude.
+    """Posterior of level and slope of a magnitude."""
 
-    Attributes
-    ----------
-    series : the data
-    wear : the fleet's prior
-    mean, covariance : (3,) and (3, 3) arrays, level, slope and acceleration at ``time``
-    level, level_error : (n,) arrays, smoothed, and its standard error
-    slope : (n,) array, smoothed, per year
-    corrected : (n,) array, estimates less the effects of covariates
-    outliers, jumps : indices of estimates that are outliers, and before which the level jumped
-    told, shocks : logarithms of the probability densities of the estimates, and of their jumps and
-        outliers beforehand
-    """
-
-    series: Series
-    wear: Wear
+    series: Series  # the data
+    wear: Wear  # the fleet's prior
+    # mean, covariance: (3,) and (3, 3) arrays, level, slope and acceleration at ``time``
     mean: np.ndarray
     covariance: np.ndarray
-    level: np.ndarray
+    level: np.ndarray  # level, level_error: (n,) arrays, smoothed, and its standard error
     level_error: np.ndarray
-    slope: np.ndarray
-    corrected: np.ndarray
+    slope: np.ndarray  # (n,) array, smoothed, per year
+    corrected: np.ndarray  # (n,) array, estimates less the effects of covariates
+    # outliers, jumps: indices of estimates that are outliers, and before which the level jumped
     outliers: tuple[int, ...]
     jumps: tuple[int, ...]
+    # told, shocks: logarithms of the probability densities of the estimates, and of their jumps
+    # and outliers beforehand
     told: float
     shocks: float
 

@@ -36,20 +36,12 @@ _AHEAD = timedelta(days=1)  # zones and clocks may be off by as much
 
 @dataclass
 class Watched:
-    """What came of watching.
+    """What came of watching."""
 
-    Attributes
-    ----------
-    judged : recordings that got a row, with a verdict or without
-    set_aside : files and reasons
-    known : files that had been judged before
-    duplicates : files that are equal to another one
-    """
-
-    judged: int = 0
-    set_aside: list[tuple[str, str]] = field(default_factory=list)
-    known: int = 0
-    duplicates: list[str] = field(default_factory=list)
+    judged: int = 0  # recordings that got a row, with a verdict or without
+    set_aside: list[tuple[str, str]] = field(default_factory=list)  # files and reasons
+    known: int = 0  # files that had been judged before
+    duplicates: list[str] = field(default_factory=list)  # files that are equal to another one
 
     def __str__(self) -> str:
         parts = [f"{self.judged} recordings judged", f"{self.known} known before"]

@@ -21,13 +21,9 @@ class LowPass:
     In closed form (bilinear transform with the cutoff prewarped; e.g. Oppenheim and Schafer 2010,
     Discrete-Time Signal Processing, section 7.3), as importing a package for it takes longer than
     a search.
-
-    Parameters
-    ----------
-    cutoff : float, Hz
     """
 
-    cutoff: float = 500.0
+    cutoff: float = 500.0  # Hz
 
     def taps(self, sample_rate: float, start: float) -> np.ndarray:
         """``b0 b1 b2 a1 a2 z1 z2``: the filter and its state after resting at ``start``.
@@ -117,13 +113,9 @@ class SlopeWeighting:
     Eq. 2 of the paper: err = sum_t (I_3eq - I_m)^2 / sqrt((dI_3eq/dt)^2 + s^2). A total least
     squares weighting: where the measured current is steep, a small shift in time makes a large
     difference, and counts for less.
-
-    Parameters
-    ----------
-    slope_scale : float, A/s; 1 is the paper's, larger ones come closer to least squares
     """
 
-    slope_scale: float = 500.0
+    slope_scale: float = 500.0  # A/s; 1 is the paper's, larger ones come closer to least squares
 
     def weights(self, measured: np.ndarray, interval: float) -> np.ndarray:
         """(S,) array, s/A, for a measured current (S,) in A sampled each ``interval`` s."""

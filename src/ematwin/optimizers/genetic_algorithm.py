@@ -81,20 +81,14 @@ class Real:
 
 @dataclass(frozen=True)
 class Binary:
-    """A string is ``bits`` bits a variable, in Gray code by default.
+    """A string is ``bits`` bits a variable, in Gray code by default."""
 
-    Attributes
-    ----------
-    bits : int, 1 to 52: the box becomes a grid of 2**bits points a variable, both bounds on it
-    gray : bool, Gray code: neighbouring grid points differ in one bit; in plain code, in up to all
-    crossed : float, share of pairs that exchange all bits after a random place
-    flipped : float or None, share of bits that mutation flips; None: one bit of each individual on
-        average
-    """
-
+    # 1 to 52: the box becomes a grid of 2**bits points a variable, both bounds on it
     bits: int = 16
+    # Gray code: neighbouring grid points differ in one bit; in plain code, in up to all
     gray: bool = True
-    crossed: float = 0.9
+    crossed: float = 0.9  # share of pairs that exchange all bits after a random place
+    # share of bits that mutation flips; None: one bit of each individual on average
     flipped: float | None = None
 
     def __post_init__(self) -> None:

@@ -84,13 +84,9 @@ class GrowingRing:
     order says nothing of places, so that news travels slowly wherever the particles are.
     Departure: his neighbourhood grows evenly; here slowly first, so that the swarm is still spread
     when half of the iterations have gone (measured in ``docs/lab/search-methods.md``).
-
-    Attributes
-    ----------
-    power : float, positive: the ring reaches progress ** power of the way to half the swarm on
-        either side
     """
 
+    # positive: the ring reaches progress ** power of the way to half the swarm on either side
     power: float = 2.0
 
     def __post_init__(self) -> None:
@@ -109,22 +105,13 @@ class GrowingRing:
 
 @dataclass(frozen=True)
 class Coefficients:
-    """The weights of the velocity equation.
+    """The weights of the velocity equation."""
 
-    Attributes
-    ----------
-    inertia : float, factor of the old velocity, chi
-    last_inertia : float or None, what ``inertia`` falls to, evenly over the iterations; None: it
-        stays
-    own, neighbours : float, factors of the pull to the own and to the neighbours' best point,
-        chi phi1 and chi phi2
-    speed_limit : float, spans of the box per iteration, largest speed; infinite for none
-    """
-
-    inertia: float
-    own: float
-    neighbours: float
-    speed_limit: float = np.inf
+    inertia: float  # factor of the old velocity, chi
+    own: float  # factor of the pull to the own best point, chi phi1
+    neighbours: float  # and to that of the neighbours, chi phi2
+    speed_limit: float = np.inf  # spans of the box per iteration, largest speed; infinite for none
+    # what ``inertia`` falls to, evenly over the iterations; None: it stays
     last_inertia: float | None = None
 
     def inertia_at(self, progress: float) -> float:
@@ -157,15 +144,10 @@ class Craziness:
 
     They do so instead of flying on. Beside the best point of the whole swarm they would carry it
     into every neighbourhood, and a ring would be none.
-
-    Attributes
-    ----------
-    share : float, share of the swarm, rounded down; those whose own best point is worst
-    mutation : Polynomial, how that point is disturbed; one variable on average
     """
 
-    share: float = 0.1
-    mutation: Polynomial = field(default_factory=Polynomial)
+    share: float = 0.1  # share of the swarm, rounded down; those whose own best point is worst
+    mutation: Polynomial = field(default_factory=Polynomial)  # of one variable on average
 
     def __post_init__(self) -> None:
         probability(self.share, "share of crazy particles")
