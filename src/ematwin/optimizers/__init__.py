@@ -12,7 +12,7 @@ from ematwin.optimizers.loop import minimize
 from ematwin.optimizers.objective import LimitedObjective
 from ematwin.optimizers.particle_swarm import ParticleSwarm
 from ematwin.optimizers.random_search import RandomSearch
-from ematwin.optimizers.registry import algorithms, create
+from ematwin.optimizers.registry import algorithms
 from ematwin.optimizers.result import History, MinimizeResult, Progress, Stop
 from ematwin.optimizers.whale import Whale
 
@@ -34,6 +34,5 @@ __all__ = [
     "Stop",
     "Whale",
     "algorithms",
-    "create",
     "minimize",
 ]

@@ -91,14 +91,6 @@ class Box:
         """True if every point lies within the bounds, bounds included."""
         return bool(np.all((points >= self.lower) & (points <= self.upper)))
 
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Box):
-            return NotImplemented
-        return np.array_equal(self.lower, other.lower) and np.array_equal(self.upper, other.upper)
-
-    def __hash__(self) -> int:
-        return hash((self.lower.tobytes(), self.upper.tobytes()))
-
 
 def _bound(values: ArrayLike, name: str) -> FloatArray:
     try:
@@ -212,30 +204,17 @@ class OptimizerFactory(Protocol):
 
 @dataclass(frozen=True)
 class Algorithm:
-    """An algorithm that can be named.
-
-    Attributes
-    ----------
-    name : str
-    title : str
-    source : str, the paper or library that it follows
-    departures : str, where it leaves its source; "none", or "not checked" where nobody looked
-    tuned_on : str, what its settings were chosen on, where not by its source
-    origin : str, "ematwin", the library that an adapter drives, or the package of an entry point
-    load : callable, gives the factory; imports no other library
-    requires : str or None, package to import; None if it comes with ematwin
-    aliases : tuple of str
-    """
+    """An algorithm that can be named."""
 
     name: str
     title: str
-    source: str
-    origin: str
-    load: Callable[[], OptimizerFactory]
-    requires: str | None = None
+    source: str  # the paper or library that it follows
+    origin: str  # "ematwin", the library of an adapter, or the package of an entry point
+    load: Callable[[], OptimizerFactory]  # imports no other library
+    requires: str | None = None  # package to import; None if it comes with ematwin
     aliases: tuple[str, ...] = ()
-    departures: str = "not checked"
-    tuned_on: str = "not known"
+    departures: str = "not checked"  # where it leaves its source; "none"
+    tuned_on: str = "not known"  # what its settings were chosen on, where not by its source
 
     @property
     def installed(self) -> bool:

@@ -20,13 +20,13 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from ematwin.optimizers.base import Algorithm, OptimizerFactory
+from ematwin.optimizers.base import Algorithm
 from ematwin.optimizers.differential_evolution import (
-    Best1,
     DifferentialEvolution,
     Dither,
     Either,
-    Rand1,
+    best_1,
+    rand_1,
 )
 from ematwin.optimizers.dragonfly import Dragonfly
 from ematwin.optimizers.genetic_algorithm import HOLLAND, Binary, GeneticAlgorithm, Real
@@ -72,7 +72,7 @@ def _own(
     *aliases: str,
     **settings: Any,
 ) -> Algorithm:
-    made: OptimizerFactory = partial(factory, **settings) if settings else factory
+    made: Any = partial(factory, **settings) if settings else factory
     return Algorithm(
         name, title, source, "ematwin", lambda: made, None, aliases, departures, tuned_on
     )
@@ -147,16 +147,16 @@ ALGORITHMS = (
     ),
     _own(
         "de-rand", "Differential evolution, rand/1/bin, F 0.5, CR 0.9", _STORN, _BOUNCE,
-        _PUBLISHED, DifferentialEvolution, strategy=Rand1(), CR=0.9,
+        _PUBLISHED, DifferentialEvolution, strategy=rand_1, CR=0.9,
     ),
     _own(
         "de-best", "Differential evolution, best/1/bin, F 0.8, CR 0.9", _STORN, _BOUNCE,
-        _PUBLISHED, DifferentialEvolution, strategy=Best1(), F=0.8, CR=0.9,
+        _PUBLISHED, DifferentialEvolution, strategy=best_1, F=0.8, CR=0.9,
     ),
     _own(
         "de-tuned", "Differential evolution, tuned", _STORN,
         f"strategy, F and CR as tuned; {_BOUNCE}", _TUNED, DifferentialEvolution,
-        strategy=Best1(), F=Dither(), CR=Either(share=0.73),
+        strategy=best_1, F=Dither(), CR=Either(share=0.73),
     ),
     _own(
         "gwo", "Grey wolf optimiser", _WOLF, "none from the author's program", _PUBLISHED,

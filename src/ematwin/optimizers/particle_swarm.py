@@ -153,16 +153,11 @@ class Craziness:
         probability(self.share, "share of crazy particles")
 
 
-_SOME = Craziness()
-
-
 class ParticleSwarm(PopulationOptimizer):
     """Particle swarm optimisation.
 
     Parameters
     ----------
-    box : Box
-    population, iterations, seed : int
     topology : Topology, ``GrowingRing()`` (default), ``Global()``, ``Ring(k)``, or any object with
         the same method
     coefficients : Coefficients
@@ -173,9 +168,9 @@ class ParticleSwarm(PopulationOptimizer):
         self,
         box: Box,
         *,
-        topology: Topology | None = None,
+        topology: Topology = GrowingRing(),
         coefficients: Coefficients = STANDARD_2006,
-        craziness: Craziness | None = _SOME,
+        craziness: Craziness | None = Craziness(),
         **settings: int,
     ) -> None:
         super().__init__(box, **settings)
@@ -183,7 +178,7 @@ class ParticleSwarm(PopulationOptimizer):
             raise InputError(
                 f"The speed limit of a swarm must be positive, received {coefficients.speed_limit}."
             )
-        self.topology: Topology = GrowingRing() if topology is None else topology
+        self.topology = topology
         self.coefficients = coefficients
         self.craziness = craziness
         self.best_points = np.empty((0, box.dimension))

@@ -12,13 +12,7 @@ from ematwin.optimizers.base import FloatArray, PopulationOptimizer
 
 
 class RandomSearch(PopulationOptimizer):
-    """Uniform random points; it learns nothing.
-
-    Parameters
-    ----------
-    box : Box
-    population, iterations, seed : int
-    """
+    """Uniform random points; it learns nothing."""
 
     def _learn(self, points: FloatArray, costs: FloatArray) -> None:
         """Do nothing: the next batch depends on no cost."""

@@ -16,7 +16,7 @@ from ematwin.optimizers import (
     Whale,
     minimize,
 )
-from ematwin.optimizers.differential_evolution import Best1, Rand1
+from ematwin.optimizers.differential_evolution import best_1, rand_1
 from ematwin.optimizers.genetic_algorithm import HOLLAND, Binary
 from ematwin.optimizers.particle_swarm import INERTIA_1998, Coefficients, Global, Ring
 from naive import optimizers_naive as naive
@@ -55,11 +55,11 @@ CASES = {
         partial(naive.particle_swarm, **SWARM, ring="growing"),
     ),
     "rand/1/bin": (
-        partial(DifferentialEvolution, strategy=Rand1(), F=0.6, CR=0.8),
+        partial(DifferentialEvolution, strategy=rand_1, F=0.6, CR=0.8),
         partial(naive.differential_evolution, F=0.6, CR=0.8),
     ),
     "best/1/bin": (
-        partial(DifferentialEvolution, strategy=Best1(), F=0.6, CR=0.5),
+        partial(DifferentialEvolution, strategy=best_1, F=0.6, CR=0.5),
         partial(naive.differential_evolution, F=0.6, CR=0.5, best=True),
     ),
     "binary genetic": (

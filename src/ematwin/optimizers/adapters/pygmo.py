@@ -9,19 +9,15 @@ to do.
 
 from __future__ import annotations
 
-from functools import partial
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
-from ematwin.optimizers.adapters import adapted
 from ematwin.optimizers.adapters.worker import Evaluate, ThreadedOptimizer
-from ematwin.optimizers.base import Algorithm, Box, FloatArray
+from ematwin.optimizers.base import Box, FloatArray
 
 _SEEDS = 2**31
 _WORST = 1e300  # pygmo's arithmetic on costs must stay finite
-_GOES_ON = "goes on, or restarts, where it ends"
-_ONE_BY_ONE = "; asks for one point at a time, so that its seconds say little of the method"
 
 
 class _Problem:
@@ -48,7 +44,7 @@ class _Problem:
 class Pygmo(ThreadedOptimizer):
     """An algorithm of pygmo, named as in pygmo; ``batched`` if it takes whole generations."""
 
-    minimum_population: ClassVar[int] = 7
+    minimum_population = 7
 
     def __init__(
         self, box: Box, *, name: str = "de", batched: bool = False,
@@ -78,25 +74,3 @@ class Pygmo(ThreadedOptimizer):
                 spent = population.problem.get_fevals()
                 population = algorithm.evolve(population)
             seed = (seed + 1) % _SEEDS
-
-
-def _algorithm(name: str, title: str, batched: bool = False, **options: float) -> Algorithm:
-    return adapted(
-        f"pygmo-{name.replace('_', '-')}",
-        f"{title} of pygmo",
-        f"pygmo.{name}",
-        "pygmo",
-        lambda: partial(Pygmo, name=name, batched=batched, options=options),
-        _GOES_ON if batched else _GOES_ON + _ONE_BY_ONE,
-    )
-
-
-ALGORITHMS = (
-    _algorithm("sga", "Genetic algorithm"),
-    _algorithm("de", "Differential evolution", ftol=0.0, xtol=0.0),
-    _algorithm("sade", "Self-adaptive differential evolution", ftol=0.0, xtol=0.0),
-    _algorithm("de1220", "Differential evolution, adaptive variant", ftol=0.0, xtol=0.0),
-    _algorithm("pso", "Particle swarm"),
-    _algorithm("pso_gen", "Generational particle swarm", batched=True),
-    _algorithm("gwo", "Grey wolf"),
-)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from ematwin.optimizers.adapters import adapted
 from ematwin.optimizers.adapters.worker import Evaluate, ThreadedOptimizer
 from ematwin.optimizers.base import FloatArray
 
@@ -40,15 +39,3 @@ class ScipyDifferentialEvolution(ThreadedOptimizer):
                 updating="deferred",
                 rng=rng,
             )
-
-
-ALGORITHMS = (
-    adapted(
-        "scipy-de",
-        "Differential evolution of SciPy",
-        "scipy.optimize.differential_evolution",
-        "scipy",
-        lambda: ScipyDifferentialEvolution,
-        "no convergence test, no polishing; restarts",
-    ),
-)

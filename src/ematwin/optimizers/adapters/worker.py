@@ -10,7 +10,6 @@ import threading
 from abc import abstractmethod
 from collections.abc import Callable
 from queue import SimpleQueue
-from typing import ClassVar
 
 import numpy as np
 
@@ -31,7 +30,7 @@ class ThreadedOptimizer(PopulationOptimizer):
     box, for ever. The thread starts with the first ``ask``.
     """
 
-    picklable: ClassVar[bool] = False
+    picklable = False
 
     def __init__(self, box: Box, **settings: int) -> None:
         super().__init__(box, **settings)
