@@ -13,11 +13,11 @@ MIDDLE = {
 MAGNITUDES = [name for name in MIDDLE if name != "eccentricity_phase"]
 
 
-def told(noise: float) -> ematwin.Identifiability:
+def told(noise):
     return ematwin.identifiability(faults=MIDDLE, noise=Noise(white=noise), exact=True, threads=1)
 
 
-def test_it_is_the_standard_error_that_identify_states() -> None:
+def test_it_is_the_standard_error_that_identify_states():
     record = ematwin.simulate("reference", faults=MIDDLE, noise=Noise(white=0.02), seed=8)
     found, expected = ematwin.identify(record, exact=True, threads=1), told(0.02)
     ratios = [expected[n].error / found.estimate.standard_errors[n] for n in MAGNITUDES]
@@ -25,7 +25,7 @@ def test_it_is_the_standard_error_that_identify_states() -> None:
     assert all(0.4 < one < 2.5 for one in ratios)
 
 
-def test_noise_errs_in_proportion() -> None:
+def test_noise_errs_in_proportion():
     loud, louder = told(0.2), told(0.4)
     for name in MAGNITUDES:
         assert louder[name].error == pytest.approx(2.0 * loud[name].error, rel=0.15)
