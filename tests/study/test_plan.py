@@ -7,7 +7,7 @@ import pytest
 from synthetic import small_plan
 
 from ematwin import load_actuator
-from ematwin.benchmarking.box import RemappedProblem, boxed, places, shifts
+from ematwin.benchmarking.box import RemappedProblem, places, shifts
 from ematwin.benchmarking.cases import cases_of
 from ematwin.benchmarking.execute import execute
 from ematwin.benchmarking.plan import Plan
@@ -144,7 +144,6 @@ def test_the_remapped_box_is_one_to_one_and_healthy_lies_inside(actuator):
     assert np.all((healthy > 0.2) & (healthy < 0.8) & (np.abs(healthy - 0.5) > 0.05))
     np.testing.assert_array_equal(problem.from_box(x), x)
     np.testing.assert_array_equal(remapped.costs(k), problem.costs(k))
-    assert boxed(problem, "plain") is problem
 
 
 def test_the_remapped_box_of_the_brushless_actuator_stays_as_it_was():

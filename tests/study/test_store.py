@@ -78,7 +78,7 @@ def test_a_failed_run_gives_way_to_a_done_one(store, specs):
 
 def test_a_run_is_claimed_by_one_only(store, where, specs):
     ids = [spec.id for spec in specs]
-    with Store(where, owner="elsewhere 1 x") as other:
+    with Store(where) as other:
         assert store.claim(ids[:4]) == set(ids[:4])
         assert other.claim(ids) == set(ids[4:])
         store.release()
@@ -96,7 +96,7 @@ def test_what_is_finished_cannot_be_claimed(store, specs):
 def test_a_claim_that_is_not_renewed_lapses(store, where, specs, by, monkeypatch):
     """One of tomorrow is not waited for, either: the clock that made it was wrong."""
     ids = [spec.id for spec in specs]
-    with Store(where, owner="elsewhere 1 x") as other:
+    with Store(where) as other:
         other.claim(ids)
         assert not store.claim(ids)
         later = time.time() + (by * LEASE if by > 0.0 else by)

@@ -155,13 +155,6 @@ def analyse(
     misfits : relative misfits whose expected running times are given
     threshold : deviation from healthy, as a share of the range, that counts as a fault
     seed : of the bootstrap
-
-    Raises
-    ------
-    InputError
-        If there is no run, a target or misfit is not positive, or the threshold not in (0, 0.5).
-    MissingExtraError
-        If pandas is not installed.
     """
     if not (targets and all(target > 0.0 and math.isfinite(target) for target in targets)):
         raise InputError(f"Targets of Err% must be positive, received {targets}.")

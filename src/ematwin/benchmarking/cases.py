@@ -14,8 +14,6 @@ from ematwin.validation import load_toml
 Cases = dict[str, tuple[float, ...]]
 
 PAPER_KIND = "bldc"  # whose own cases are Table 1 of the paper (ESREL 2020)
-_FEWEST, _MOST = 2, 4  # faults at once
-_ROOM = 0.1  # share of the range beside healthy, below which no fault lies on that side
 
 
 def cases_of(
@@ -33,14 +31,7 @@ def cases_of(
         brushless actuator), "multi" (random vectors with two to four faults: the paper's future
         work), a TOML file with a table ``[cases."name"]`` of values for each case, or a mapping of
         names to such values; missing faults are healthy
-    actuator : whose cases they are; the default brushless actuator if not given
-    count : int, of random cases; more of them leave the first ones as they were
-    seed : int, of the random cases
-
-    Raises
-    ------
-    InputError
-        If there are no such cases.
+    count, seed : of random cases; more of them leave the first ones as they were
     """
     subject = Subject.of(actuator)
     if not isinstance(given, str):
@@ -92,8 +83,8 @@ def _random_vector(subject: Subject, seed: int, n: int) -> tuple[float, ...]:
     """Two to four faults, each somewhere between healthy and a bound."""
     rng = np.random.default_rng(np.random.SeedSequence([seed, n]))
     faults = {subject.names[place]: subject.unknowns[place] for place in subject.magnitudes}
-    most = min(_MOST, len(faults))
-    size = rng.integers(min(_FEWEST, most), most + 1)
+    most = min(4, len(faults))
+    size = rng.integers(min(2, most), most + 1)
     chosen = rng.choice(list(faults), size=size, replace=False)
     directions = {subject.names[m]: subject.unknowns[d] for m, d in subject.directions}
     study, values = subject.model.study, {}
@@ -101,7 +92,7 @@ def _random_vector(subject: Subject, seed: int, n: int) -> tuple[float, ...]:
         one = faults[name]
         share = float(rng.uniform(*study.severities.get(name, study.severity)))
         healthy = (one.healthy - one.lower) / one.width
-        if min(healthy, 1.0 - healthy) >= _ROOM:
+        if min(healthy, 1.0 - healthy) >= 0.1:  # there is room on both sides
             sign = float(rng.choice([-1.0, 1.0]))
         else:
             sign = 1.0 if healthy < 0.5 else -1.0

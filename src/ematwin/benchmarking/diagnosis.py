@@ -16,7 +16,6 @@ from ematwin.benchmarking.table import RunTable
 from ematwin.showing.results import frame
 
 THRESHOLD = 0.05
-_SLACK = 1e-12  # 0.55 - 0.5 is a little less than 0.05
 
 
 def diagnose(table: RunTable, threshold: float = THRESHOLD) -> Any:
@@ -39,12 +38,13 @@ def diagnose(table: RunTable, threshold: float = THRESHOLD) -> Any:
         table.frame.reindex(columns=[f"{which}_{name}" for name in subject.names]).to_numpy(float)
         for which in ("injected", "found")
     )
-    width, least = subject.upper - subject.lower, threshold - _SLACK
+    width, slack = subject.upper - subject.lower, 1e-12  # 0.55 - 0.5 is less than 0.05
+    least = threshold - slack
     deviation = np.abs(injected - subject.healthy) / width
     faulty = (deviation >= least) & done[:, None]
     called = (np.abs(found - subject.healthy) / width >= least) & done[:, None]
     present, named = (part[:, subject.magnitudes] for part in (faulty, called))
-    absent = (deviation[:, subject.magnitudes] <= _SLACK) & done[:, None]
+    absent = (deviation[:, subject.magnitudes] <= slack) & done[:, None]
     missed, false = present & ~named, absent & named
     confused = missed.any(axis=1) & false.any(axis=1)
     directed, turned = np.zeros((2, len(table)), dtype=int)

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.benchmarking.box import check_box
 from ematwin.benchmarking.cases import Cases
 from ematwin.benchmarking.run import RunSpec
 from ematwin.benchmarking.subject import Subject
@@ -25,15 +24,7 @@ from ematwin.recordings.noise import Noise
 
 @dataclass(frozen=True)
 class Plan:
-    """Cases, methods and settings of a study.
-
-    Raises
-    ------
-    InputError
-        If an algorithm is unknown, a case is of another kind, or a number cannot be used.
-    MissingExtraError
-        If an algorithm's library is not installed.
-    """
+    """Cases, methods and settings of a study, checked and completed."""
 
     cases: Cases  # vectors (d,) of the actuator's faults and nuisances, by name
     # names of ``ematwin algorithms``, or presets: paper, improved, best; aliases become names
@@ -49,13 +40,12 @@ class Plan:
     scenario: Scenario | str | None = None  # of the recordings; None takes the default of the kind
 
     def __post_init__(self) -> None:
-        for name, value in [
-            ("runs", self.runs), ("population", self.population), ("iterations", self.iterations)
-        ]:  # fmt: skip
-            if value < 1:
+        for name in ("runs", "population", "iterations"):
+            if (value := getattr(self, name)) < 1:
                 raise InputError(f"The number of {name} must be at least 1, received {value}.")
         check_seed(self.seed)
-        check_box(self.box)
+        if self.box not in ("plain", "remapped"):
+            raise InputError(f"There is no box {self.box!r}; choose plain or remapped.")
         subject = Subject.of(self.actuator)
         scenario = subject.model.load_scenario(self.scenario)
         subject.model.check_scenario(scenario, subject.actuator)
@@ -101,11 +91,6 @@ class Plan:
         """All runs; those that share a record stand together, so that workers simulate it once."""
         shared = self.settings()
         seed = shared.pop("seed")
-        records = {
-            (case, run): derived_seed(seed, "record", case, run)
-            for case in self.cases
-            for run in range(self.runs)
-        }
         return [
             RunSpec(
                 case=case,
@@ -113,7 +98,7 @@ class Plan:
                 algorithm=algorithm,
                 run=run,
                 seed=derived_seed(seed, "search", case, algorithm, run),
-                record_seed=records[case, run],
+                record_seed=derived_seed(seed, "record", case, run),
                 **shared,
             )
             for case, faults in self.cases.items()

@@ -83,13 +83,8 @@ class StoredRun:
 def pack(evaluations: Any, costs: Any) -> bytes:
     """Compress a convergence history, exact to the last bit.
 
-    A store of 100,000 runs holds some twenty million pairs. Differences of the evaluations and the
-    bytes of one rank side by side pack three times as well as the plain arrays.
-
-    Parameters
-    ----------
-    evaluations : (B,) whole numbers, rising
-    costs : (B,) numbers, best cost so far
+    A store of 100,000 runs holds some twenty million pairs. Differences of the (B,) evaluations
+    and the bytes of one rank side by side pack three times as well as the plain arrays.
     """
     steps = np.diff(np.asarray(evaluations, "<i8"), prepend=0)
     words = np.concatenate([steps.view("<u8"), np.asarray(costs, "<f8").view("<u8")])

@@ -92,21 +92,14 @@ def spreads(samples: list[np.ndarray], seed: int = 1) -> np.ndarray:
 
 
 def performance_coefficients(spent: np.ndarray, errors: np.ndarray) -> np.ndarray:
-    """Give the performance coefficient (paper, eq. 3) of the algorithms of each case.
+    """Give the performance coefficient (paper, eq. 3) of the A algorithms of each case, per cent.
 
         PC_i = 100 (1 - t_i err_i / sum_j t_j err_j),    j over all algorithms compared
 
-    With A algorithms the coefficients of a case add up to 100 (A - 1): 500 with six, as the paper's
-    Table 2 does. The "4" over the sum in its eq. 3 is a slip.
-
-    Parameters
-    ----------
-    spent, errors : (..., A) arrays, mean time (s) or evaluations, and mean Err%
-
-    Returns
-    -------
-    (..., A) array, per cent; NaN for an algorithm without a result, which is left out of the sum,
-        and where fewer than two algorithms remain or all products are zero
+    of mean time (s) or evaluations and mean Err%, (..., A) arrays. The coefficients of a case add
+    up to 100 (A - 1): 500 with six, as the paper's Table 2 does. The "4" over the sum in its eq. 3
+    is a slip. NaN for an algorithm without a result, which is left out of the sum, and where fewer
+    than two algorithms remain or all products are zero.
     """
     product = np.asarray(spent, dtype=float) * np.asarray(errors, dtype=float)
     known = np.isfinite(product)
@@ -189,13 +182,7 @@ class RankComparison:
 
 
 def compare_ranks(means: Any, effects: Any) -> RankComparison:
-    """Test whether algorithms differ.
-
-    Parameters
-    ----------
-    means : DataFrame of cases by algorithms, mean Err%, NaN where there is none
-    effects : DataFrame of `effect_sizes`
-    """
+    """Test whether algorithms differ, by mean Err% of cases by algorithms and `effect_sizes`."""
     names = [str(name) for name in means.columns]
     whole = means.notna().all(axis=1)
     blocks = means[whole].to_numpy(dtype=float)

@@ -46,26 +46,11 @@ def run_study(
     retry_failed: bool = False,
     progress: Progress | None = None,
 ) -> Tally:
-    """Do all runs of a plan that its store does not hold.
+    """Do all runs of a plan that its store, new or of the same study, does not hold.
 
-    Parameters
-    ----------
-    plan : Plan
-    store : Store, new, or of the same study
-    engine : Engine, not started
-    retry_failed : also do again what ended otherwise than done
-    progress : called after each change
-
-    Returns
-    -------
-    Tally
-
-    Raises
-    ------
-    FileError
-        If the store holds another study, or cannot be written.
-    EngineError
-        If the engine cannot be reached or was lost; finished runs are in the store.
+    ``engine`` is not started; ``retry_failed``: also do again what ended otherwise than done;
+    ``progress`` is called after each change. Where the engine is lost (`EngineError`), finished
+    runs are in the store.
     """
     settings = plan.settings()
     store.check(settings)

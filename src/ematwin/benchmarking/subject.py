@@ -51,13 +51,7 @@ class Subject(HasUnknowns):
 
     @classmethod
     def stored(cls, values: Mapping[str, Any]) -> "Subject":
-        """The subject of plain values (`plain`); without ``kind`` they are of the default kind.
-
-        Raises
-        ------
-        InputError
-            If the kind is not installed, or does not know the values.
-        """
+        """The subject of plain values (`plain`); without ``kind`` they are of the default kind."""
         kind = values.get("kind", DEFAULT_KIND)
         try:
             parameters = model_of(kind).of_file(values, "the study").parameters
@@ -92,11 +86,8 @@ class Subject(HasUnknowns):
     @cached_property
     def magnitudes(self) -> list[int]:
         """Places of the faults that a diagnosis names: all but directions."""
-        return [
-            n
-            for n, one in enumerate(self.unknowns)
-            if one.role == "fault" and one.direction_of is None
-        ]
+        unknowns = enumerate(self.unknowns)
+        return [n for n, one in unknowns if one.role == "fault" and one.direction_of is None]
 
     @cached_property
     def directions(self) -> list[tuple[int, int]]:
@@ -108,13 +99,7 @@ class Subject(HasUnknowns):
         ]
 
     def vector(self, given: Any) -> tuple[float, ...]:
-        """(d,) tuple of values given by name; missing ones are healthy.
-
-        Raises
-        ------
-        InputError
-            If a name is unknown or not searched, or a value lies outside its bounds.
-        """
+        """(d,) tuple of values given by name; missing ones are healthy."""
         values = self.model.values_of(self.actuator, given)
         for name in dict(given) if isinstance(given, Mapping) else ():
             if name not in self.names:

@@ -71,13 +71,7 @@ class RunTable:
 
 
 def collect(runs: Iterable[StoredRun]) -> RunTable:
-    """Gather runs, in any order, into a table.
-
-    Raises
-    ------
-    InputError
-        If there is no run, or they are of different studies.
-    """
+    """Gather runs of one study, in any order, into a table."""
     first: RunSpec | None = None
     rows: list[dict[str, Any]] = []
     histories: list[History] = []
