@@ -171,21 +171,13 @@ class Identifiability:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values; infinite ones are null."""
-        return {
-            "scenario": self.scenario.name,
-            "duration": self.scenario.duration,
-            "actuator": self.actuator.name,
-            "faults": self.faults,
-            "noise": self.noise,
-            "obstacles": list(self.obstacles),
-            "false_alarm": self.false_alarm,
-            "miss": self.miss,
-            "weakest": self.weakest.name,
+        told = {
+            "scenario": self.scenario.name, "duration": self.scenario.duration,
+            "actuator": self.actuator.name, "weakest": self.weakest.name,
             "told": [one.as_dict() for one in self.told],
-            "contrasts": self.contrasts,
-            "names": list(self.names),
-            "correlation": self.correlation.tolist(),
-        }
+        }  # fmt: skip
+        found: dict[str, Any] = plain({**vars(self), **told})
+        return found
 
 
 def identifiability(
@@ -245,8 +237,7 @@ def identifiability(
         faults={one.name: values[one.name] for one in problem.unknowns if one.role == "fault"},
         told=tuple(
             _identifiability(chosen, one, values[one.name], expected, needed)
-            for one in problem.unknowns
-            if one.role == "fault" and one.direction_of is None
+            for one in experiment.magnitudes
         ),
         contrasts={
             one.name: expected.error_of(one.weights)

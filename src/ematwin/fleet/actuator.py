@@ -190,8 +190,6 @@ class FleetActuator:
             )  # fmt: skip
         return self._lives[name]
 
-    # --- alarms ----------------------------------------------------------------------------------
-
     def before(self, name: str) -> Before | None:
         """The step that the alarm of a magnitude had when it was last looked at."""
         held: Before | None = None
@@ -315,8 +313,6 @@ class FleetActuator:
         self.fleet.refresh()
         self.__dict__ = vars(self.fleet[self.serial_number])  # this one knows it as well
         return tuple(names)
-
-    # --- tables and pages ------------------------------------------------------------------------
 
     def row(self) -> dict[str, Any]:
         """State of the actuator as a row of `Fleet.table`."""

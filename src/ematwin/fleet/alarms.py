@@ -26,7 +26,6 @@ from ematwin.fleet.trend import Trend
 
 Step = Literal["none", "watch", "plan", "act"]
 STEPS: tuple[Step, ...] = ("none", "watch", "plan", "act")
-_SOON = 0.5 - LEVEL / 2.0  # probability of passing the limit that asks for action
 _AGAIN = 1.0  # years after an alarm has cleared in which it is not raised again
 
 
@@ -88,13 +87,11 @@ def judge(
     one: Trend, life: Life | None, moment: float, policy: Policy, *, unknown: Any, count: int,
     before: "Before | None" = None,
 ) -> Alarm:  # fmt: skip
-    """The alarm of one magnitude at a moment.
+    """The alarm of one magnitude at a moment, years.
 
     Parameters
     ----------
-    one, life : its trend, and the life until its limit; None where no limit is stated
-    moment : years
-    policy : Policy
+    life : until its limit; None where no limit is stated
     unknown : the magnitude's entry in the table of its kind
     count : magnitudes that are watched on the actuator
     before : the step it had
@@ -116,7 +113,8 @@ def judge(
             ahead = policy.look + time
             soon = life.within(ahead)
             kept = STEPS.index(held.step) >= STEPS.index(name)
-            if soon >= (0.5 * _SOON if kept else _SOON):
+            enough = 0.5 - LEVEL / 2.0  # the lower end of the interval of life left
+            if soon >= (0.5 * enough if kept else enough):
                 step = name  # type: ignore[assignment]
                 near = f"passes its limit within {spoken(ahead)} (probability {100 * soon:.0f} %)"
                 limit = "; it " + ("is beyond its limit" if life.interval[1] == 0.0 else near)

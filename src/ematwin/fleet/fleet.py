@@ -95,8 +95,6 @@ class Fleet:
         self._units: dict[str, FleetActuator] = {}
         self.version = latest
 
-    # --- actuators -----------------------------------------------------------------------------
-
     def __len__(self) -> int:
         return len(self._rows)
 
@@ -119,8 +117,6 @@ class Fleet:
                 [one for one in self._events if one["serial_number"] == serial_number],
             )  # fmt: skip
         return self._units[serial_number]
-
-    # --- what the whole fleet says ---------------------------------------------------------------
 
     def _alike(self, kind: str, name: str) -> list[FleetActuator]:
         return [one for one in self if one.kind == kind and name in one.magnitudes]
@@ -227,13 +223,7 @@ class Fleet:
 def settings_of(
     table: Mapping[str, Any], path: Path
 ) -> tuple[dict[str, Any], Policy, Requirement | None, str | None]:
-    """Limits, alarms, requirement and pattern of serial numbers of a ``fleet.toml``.
-
-    Raises
-    ------
-    InputError
-        If it holds something else.
-    """
+    """Limits, alarms, requirement and pattern of serial numbers of a ``fleet.toml``."""
     unknown = [name for name in table if name not in _SETTINGS]
     if unknown:
         raise InputError(f"{path} has {unknown[0]!r}; it may have {', '.join(_SETTINGS)}.")

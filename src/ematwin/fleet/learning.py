@@ -22,24 +22,18 @@ from scipy.special import wrightomega
 from ematwin.fleet.sampling import shares, weighted_draws
 from ematwin.fleet.trend import Draws, Pass, Series, Trend, Wear, again, trend
 
-_ROUNDS, _CLIMB, _EM = 3, 12, 3  # iterations: variances by slopes, then means by EM
 _FACTOR = 2.0  # standard deviation of the logarithm of a variance beforehand: of few estimates
 # the likelihood alone makes variances nothing, and life left too certain
 _DRAWS = 1000  # of means, spreads and variances: one for each path of a forecast
 # By how many factors of e an acceleration falls over the record: of a power p of time, 2 - p, in
 # the middle of powers between 0 and 2; or of an exponential, in the middle of growth up to e^4.
 _FADES, _GROWS = 1.0, -2.0
-_SHORTEST = 0.1  # years: exponentials of shorter records are no numbers ten years ahead
 
 
 def learn(fleet: Sequence[Series], healthy: float, size: float) -> Wear:
-    """Priors and variances of a magnitude from all actuators, by maximum likelihood.
+    """Priors and variances of a magnitude from the series of all actuators, by maximum likelihood.
 
-    Parameters
-    ----------
-    fleet : one series for each actuator
-    healthy : value of a healthy one
-    size : range of the unknown
+    ``healthy`` is the value of a healthy one, ``size`` the range of the unknown.
     """
     known = [one.thinned() for one in fleet if one.time.size]
     starts = [_first(fleet, healthy, size, falls) for falls in (_FADES, _GROWS)]
@@ -57,10 +51,10 @@ def learn(fleet: Sequence[Series], healthy: float, size: float) -> Wear:
 def _learnt(known: Sequence[Series], before: Wear) -> tuple[Wear, Draws, np.ndarray]:
     """The wear of greatest likelihood with one law, from a start; draws of others, and weights."""
     wear = before
-    for _ in range(_ROUNDS):
+    for _ in range(3):
         shocks = [trend(one, wear) for one in known]
         wear = _Likelihood(known, shocks, wear, before).climbed()
-        for _ in range(_EM):
+        for _ in range(3):
             passes = [again(s, t, wear) for s, t in zip(known, shocks, strict=True)]
             wear = _maximised(passes, wear, before)
     likelihood = _Likelihood(known, shocks, wear, before)
@@ -99,7 +93,7 @@ def _first(fleet: Sequence[Series], healthy: float, size: float, falls: float) -
     span = float(np.median([np.ptp(one.time) for one in lines])) if lines else 1.0
     seen = [float(np.polyfit(one.time - one.time[0], one.value, 1)[0]) for one in lines]
     slope = math.sqrt((0.1 * size) ** 2 + float(np.mean(np.square(seen or [0.0]))))
-    lasting = max(span, _SHORTEST) / falls
+    lasting = max(span, 0.1) / falls  # years: shorter exponentials are no numbers in ten years
     bend = slope / (-lasting * math.expm1(-span / lasting))
     return Wear(
         np.array([healthy, 0.0, 0.0, 0.0, 0.0]),
@@ -130,7 +124,7 @@ class _Likelihood:
         """The variances at the maximum."""
         end = minimize(
             self._told, np.clip(self._begin, *self._bounds.T), jac=True, method="L-BFGS-B",
-            bounds=self._bounds, options={"maxiter": _CLIMB},
+            bounds=self._bounds, options={"maxiter": 12},
         )  # fmt: skip
         return self._with(end.x)
 

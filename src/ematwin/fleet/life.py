@@ -23,8 +23,6 @@ from ematwin.models.simulating import simulate
 HORIZON = 10.0  # years; what lives longer is said to live longer than this
 DRAWS = 1000
 LEVEL = 0.8  # probability of the interval of life left, as prognostics states it
-_STEPS = 60  # moments of a path, closer at its start
-_BLOCKS = 12  # blocks of a series whose increments choose the process
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(15)
 
 
@@ -55,6 +53,11 @@ class Life:
     def interval(self) -> tuple[float, float]:
         """Years, between which it ends with a probability of 80 %."""
         return self.quantile(0.5 - LEVEL / 2.0), self.quantile(0.5 + LEVEL / 2.0)
+
+    def holds(self, life: float) -> bool:
+        """Whether the interval holds a life."""
+        low, high = self.interval
+        return low <= life <= high
 
     def __str__(self) -> str:
         low, high = self.interval
@@ -99,7 +102,7 @@ def paths(
     """Levels to come after a moment, years, with each draw of the fleet's variances."""
     generator = np.random.default_rng(seed)
     states = one.later(max(0.0, moment - one.time))
-    ahead = np.concatenate([[0.0], np.geomspace(1.0 / 365.25, horizon, _STEPS)])
+    ahead = np.concatenate([[0.0], np.geomspace(1.0 / 365.25, horizon, 60)])
     q_level, q_slope, mean, cov, climb = map(
         np.concatenate,
         zip(
@@ -128,8 +131,7 @@ def paths(
             scale = np.where(speed > 0.0, variance / (speed * dt), 0.0)
         steps = direction * generator.standard_gamma(np.maximum(shape, 1e-12)) * scale
     elif process == "wiener":
-        noise = generator.standard_normal((draws, dt.size))
-        steps = drift * dt + np.sqrt(variance) * noise
+        steps = drift * dt + np.sqrt(variance) * generator.standard_normal((draws, dt.size))
     else:
         raise InputError(f"A process is wiener or gamma, received {process!r}.")
     steps = np.concatenate([np.zeros((draws, 1)), np.cumsum(steps, axis=1)], axis=1)
@@ -152,13 +154,10 @@ def life_left(
 
     Parameters
     ----------
-    name : of the magnitude
-    one : its trend
-    limit : value that must not be passed
     moment : years, from when on life is counted
     process : "wiener" or "gamma"
     upwards : whether values above the limit are beyond it
-    horizon, draws, seed : of the simulated paths
+    horizon, draws, seed : of the simulated `paths`
     """
     ahead, level, q = paths(one, moment, process, horizon=horizon, draws=draws, seed=seed)
     sign = 1.0 if upwards else -1.0
@@ -208,7 +207,7 @@ def process_of(fleet: Sequence[Trend]) -> str:
     """
     told = 0.0
     for one in fleet:
-        size = max(2, one.series.time.size // _BLOCKS)
+        size = max(2, one.series.time.size // 12)  # estimates of a block
         kept = np.setdiff1d(np.arange(one.series.time.size), one.outliers)
         edges = [*one.jumps, *np.searchsorted(one.series.time, one.series.overhauls)]
         for part in np.split(kept, np.searchsorted(kept, sorted(edges))):
@@ -311,12 +310,8 @@ def job_left(
 
     Parameters
     ----------
-    trends : by magnitude
+    trends, process, bounds : by magnitude; within the bounds the twin answers
     moment : years
-    actuator : parameters of the twin
-    requirement : Requirement
-    process : by magnitude
-    bounds : lower and upper bound of a magnitude, within which the twin answers
     draws : paths; each costs about eight simulations
     """
     drawn = {

@@ -11,9 +11,7 @@ import numpy as np
 from scipy.special import logsumexp
 from scipy.stats import multivariate_t
 
-_ROUNDS, _COUNT = 6, 500  # t distributions, and draws of each
-_TAIL = 8.0  # degrees of freedom: further out than the density reaches
-_ENOUGH = 100.0  # effective draws for a mean and a covariance
+_TAIL = 8.0  # degrees of freedom of t distributions: further out than the density reaches
 
 
 def weighted_draws(
@@ -21,24 +19,23 @@ def weighted_draws(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Draws (N, D), and the logarithms of their weights (N,), whose mean is the integral.
 
-    Parameters
-    ----------
-    density : gives logarithms (N,) of a density, which need not be normalised, at points (N, D)
-    center, root : (D,) and (D, D) arrays, mean and root of the covariance to begin with
+    ``density`` gives logarithms (N,) at points (N, D); ``center`` (D,) and ``root`` (D, D) are mean
+    and root of the covariance to begin with.
     """
     random = np.random.default_rng(1)
     points, logs = np.zeros((0, center.size)), np.zeros(0)
     known: list[tuple[np.ndarray, np.ndarray]] = []
-    for _ in range(_ROUNDS):
+    for _ in range(6):
         known.append((center, root))
-        z = random.standard_normal((_COUNT, center.size))
-        new = center + z / np.sqrt(random.chisquare(_TAIL, (_COUNT, 1)) / _TAIL) @ root.T
+        z = random.standard_normal((500, center.size))
+        new = center + z / np.sqrt(random.chisquare(_TAIL, (500, 1)) / _TAIL) @ root.T
         points, logs = np.concatenate([points, new]), np.concatenate([logs, density(new)])
-        drawn = logsumexp([_student(points, *one) for one in known], axis=0) - np.log(len(known))
+        parts = [multivariate_t.logpdf(points, at, r @ r.T, df=_TAIL) for at, r in known]
+        drawn = logsumexp(parts, axis=0) - np.log(len(known))
         weight = logs - drawn
         power = 1.0
-        while 1.0 / ((part := shares(power * weight)) ** 2).sum() < _ENOUGH:
-            power *= 0.7
+        while 1.0 / ((part := shares(power * weight)) ** 2).sum() < 100.0:
+            power *= 0.7  # until a mean and a covariance have enough effective draws
         center = part @ points
         root = np.linalg.cholesky((part[:, None] * (points - center)).T @ (points - center))
     return points, weight
@@ -48,8 +45,3 @@ def shares(weight: np.ndarray) -> np.ndarray:
     """Shares (N,) of draws, which sum to 1, by the logarithms of their weights."""
     found = np.exp(weight - weight.max())
     return np.asarray(found / found.sum())
-
-
-def _student(points: np.ndarray, center: np.ndarray, root: np.ndarray) -> np.ndarray:
-    """Logarithm of the density (N,) of a t distribution."""
-    return np.asarray(multivariate_t.logpdf(points, center, root @ root.T, df=_TAIL))

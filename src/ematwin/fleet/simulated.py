@@ -125,8 +125,7 @@ class SimulatedFleet:
     def _estimates(
         self, generator: np.random.Generator, serial: str, truth: "Truth", twin: str, kind: str
     ) -> list[dict[str, object]]:
-        names = list(LIMITS)
-        error = np.array([ERRORS[name] for name in names])
+        names, error = list(LIMITS), np.array([ERRORS[name] for name in LIMITS])
         constant = np.sqrt(_SAME) * error * generator.standard_normal(len(names))
         rows: list[dict[str, object]] = []
         for day in self._recorded(generator):

@@ -65,18 +65,7 @@ SCHEMA = pa.schema(
 
 
 class FleetStore:
-    """The folder of a fleet.
-
-    Parameters
-    ----------
-    folder : made where it is missing
-    create : False refuses a folder that is no store
-
-    Raises
-    ------
-    FileError
-        If the folder cannot be made, or is none.
-    """
+    """The folder of a fleet, made where it is missing; ``create`` False refuses what is none."""
 
     def __init__(self, folder: str | Path, *, create: bool = True) -> None:
         self.folder = Path(folder)
@@ -112,11 +101,6 @@ class FleetStore:
 
         A recording that several twins have judged has the latest judgement. A file that was judged
         while it was still written counts as it is now.
-
-        Raises
-        ------
-        FileError
-            If a file of the store is damaged; the message names it.
         """
         whole = pa.concat_tables([SCHEMA.empty_table(), *self._held.rows(serial_number)])
         order = [("content", "ascending"), ("motion", "ascending"), ("judged", "descending")]
@@ -228,21 +212,12 @@ def _as_they_are(rows: pa.Table) -> pa.Array:
 
 
 def row_of(
-    serial_number: str,
-    time: datetime | None,
-    *,
-    content: str,
-    motion: int,
-    twin: str,
-    kind: str,
-    grade: str,
-    **more: Any,
+    serial_number: str, time: datetime | None, *, content: str, motion: int, twin: str, **more: Any
 ) -> dict[str, Any]:
     """A row of the store, whose id follows from recording and twin."""
     return {
         "id": id_of(content, motion, twin), "serial_number": serial_number, "time": time,
-        "judged": datetime.now(UTC), "content": content, "motion": motion, "twin": twin,
-        "kind": kind, "grade": grade, **more,
+        "judged": datetime.now(UTC), "content": content, "motion": motion, "twin": twin, **more,
     }  # fmt: skip
 
 
@@ -252,13 +227,7 @@ def id_of(content: str, motion: int, twin: str) -> str:
 
 
 def content_of(path: Path) -> str:
-    """The hash of a file.
-
-    Raises
-    ------
-    FileError
-        If it cannot be read.
-    """
+    """The hash of a file, or `FileError` if it cannot be read."""
     try:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()[:20]
@@ -267,13 +236,7 @@ def content_of(path: Path) -> str:
 
 
 def moment_of(text: str | datetime) -> datetime:
-    """A moment with its zone, UTC where it has none.
-
-    Raises
-    ------
-    InputError
-        If it is not ISO 8601.
-    """
+    """A moment with its zone, UTC where it has none, of ISO 8601; else `InputError`."""
     try:
         found = text if isinstance(text, datetime) else datetime.fromisoformat(text)
     except (ValueError, TypeError):

@@ -36,15 +36,6 @@ class TableRows:
     ----------
     url : postgresql://user@host/name
     folder : of the fleet, for copies of twins
-
-    Raises
-    ------
-    InputError
-        If it is no such address.
-    MissingExtraError
-        If the driver of PostgreSQL is not installed.
-    FileError
-        If the database does not answer.
     """
 
     def __init__(self, url: str, folder: Path, schema: pa.Schema) -> None:
@@ -54,11 +45,7 @@ class TableRows:
                 f"The store of a fleet is postgresql://user@host/name, received {url!r}. Without "
                 "one it is the folder of the fleet."
             )
-        self._database, self._folder, self._schema = (
-            Database(url, patience=PATIENCE),
-            folder,
-            schema,
-        )
+        self._database, self._folder, self._schema = Database(url, PATIENCE), folder, schema
         if not self._database.is_server:
             raise InputError(f"The store of a fleet is a PostgreSQL database, received {url!r}.")
         columns = [Column(one.name, _type(one.type)) for one in schema if one.name != "id"]

@@ -31,8 +31,6 @@ import numpy as np
 
 from ematwin.fleet.kalman import ended, filtered, smoothed
 
-_MOST = 30  # shocks in one series
-_TAUGHT = 200  # estimates of an actuator that teach the fleet: all of them teach no more
 _LEVEL, _SLOPE, _EFFECTS = 0, 1, 3
 
 
@@ -62,8 +60,8 @@ class Series:
         return tuple(map(np.ascontiguousarray, several))
 
     def thinned(self) -> "Series":
-        """At most `_TAUGHT` of its estimates, evenly."""
-        every = -(-self.time.size // _TAUGHT) or 1
+        """At most 200 of its estimates, evenly: all of them teach a fleet no more."""
+        every = -(-self.time.size // 200) or 1
         return Series(
             self.time[::every], self.value[::every], self.error[::every],
             self.covariates[::every], self.overhauls,
@@ -260,17 +258,11 @@ def _factor(score: np.ndarray, weight: np.ndarray, size: float) -> np.ndarray:
 
 
 def trend(series: Series, wear: Wear) -> Trend:
-    """Posterior of a series, with the jumps and outliers that are more likely than not.
-
-    Parameters
-    ----------
-    series : of at least one estimate
-    wear : of the fleet, as `learn` gives
-    """
+    """Posterior of a series, with the jumps and outliers that are more likely than not."""
     outliers: list[int] = []
     jumps: list[int] = []
     done = Pass(series, wear, outliers, jumps)
-    for _ in range(_MOST):
+    for _ in range(30):  # shocks at most
         apart, jump = done.odds(series, wear)
         i, k = int(np.argmax(apart)), int(np.argmax(jump))
         if max(apart[i], jump[k]) <= 0.0:
