@@ -119,11 +119,7 @@ def ranked(
 def candidates(model: Model, given: Scenario, limits: Mapping[str, float]) -> Iterator[Scenario]:
     """Yield test commands in the duration of a given one.
 
-    Parameters
-    ----------
-    model : of the kind
-    given : Scenario
-    limits : largest demands by name, SI; the command's limit bounds sizes, "load" the load
+    ``limits`` are largest demands by name, SI: that of the command bounds sizes, "load" the load.
     """
     duration, unit = given.duration, model.channel(model.command).unit
     size = next(

@@ -139,22 +139,15 @@ def expected_errors(
     fault: str | None = None,
     enough: float = math.inf,
 ) -> CommandErrors:
-    """Expected errors of a command.
+    """Expected errors of a command; raises `UNANSWERED` where it would get no verdict.
 
     Parameters
     ----------
-    experiment : with the prior of the actuator
-    scenario : the command
     vectors : of the faults; slopes are taken at each
     demands : of the command on a healthy actuator, by name, SI
     fast : simulate with the fast model alone, for the many commands of a search
     fault, enough : the error of that fault, or the largest, as a share of the range, above which
         the command is worse than another: further vectors only add to it
-
-    Raises
-    ------
-    DivergedError, ParameterError, RecordError
-        If it cannot be simulated with a fault, or would get no verdict.
     """
     ranges = {one.name: one.width for one in experiment.magnitudes}
     threads = experiment.threads or cores()
@@ -218,12 +211,11 @@ def identified_errors(
 
     Parameters
     ----------
-    experiment : the actuator, its uncertainty, noise and sample rate
     scenarios : the commands, (C,); each actuator answers all of them
     recordings : N of each, every one of another actuator
     seed : of faults, parameters and noise
-    step : float, s, of the model that is recorded; None takes the actuator's
-    seconds : float, s, after which no further recording is begun
+    step : s, of the model that is recorded; None takes the actuator's
+    seconds : after which no further recording is begun
     progress : called with the share done
 
     Returns

@@ -175,12 +175,10 @@ class HealthyTests:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values."""
-        told = {
-            "actuator": self.actuator.name,
-            "sentence": self.sentence,
-            "open": self.open_after(self.after),
-        }
-        found: dict[str, Any] = plain({**vars(self), **told, "given": self.given.name})
+        told = {"actuator": self.actuator.name, "given": self.given.name}
+        found: dict[str, Any] = plain({
+            **vars(self), **told, "sentence": self.sentence, "open": self.open_after(self.after)
+        })  # fmt: skip
         return found
 
 
@@ -284,19 +282,14 @@ class _Usable(NamedTuple):
 
 
 class _Known:
-    """The d parameters as they are known; (d, d) matrices of their logarithms.
-
-    Attributes
-    ----------
-    tolerances : standard deviation of each by its tolerance, by place
-    precision : inverse covariance of the prior
-    """
+    """The d parameters as they are known; (d, d) matrices of their logarithms."""
 
     def __init__(self, experiment: Experiment) -> None:
         prior = experiment.baseline.prior.of(one.name for one in experiment.parameters)
+        # standard deviation of each by its tolerance, by place
         self.tolerances = {one.name: one.spread or 0.0 for one in experiment.parameters}
         self._root = np.linalg.cholesky(prior.covariance)
-        self.precision = np.linalg.inv(prior.covariance)
+        self.precision = np.linalg.inv(prior.covariance)  # of the prior
 
     def information(self, expected: Expected) -> np.ndarray:
         """Information of a recording.
