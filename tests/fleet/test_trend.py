@@ -60,7 +60,7 @@ def test_draws_of_the_wear_end_in_the_states_of_their_own_filters(overhauls):
             own = {name: getattr(draws, name)[n] for name in draws._fields[:-1]}
             single = replace(wear, **own, lasting=draws.lasting)
             done = again(series, found, single)
-            last = done.mean[-1, :3], done.cov[-1, :3, :3]
+            last = done.mean, done.covariance
             if overhauls == (3.5,):
                 last = single.mean[:3], np.diag(single.spread[:3] ** 2)
             np.testing.assert_allclose(mean[n], last[0], rtol=1e-9, atol=1e-12)

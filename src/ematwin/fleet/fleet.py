@@ -155,12 +155,8 @@ class Fleet:
         """A row for each actuator, the most urgent first; names of fields as in ISO 13374.
 
         State detection (grade, faults), health assessment (the magnitude that matters most),
-        prognostic assessment (life left, days), advisory (what to do, and why).
-
-        Raises
-        ------
-        InputError
-            If there is a limit of what no actuator has.
+        prognostic assessment (life left, days), advisory (what to do, and why). `InputError` with a
+        limit of what no actuator has.
         """
         known = sorted({name for one in self for name in one.unknowns})
         wrong = [name for name in self.limits_given if name not in known]
@@ -173,18 +169,9 @@ class Fleet:
         return sorted(rows, key=lambda row: (-row["advisory_level"], row["life_left_low_days"]))
 
     def query(self, sql: str) -> Any:
-        """Ask DuckDB of the table ``fleet``, a row for each recording.
+        """Ask DuckDB of the table ``fleet``, a row for each recording; ``.df()`` is a DataFrame.
 
-        Gives a relation, of which ``.df()`` is a DataFrame.
-
-            fleet.query("select serial_number, count(*) from fleet group by all")
-
-        Raises
-        ------
-        MissingExtraError
-            If duckdb is not installed.
-        InputError
-            If the question cannot be answered.
+        fleet.query("select serial_number, count(*) from fleet group by all")
         """
         try:
             import duckdb

@@ -10,7 +10,7 @@ from urllib.parse import quote
 import numpy as np
 from markupsafe import Markup
 
-from ematwin.fleet.actuator import ENTRIES, FleetActuator, shortened
+from ematwin.fleet.actuator import ENTRIES, FleetActuator
 from ematwin.fleet.alarms import Alarm, by_urgency
 from ematwin.fleet.fleet import Fleet
 from ematwin.fleet.life import LEVEL, paths, spoken
@@ -231,7 +231,7 @@ def history(unit: FleetActuator) -> Table:
     held = {one["id"] for one in unit.events}
     rows = []
     for one in reversed(unit.history):
-        entry = shortened(one["id"]) if one["what"] in ENTRIES else ""
+        entry = one["id"][:8] if one["what"] in ENTRIES else ""
         said = _told(one, by) + ("" if one["id"] in held else " \N{EM DASH} withdrawn")
         rows.append(Row([f"{one['time']:%Y-%m-%d}", said, entry]))
     return Table(["day", "what", "entry"], rows, texts=(1, 2))

@@ -29,7 +29,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ematwin.fleet.kalman import ended, filtered, smoothed
+from ematwin.fleet.kalman import filtered, smoothed
 
 _LEVEL, _SLOPE, _EFFECTS = 0, 1, 3
 
@@ -158,14 +158,8 @@ class Trend:
 
     def ended(self, draws: Draws) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """States (N, 3) after the last estimate, covariances, and log likelihoods (N,)."""
-        series = self.series
-        used = np.ones(series.time.size, dtype=bool)
-        used[list(self.outliers)] = False
-        restarts = _restarts(series, self.wear, self.jumps)
-        count = len(draws.mean)
-        mean, cov, told = np.empty((count, 3)), np.empty((count, 3, 3)), np.empty(count)
-        ended(*series.arrays, used, self.wear.after, *restarts, draws, mean, cov, told)
-        return mean, cov, told
+        restarts = _restarts(self.series, self.wear, self.jumps)
+        return _filtered(self.series, self.wear, self.outliers, restarts, draws, _Moments.of(0))
 
     @property
     def time(self) -> float:
@@ -212,30 +206,51 @@ def _restarts(series: Series, wear: Wear, jumps: Sequence[int]) -> tuple[np.ndar
     return jump, reset
 
 
+class _Moments(NamedTuple):
+    """The filter at n estimates, as the smoother needs it."""
+
+    state: np.ndarray  # (n, 5), predicted
+    covariance: np.ndarray  # (n, 5, 5)
+    gain: np.ndarray  # (n, 5)
+    innovation: np.ndarray  # (n,)
+    power: np.ndarray  # (n,), variance of the innovation
+
+    @classmethod
+    def of(cls, n: int) -> "_Moments":
+        """Not filled."""
+        return cls(*(np.empty(shape) for shape in ((n, 5), (n, 5, 5), (n, 5), (n,), (n,))))
+
+
+def _filtered(
+    series: Series, wear: Wear, outliers: Sequence[int], restarts: tuple[np.ndarray, np.ndarray],
+    draws: Draws, moments: _Moments,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """States (N, 3) after the last estimate, covariances, and log likelihoods (N,) of N draws."""
+    used = np.ones(series.time.size, dtype=bool)
+    used[list(outliers)] = False
+    count = len(draws.mean)
+    found = np.empty((count, 3)), np.empty((count, 3, 3)), np.empty(count)
+    filtered(*series.arrays, used, wear.after, *restarts, draws, *found, *moments)
+    return found
+
+
 class Pass:
     """One filter and smoother over a series, with shocks at given places."""
 
     def __init__(self, series: Series, wear: Wear, outliers: Sequence[int], jumps: Sequence[int]):
         n = series.time.size
-        self.variance = wear.variance(series.error)
-        used = self.variance.copy()
-        used[list(outliers)] = np.inf
-        self.jump, self.reset = _restarts(series, wear, jumps)
-        self.mean, self.cov, gain = np.empty((n + 1, 5)), np.empty((n + 1, 5, 5)), np.empty((n, 5))
-        innovation, power = np.empty(n), np.empty(n)
-        time, value, _, covariates = series.arrays
-        self.told = filtered(
-            time, value, used, covariates, wear.mean, wear.spread,
-            wear.after, wear.q_level, wear.q_slope, wear.lasting, self.jump, self.reset,
-            self.mean, self.cov, gain, innovation, power,
-        )  # fmt: skip
+        self.jump, self.reset = restarts = _restarts(series, wear, jumps)
+        moments = _Moments.of(n)
+        self.mean, self.covariance, self.told = (
+            part[0] for part in _filtered(series, wear, outliers, restarts, wear.alone, moments)
+        )
         self.score, self.weight = np.empty((n, 5)), np.empty((n, 5, 5))
         self.residual, self.precision = np.empty(n), np.empty(n)
         self.smooth, self.error = np.empty((n, 5)), np.empty((n, 5))
+        time, _, _, covariates = series.arrays
         smoothed(
-            time, covariates, wear.lasting, self.jump, self.reset, self.mean, self.cov, gain,
-            innovation, power, self.score, self.weight, self.residual, self.precision,
-            self.smooth, self.error,
+            time, covariates, wear.lasting, self.jump, self.reset, *moments, self.score,
+            self.weight, self.residual, self.precision, self.smooth, self.error,
         )  # fmt: skip
 
     def odds(self, series: Series, wear: Wear) -> tuple[np.ndarray, np.ndarray]:
@@ -274,7 +289,7 @@ def trend(series: Series, wear: Wear) -> Trend:
         else:
             outliers.append(i)
         done = Pass(series, wear, outliers, jumps)
-    last = done.mean[-1, :3].copy(), done.cov[-1, :3, :3].copy()  # a view would keep all moments
+    last = done.mean, done.covariance
     if any(at > series.time[-1] for at in series.overhauls):
         last = wear.mean[:3], np.diag(wear.spread[:3] ** 2)
     effect = (done.smooth[:, _EFFECTS:] * series.covariates).sum(axis=1)
