@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import gammaln, polygamma
 
-from ematwin.fleet.sampling import shares, weighted_draws
+from ematwin.fleet.learning import shares, weighted_draws
 
 SHAPES = np.array([1.5, 2.0, 3.0, 5.0, 20.0])  # of gamma variates, whose logarithms are drawn
 

@@ -5,7 +5,7 @@ import pytest
 import ematwin
 from ematwin.errors import InputError
 from ematwin.optimizers import registry
-from ematwin.optimizers.random_search import RandomSearch
+from ematwin.optimizers.base import RandomSearch
 
 
 def test_a_study_of_an_own_algorithm_in_one_call(tmp_path):

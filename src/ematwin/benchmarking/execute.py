@@ -32,8 +32,6 @@ from ematwin.estimation.search import find, named
 from ematwin.models.scenario import Scenario
 from ematwin.recordings.noise import Noise
 
-_RECORDS = 16  # kept in a worker; runs that share one are neighbours in a plan
-
 
 class _TimeUpError(Exception):
     """The search ran past its time limit; caught within this module."""
@@ -153,7 +151,7 @@ def _prepared(spec: RunSpec) -> tuple[Subject, Problem]:
     return _simulated(json.dumps(inputs))
 
 
-@lru_cache(maxsize=_RECORDS)
+@lru_cache(maxsize=16)  # runs that share a recording are neighbours in a plan
 def _simulated(inputs: str) -> tuple[Subject, Problem]:
     actuator, scenario, faults, fidelity, noise, seed = json.loads(inputs)
     subject = _subject(json.dumps(actuator))
@@ -170,7 +168,7 @@ def _simulated(inputs: str) -> tuple[Subject, Problem]:
     return subject, problem
 
 
-@lru_cache(maxsize=_RECORDS)
+@lru_cache(maxsize=16)
 def _subject(actuator: str) -> Subject:
     return Subject.stored(json.loads(actuator))
 

@@ -46,7 +46,6 @@ from ematwin.errors import FileError
 LEASE = 30.0  # s for which a claim holds without being renewed
 FORMAT = "ematwin study"
 SCHEMA = 3  # of the tables below
-_LOCK = 0x656D6174  # of PostgreSQL, for making the tables
 
 metadata = MetaData()
 _study = Table(
@@ -150,7 +149,7 @@ class Store:
     @_writes
     def _begin(self, connection: Connection, settings: Mapping[str, Any]) -> None:
         if self._database.is_server:
-            connection.exec_driver_sql(f"SELECT pg_advisory_xact_lock({_LOCK})")
+            connection.exec_driver_sql("SELECT pg_advisory_xact_lock(1701667188)")
         if self._look(connection):
             _check_same(json.loads(self._said(connection)["settings"]), settings, self.name)
             return

@@ -26,7 +26,6 @@ FALSE_ALARM, MISS = 1.0 - NormalDist().cdf(SIGMAS), 0.1
 HEADINGS = (
     "fault", "standard error", "all else known", "smallest found", "that is", "",
 )  # fmt: skip
-_PARTNER = 0.5  # correlation from which another is named
 
 
 @dataclass(frozen=True)
@@ -300,6 +299,6 @@ def _partners(expected: Expected, name: str) -> tuple[tuple[str, float], ...]:
     problem = expected.problem
     n = problem.names.index(name)
     row = expected.correlation[n]
-    along = [k for k in range(len(row)) if k != n and abs(row[k]) >= _PARTNER]
+    along = [k for k in range(len(row)) if k != n and abs(row[k]) >= 0.5]
     along.sort(key=lambda k: (problem.unknowns[k].role == "fault", -abs(row[k])))
     return tuple((problem.chart.names[k], float(row[k])) for k in along[:PARTNERS])

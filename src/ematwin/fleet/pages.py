@@ -24,7 +24,6 @@ _COLORS = {"act": ORANGE, "plan": AMBER, "watch": BLUE, "none": GREEN}
 _ADVICE = {
     "act": "act now", "plan": "plan maintenance", "watch": "watch", "none": "nothing to do",
 }  # fmt: skip
-_POINTS = 150  # of a panel, and of a line in it
 _AHEAD = 1.0  # years of forecast that are drawn
 _RECORDINGS = 200  # in the table of an actuator; the export has all
 
@@ -199,7 +198,7 @@ def panel(unit: FleetActuator, alarm: Alarm, wide: bool = False) -> str:
         why=alarm.why, color=_COLORS[alarm.step],
         said=f"{name.replace('_', ' ')}, {low:.3g} to {high:.3g} {unit_said}".rstrip(),
         begin=f"{moment_at(begin):%Y-%m}", end=f"{moment_at(end):%Y-%m}",
-        estimates=points(*_thinned(series.time[known], series.value[known], _POINTS)),
+        estimates=points(*_thinned(series.time[known], series.value[known], 150)),
         outliers=points(series.time[odd], np.clip(series.value[odd], least, most)),
         curves=[
             curve(times, past - 1.96 * unsure, past, past + 1.96 * unsure),

@@ -35,9 +35,6 @@ ERRORS = {
     "demagnetisation": 0.03,
 }  # fmt: skip
 _SAME = 0.7  # share of the variance that is the same in all recordings: parameters and sensors
-_OCCASION = 0.006  # scatter between occasions beside that: lubricant, mounting, run-in
-_OUTLIERS, _WITHOUT = 0.005, 0.02  # shares of recordings that are wrong, and without a verdict
-_WARMTH = -0.0015  # change of the estimated friction per K: a warm lubricant is thin
 
 
 def worn(
@@ -131,12 +128,14 @@ class SimulatedFleet:
         for day in self._recorded(generator):
             value = np.array([truth.level[name][day] for name in names]) + constant
             value += np.sqrt(1.0 - _SAME) * error * generator.standard_normal(len(names))
-            value += _OCCASION * generator.standard_normal(len(names))
-            value[0] += _WARMTH * (truth.temperature[day] - truth.temperature.mean())
-            if generator.random() < _OUTLIERS:
+            # scatter between occasions: lubricant, mounting, run-in
+            value += 0.006 * generator.standard_normal(len(names))
+            # a warm lubricant is thin: friction per K
+            value[0] -= 0.0015 * (truth.temperature[day] - truth.temperature.mean())
+            if generator.random() < 0.005:  # is wrong
                 value[generator.integers(len(names))] += generator.uniform(0.1, 0.5)
             value = np.clip(value, 0.0, 1.0)  # as identify stays within the bounds
-            without = generator.random() < _WITHOUT
+            without = generator.random() < 0.02  # a verdict
             large = [n for n, v, e in zip(names, value, error, strict=True) if v > 0.02 + 2.0 * e]
             grade = "none" if without else "fault" if large else "healthy"
             reason = "No verdict: the motion is too small." if without else ""

@@ -18,7 +18,6 @@ from ematwin.files import written_whole
 from ematwin.numerics.content import digest
 
 PATIENCE = 60.0  # s for which a database that does not answer is tried again
-_LOCK = 0x666C6565  # of PostgreSQL, for making the tables
 
 
 def _type(one: pa.DataType) -> Any:
@@ -57,7 +56,7 @@ class TableRows:
         )
 
         def make(connection: Any) -> None:
-            connection.exec_driver_sql(f"SELECT pg_advisory_xact_lock({_LOCK})")
+            connection.exec_driver_sql("SELECT pg_advisory_xact_lock(1718379877)")
             held.create_all(connection)
 
         self._database.write(make)

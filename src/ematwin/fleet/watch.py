@@ -31,7 +31,6 @@ from ematwin.recordings.recording import Recording
 from ematwin.showing.bars import told
 
 _EARLIEST = datetime(1990, 1, 1, tzinfo=UTC)  # clocks that were never set begin in 1970 or 1980
-_AHEAD = timedelta(days=1)  # zones and clocks may be off by as much
 
 
 @dataclass
@@ -273,7 +272,7 @@ def _row(
             "Nothing says when it was recorded. Put the date into its name, such as "
             "2026-05-01T08-30.csv."
         )
-    if when < _EARLIEST or when > datetime.now(UTC) + _AHEAD:
+    if when < _EARLIEST or when > datetime.now(UTC) + timedelta(days=1):  # zones are a day apart
         raise RecordError(
             f"It was recorded on {when:%Y-%m-%d} by its own clock, which cannot be. Correct the "
             "time of the recorder."

@@ -6,7 +6,6 @@ from collections.abc import Callable
 import numpy as np
 
 _SMALL = 1e-10  # of the largest slope: what counts as none
-_SURE = 1e-4  # pivot of a column of length one
 
 
 def inverse(information: np.ndarray) -> np.ndarray:
@@ -85,7 +84,7 @@ def _solved(normal: np.ndarray, pull: np.ndarray) -> np.ndarray:
         pivots = np.diag(np.linalg.cholesky(normal))
     except np.linalg.LinAlgError:
         pivots = np.zeros(1)
-    if pivots.min(initial=1.0) > _SURE:
+    if pivots.min(initial=1.0) > 1e-4:  # of columns of length one
         return np.asarray(np.linalg.solve(normal, pull))
     return np.asarray(np.linalg.lstsq(normal, pull, rcond=None)[0])
 

@@ -222,13 +222,7 @@ class Algorithm:
         return self.requires is None or importlib.util.find_spec(self.requires) is not None
 
     def factory(self) -> OptimizerFactory:
-        """Give what makes the optimiser.
-
-        Raises
-        ------
-        MissingExtraError
-            If the library it needs is not installed.
-        """
+        """Give what makes the optimiser; `MissingExtraError` without the library it needs."""
         if not self.installed:
             raise MissingExtraError(str(self.requires), EXTRA, f"The algorithm {self.name!r}")
         return self.load()
@@ -278,6 +272,23 @@ class PopulationOptimizer(Optimizer):
 
     @abstractmethod
     def _move(self) -> FloatArray: ...
+
+
+class RandomSearch(PopulationOptimizer):
+    """Points drawn uniformly in the box, the least that a method must beat; it learns nothing.
+
+    Brooks (1958), A Discussion of Random Methods for Seeking Maxima, Oper. Res. 6, 244-251.
+    """
+
+    def _learn(self, points: FloatArray, costs: FloatArray) -> None:
+        """Do nothing: the next batch depends on no cost."""
+
+    def limits(self) -> FloatArray:
+        """No cost counts; the loop itself keeps the best."""
+        return np.full(self.population, -np.inf)
+
+    def _move(self) -> FloatArray:
+        return self._start()
 
 
 def checked_costs(asked: FloatArray, points: FloatArray, costs: FloatArray) -> FloatArray:

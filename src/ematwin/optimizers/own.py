@@ -20,7 +20,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from ematwin.optimizers.base import Algorithm
+from ematwin.optimizers.base import Algorithm, RandomSearch
 from ematwin.optimizers.differential_evolution import (
     DifferentialEvolution,
     Dither,
@@ -43,7 +43,6 @@ from ematwin.optimizers.particle_swarm import (
     ParticleSwarm,
     Ring,
 )
-from ematwin.optimizers.random_search import RandomSearch
 from ematwin.optimizers.whale import Whale
 
 _DEB = "Deb and Agrawal (1995), Complex Syst. 9, 115-148"

@@ -119,13 +119,7 @@ def algorithms() -> tuple[Algorithm, ...]:
 
 
 def find(name: str) -> Algorithm:
-    """Find an algorithm by its name or alias.
-
-    Raises
-    ------
-    InputError
-        If there is none; the message suggests the closest names.
-    """
+    """Find an algorithm by its name or alias, or suggest the closest names (`InputError`)."""
     wanted = _normal(name)
     known = {key: one for one in algorithms() for key in (one.name, *one.aliases)}
     if wanted in known:

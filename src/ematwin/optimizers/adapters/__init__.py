@@ -10,7 +10,7 @@ from ematwin.optimizers.adapters.cma_es import CmaEs
 from ematwin.optimizers.adapters.nevergrad import Nevergrad
 from ematwin.optimizers.adapters.pygmo import Pygmo
 from ematwin.optimizers.adapters.pymoo import MODULE, Pymoo
-from ematwin.optimizers.adapters.scipy_de import ScipyDifferentialEvolution
+from ematwin.optimizers.adapters.worker import ScipyDifferentialEvolution
 from ematwin.optimizers.base import Algorithm, OptimizerFactory
 
 

@@ -16,7 +16,6 @@ import numpy as np
 from ematwin.optimizers.adapters.worker import Evaluate, ThreadedOptimizer
 from ematwin.optimizers.base import Box, FloatArray
 
-_SEEDS = 2**31
 _WORST = 1e300  # pygmo's arithmetic on costs must stay finite
 
 
@@ -60,7 +59,7 @@ class Pygmo(ThreadedOptimizer):
 
         problem = pygmo.problem(_Problem(self.box, evaluate))
         make = getattr(pygmo, self.name)
-        seed = self.seed % _SEEDS
+        seed = self.seed % 2**31
         while True:
             together = pygmo.bfe(pygmo.member_bfe()) if self.batched else None
             population = pygmo.population(problem, self.population, b=together, seed=seed)
@@ -73,4 +72,4 @@ class Pygmo(ThreadedOptimizer):
             while population.problem.get_fevals() != spent:
                 spent = population.problem.get_fevals()
                 population = algorithm.evolve(population)
-            seed = (seed + 1) % _SEEDS
+            seed = (seed + 1) % 2**31
