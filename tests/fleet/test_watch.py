@@ -1,11 +1,5 @@
 """Watching: each recording once, whatever is between; what cannot be judged is set aside."""
 
-import subprocess
-import sys
-import time
-from concurrent.futures import ThreadPoolExecutor
-from datetime import UTC, datetime
-from functools import partial
 from pathlib import Path
 
 import pandas as pd
@@ -15,7 +9,6 @@ import ematwin
 from ematwin import Fleet
 from ematwin.errors import InputError
 from ematwin.fleet.paths import Hashes
-from ematwin.fleet.store import FleetStore
 from ematwin.fleet.watch import watch
 from ematwin.models.reading import write
 
@@ -195,33 +188,6 @@ def test_the_command_says_what_each_needs_and_ends_with_a_code(recordings, tmp_p
     wrong = ematwin(*arguments, "--fail-on", "panic")
     assert wrong.code == 2
     assert "--fail-on takes fault, watch, plan or act, received 'panic'" in wrong.err
-
-
-def parts(folder):
-    return len(list((folder / "fleet" / "rows").glob("*/[!.]*.parquet")))
-
-
-def test_a_killed_watch_loses_nothing_and_two_do_nothing_twice(tmp_path):
-    for day in range(1, 5):
-        recorded(tmp_path / "recordings", "S-1", f"2026-03-{day:02d}", day)
-    killed = subprocess.Popen(
-        [sys.executable, "-m", "ematwin", "watch", "recordings", "--fleet", "fleet",
-         "--actuator", SERVO], cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
-    patience = time.monotonic() + 120.0
-    while not parts(tmp_path) and killed.poll() is None and time.monotonic() < patience:
-        time.sleep(0.02)
-    killed.kill()
-    killed.wait()
-    before = {row["id"] for row in Fleet(tmp_path / "fleet")["S-1"].rows}
-    assert before
-    with ThreadPoolExecutor(2) as both:
-        stores = [FleetStore(tmp_path / "fleet") for _ in range(2)]
-        work = partial(watch, recordings=tmp_path / "recordings", actuator=SERVO)
-        assert [one.judged + one.known for one in both.map(work, stores)] == [4, 4]
-    rows = Fleet(tmp_path / "fleet", now=datetime(2026, 6, 1, tzinfo=UTC))["S-1"].rows
-    assert before <= {row["id"] for row in rows}
-    assert [row["time"].day for row in rows] == list(range(1, 5))
 
 
 def test_files_that_have_not_changed_are_not_read_again(tmp_path, monkeypatch):
