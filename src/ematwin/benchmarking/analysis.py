@@ -70,8 +70,7 @@ class StudyAnalysis:
 
     def plot(self) -> dict[str, Any]:
         """Draw all its figures, of plotly, by heading."""
-        found: dict[str, Any] = drawn(self, "all", {"all": "plot_study"})
-        return found
+        return drawn(self, "all", {"all": "plot_study"})
 
     def to_frame(self, each: str = "cell") -> Any:
         """Give a pandas DataFrame with a row for each "cell" (case and algorithm) or "run".

@@ -84,8 +84,7 @@ class Plan:
             "scenario": self.scenario.model_dump(mode="json"),
             "model": subject.model.fidelities[0],
         }
-        plain: dict[str, Any] = json.loads(json.dumps(values))
-        return plain
+        return json.loads(json.dumps(values))
 
     def specs(self) -> list[RunSpec]:
         """All runs; those that share a record stand together, so that workers simulate it once."""

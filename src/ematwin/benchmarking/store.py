@@ -131,8 +131,7 @@ class Store:
 
     def settings(self) -> dict[str, Any]:
         """Give what all runs share, see `ematwin.benchmarking.plan.Plan.settings`."""
-        found: dict[str, Any] = json.loads(self._database.read(self._said)["settings"])
-        return found
+        return json.loads(self._database.read(self._said)["settings"])
 
     def check(self, settings: Mapping[str, Any]) -> None:
         """Raise `FileError` if this cannot be the store of a study with these settings."""

@@ -86,7 +86,7 @@ class CommandErrors:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values; infinite ones are null."""
-        found: dict[str, Any] = plain({
+        return plain({
             "scenario": self.scenario,
             "errors": self.errors,
             "weakest": self.weakest,
@@ -96,7 +96,6 @@ class CommandErrors:
             "observed": self.observed or None,
             "checks": self.checks,
         })  # fmt: skip
-        return found
 
 
 def fault_vectors(

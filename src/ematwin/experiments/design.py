@@ -188,7 +188,7 @@ class Design:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values."""
-        found: dict[str, Any] = plain({
+        return plain({
             "actuator": self.actuator.name, "fault": self.fault, "sentence": self.sentence,
             "gain": self.gain, "observed_gain": self.observed_gain, "limits": self.limits,
             "held": self.held, "fault_vectors": self.draws, "left_out": self.left_out,
@@ -196,7 +196,6 @@ class Design:
             "evaluations": self.evaluations, "seconds": self.seconds, "stopped": self.stopped,
             "seed": self.seed,
         })  # fmt: skip
-        return found
 
 
 def design(

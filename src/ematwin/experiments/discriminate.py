@@ -98,11 +98,10 @@ class Discrimination:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values."""
-        found: dict[str, Any] = plain({
+        return plain({
             **vars(self), "actuator": self.actuator.name, "default": self.default.name,
             "sentence": self.sentence, "told": self.told,
         })  # fmt: skip
-        return found
 
 
 def discriminate(

@@ -176,10 +176,9 @@ class HealthyTests:
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values."""
         told = {"actuator": self.actuator.name, "given": self.given.name}
-        found: dict[str, Any] = plain({
+        return plain({
             **vars(self), **told, "sentence": self.sentence, "open": self.open_after(self.after)
         })  # fmt: skip
-        return found
 
 
 def healthy_tests(

@@ -82,13 +82,12 @@ class FaultIdentifiability:
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values; infinite ones are null."""
         shown = self.physical
-        found: dict[str, Any] = plain({
+        return plain({
             "name": self.name, "meaning": self.meaning, "value": self.value, "error": self.error,
             "sharp_error": self.sharp_error, "smallest": self.smallest,
             "smallest_physical": shown and {"value": shown.value, "unit": shown.unit},
             "how": self.how, "sentence": self.sentence, "partners": dict(self.partners),
         })  # fmt: skip
-        return found
 
 
 @dataclass(frozen=True)
@@ -175,8 +174,7 @@ class Identifiability:
             "actuator": self.actuator.name, "weakest": self.weakest.name,
             "told": [one.as_dict() for one in self.told],
         }  # fmt: skip
-        found: dict[str, Any] = plain({**vars(self), **told})
-        return found
+        return plain({**vars(self), **told})
 
 
 def identifiability(

@@ -78,8 +78,7 @@ class Sensitivity:
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values."""
         left_out = ("scenario", "actuator", "captions")
-        found: dict[str, Any] = plain({n: x for n, x in vars(self).items() if n not in left_out})
-        return found
+        return plain({n: x for n, x in vars(self).items() if n not in left_out})
 
 
 def sensitivity(

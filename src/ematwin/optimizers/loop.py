@@ -261,8 +261,7 @@ def _restored(path: Path | None, identity: dict[str, Any], fresh: Optimizer) -> 
                 "Name another file, or delete this one."
             )
     fresh.close()
-    found: _Search = state
-    return found
+    return state
 
 
 def _save(path: Path, identity: dict[str, Any], search: _Search) -> None:
