@@ -99,7 +99,12 @@ def compare(
         scenario=scenario,
     )
     engine = LocalEngine(workers or cores(), time_limit)
-    with _kept(store) as opened, told(progress, "runs", _shown) as tell:
+
+    def shown(tally: Tally) -> tuple[float, str]:
+        share = tally.complete / max(tally.planned, 1)
+        return share, f"{tally.complete} of {tally.planned}"
+
+    with _kept(store) as opened, told(progress, "runs", shown) as tell:
         run_study(plan, opened, engine, retry_failed=retry_failed, progress=tell)
         return analyse(opened.runs(), targets=targets, threshold=threshold)
 
@@ -113,8 +118,3 @@ def _kept(store: str | Path | None) -> Iterator[Store]:
         return
     with tempfile.TemporaryDirectory() as folder, Store(Path(folder) / "study.db") as opened:
         yield opened
-
-
-def _shown(tally: Tally) -> tuple[float, str]:
-    """The share done of a study, and words beside it."""
-    return tally.complete / max(tally.planned, 1), f"{tally.complete} of {tally.planned}"

@@ -27,7 +27,6 @@ from uuid import uuid4
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from ematwin.errors import FileError, InputError
 from ematwin.files import written_whole
@@ -103,14 +102,10 @@ class FleetStore:
         while it was still written counts as it is now.
         """
         whole = pa.concat_tables([SCHEMA.empty_table(), *self._held.rows(serial_number)])
-        order = [("content", "ascending"), ("motion", "ascending"), ("judged", "descending")]
-        whole = whole.sort_by(order)
-        if whole.num_rows > 1:
-            keys = [whole[name].combine_chunks() for name in ("content", "motion")]
-            alike = [pc.equal(k.slice(1), k.slice(0, len(k) - 1)) for k in keys]
-            again = pc.and_(*alike)
-            first = pa.concat_arrays([pa.array([True]), pc.invert(again)])
-            whole = whole.filter(first)
+        whole = whole.sort_by("judged")
+        keys = zip(whole["content"].to_pylist(), whole["motion"].to_pylist(), strict=True)
+        latest = {key: n for n, key in enumerate(keys)}  # of several judgements the last
+        whole = whole.take(pa.array(sorted(latest.values()), pa.int64()))
         whole = whole.filter(_as_they_are(whole))
         return whole.sort_by([("serial_number", "ascending"), ("time", "ascending")])
 
@@ -132,7 +127,7 @@ class FleetStore:
 
     def twin(self, fingerprint: str) -> Calibration:
         """A twin that judges or has judged."""
-        return _in_file(self._held.twin(fingerprint))
+        return _read_once(self._held.twin(fingerprint))
 
     def keep_twin(self, given: Calibration | Path) -> str:
         """Keep a calibration, or its file, as a twin that judges; gives its fingerprint."""
@@ -185,28 +180,25 @@ def _event(text: str) -> dict[str, Any]:
     return event
 
 
-@cache
-def _in_file(path: Path) -> Calibration:
-    """The calibration in the file of a twin, which each recording needs and nothing changes."""
-    return Calibration.of(path)
+# the file of a twin, which each recording needs and nothing changes
+_read_once = cache(Calibration.of)
 
 
 def _as_they_are(rows: pa.Table) -> pa.Array:
-    """Which rows, (N,) booleans, are of files as they are now.
+    """Which rows, (N,) booleans, in the order of judgement, are of files as they are now.
 
-    The others have source, actuator and time of a row that was judged later, with other contents;
-    or were set aside, and their source has later contents.
+    The others have source, actuator and time of a later row with other contents; or were set aside,
+    and their source has later contents.
     """
-    names = ("source", "serial_number", "time", "grade", "content", "judged")
+    names = ("source", "serial_number", "time", "grade", "content")
     several = list(zip(*(rows[name].to_pylist() for name in names), strict=True))
-    latest: dict[tuple[Any, ...], tuple[datetime, str]] = {}
-    for *place, _, content, judged in several:
-        for key in (tuple(place), (place[0],)):
-            latest[key] = max(latest.get(key, (judged, content)), (judged, content))
+    latest: dict[tuple[Any, ...], str] = {}
+    for source, serial, time, _, content in several:
+        latest[source,] = latest[source, serial, time] = content
     kept = [
-        place[0] is None
-        or latest[(place[0],) if grade == SET_ASIDE else tuple(place)][1] == content
-        for *place, grade, content, _ in several
+        source is None
+        or content == latest[(source,) if grade == SET_ASIDE else (source, serial, time)]
+        for source, serial, time, grade, content in several
     ]
     return pa.array(kept, pa.bool_())
 

@@ -149,12 +149,12 @@ class Trend:
         """Draws of the wear, by law, with mean (N, 3) and covariance (N, 3, 3) at ``time``."""
         if not self.wear.others:
             return [(self.wear.alone, self.mean[None], self.covariance[None])]
-        return [(one, *self._ended(one)) for one in self.wear.others]
-
-    def _ended(self, draws: Draws) -> tuple[np.ndarray, np.ndarray]:
         if self.time > self.series.time[-1]:  # renewed since
-            return draws.mean[:, :3], draws.spread[:, :3, None] ** 2 * np.eye(3)
-        return self.ended(draws)[:2]
+            return [
+                (one, one.mean[:, :3], one.spread[:, :3, None] ** 2 * np.eye(3))
+                for one in self.wear.others
+            ]
+        return [(one, *self.ended(one)[:2]) for one in self.wear.others]
 
     def ended(self, draws: Draws) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """States (N, 3) after the last estimate, covariances, and log likelihoods (N,)."""

@@ -55,7 +55,7 @@ def compiled(stepped: Stepped, constants_from: Any, parameters: int) -> Any:
     begin, sample, advance, derive = (
         stepped.begin, stepped.sample, stepped.advance, stepped.derive
     )  # fmt: skip
-    followed = _inlined(constants_from)
+    followed = njit(inline="always", error_model="numpy")(constants_from)
 
     if derive is None:
 
@@ -101,10 +101,6 @@ def object_file(module: Any, platform: Platform) -> bytes:
     )
     own.data_layout = str(machine.target_data)
     return bytes(machine.emit_object(own))
-
-
-def _inlined(function: Callable[..., Any]) -> Any:
-    return njit(inline="always", error_model="numpy")(function)
 
 
 def _module(function: Callable[..., Any], pointers: int, counted: bool = False) -> Any:

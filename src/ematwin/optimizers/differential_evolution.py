@@ -152,24 +152,18 @@ class DifferentialEvolution(PopulationOptimizer):
     def _move(self) -> FloatArray:
         rng, parents = self.rng, self.parents
         best = int(np.argmin(self.costs))
-        vectors, bases = self.strategy(rng, parents, best, self._weights())
+        vectors, bases = self.strategy(rng, parents, best, self._drawn(self.F))
         vectors = bounced_back(rng, self.box, vectors, bases)
-        crossed = rng.random(parents.shape) <= self._rates()
+        crossed = rng.random(parents.shape) <= self._drawn(self.CR)
         sure = rng.integers(parents.shape[1], size=len(parents))
         crossed[np.arange(len(parents)), sure] = True
         return np.where(crossed, vectors, parents)
 
-    def _weights(self) -> FloatArray:
-        """(N, 1) array, F of each trial."""
+    def _drawn(self, value: float | Dither | Either) -> FloatArray:
+        """(N, 1) array, F or CR of each trial."""
         shape = (self.population, 1)
-        if isinstance(self.F, Dither):
-            return self.rng.uniform(self.F.low, self.F.high, size=shape)
-        return np.full(shape, self.F)
-
-    def _rates(self) -> FloatArray:
-        """(N, 1) array, CR of each trial."""
-        shape = (self.population, 1)
-        if isinstance(self.CR, Either):
-            rarely = self.rng.random(shape) < self.CR.share
-            return np.where(rarely, self.CR.rarely, self.CR.often)
-        return np.full(shape, self.CR)
+        if isinstance(value, Dither):
+            return self.rng.uniform(value.low, value.high, size=shape)
+        if isinstance(value, Either):
+            return np.where(self.rng.random(shape) < value.share, value.rarely, value.often)
+        return np.full(shape, value)
