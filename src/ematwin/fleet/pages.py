@@ -46,12 +46,11 @@ def fleet_page(fleet: Fleet, link: str = "#{serial}") -> str:
     sections = [Section("Actuators", table=Table(header, rows, texts=(1, 2, 4, 5)))]
     if link.startswith("#"):
         sections += [_history(fleet[row["serial_number"]], row["advisory"]) for row in table]
-    if fleet.set_aside:
-        aside = [Row([str(r["source"]), str(r["reason"])]) for r in fleet.set_aside[-_RECORDINGS:]]
-        sections.append(
-            Section("Set aside", table=Table(["recording", "why"], aside, texts=(0, 1)))
-        )
-    sections.append(Section("How it is judged", facts=_rules(fleet)))
+    aside = [Row([str(r["source"]), str(r["reason"])]) for r in fleet.set_aside[-_RECORDINGS:]]
+    sections += [
+        Section("Set aside", table=Table(["recording", "why"], aside, texts=(0, 1))),
+        Section("How it is judged", facts=_rules(fleet)),
+    ]
     grade = "fault" if count["act"] else "changed" if count["plan"] else "healthy"
     return render("Fleet", lead, sections, grade=grade)
 
@@ -69,17 +68,17 @@ def actuator_page(unit: FleetActuator) -> str:
         for one in reversed(unit.rows[-_RECORDINGS:])
     ]  # fmt: skip
     drawn = [panel(unit, one, wide=True) for one in alarms]
-    sections = [Section("History", text=_LEGEND, svg="".join(drawn))]
+    required = {}
     if requirement := unit.fleet.requirement:
-        text = str(unit.life_left(requirement=requirement))
-        sections.append(
-            Section("Until it no longer does its job", facts={requirement.measure: text})
-        )
-    if events.rows:
-        rows = [Row([_whole(day), *rest]) for day, *rest in (one.cells for one in events.rows)]
-        sections.append(Section("Events", table=replace(events, rows=rows)))
+        required = {requirement.measure: str(unit.life_left(requirement=requirement))}
+    rows = [Row([_whole(day), *rest]) for day, *rest in (one.cells for one in events.rows)]
     header = ["recorded", "verdict", "because", "file"]
-    sections.append(Section("Recordings", table=Table(header, known, texts=(1, 2, 3))))
+    sections = [
+        Section("History", text=_LEGEND, svg="".join(drawn)),
+        Section("Until it no longer does its job", facts=required),
+        Section("Events", table=replace(events, rows=rows)),
+        Section("Recordings", table=Table(header, known, texts=(1, 2, 3))),
+    ]
     grade = {"act": "fault", "none": "healthy"}.get(row["advisory"], "changed")
     return render(unit.serial_number, lead, sections, grade=grade)
 
