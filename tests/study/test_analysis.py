@@ -16,11 +16,11 @@ from ematwin.benchmarking.convergence import (
     bands,
     evaluations_to_target,
 )
-from ematwin.benchmarking.diagnosis import diagnose
 from ematwin.benchmarking.run import pack, unpack
 from ematwin.benchmarking.statistics import (
     average_ranks,
     compare_ranks,
+    diagnose,
     effect_sizes,
     matrix,
     performance_coefficients,

@@ -8,11 +8,10 @@ from synthetic import small_plan
 
 from ematwin import load_actuator
 from ematwin.benchmarking.box import RemappedProblem, places, shifts
-from ematwin.benchmarking.cases import cases_of
 from ematwin.benchmarking.execute import execute
 from ematwin.benchmarking.plan import Plan
 from ematwin.benchmarking.run import pack, unpack
-from ematwin.benchmarking.subject import Subject
+from ematwin.benchmarking.subject import Subject, cases_of
 from ematwin.errors import InputError, ParameterError
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import find, named

@@ -14,12 +14,12 @@ import pytest
 from sqlalchemy import text
 from synthetic import small_plan, some_run
 
-from ematwin.benchmarking.cases import cases_of
 from ematwin.benchmarking.database import Database
 from ematwin.benchmarking.execute import execute
 from ematwin.benchmarking.plan import Plan
 from ematwin.benchmarking.run import RunResult, StoredRun
 from ematwin.benchmarking.store import LEASE, Store, metadata, open_store
+from ematwin.benchmarking.subject import cases_of
 from ematwin.errors import EmatwinError, FileError
 
 DATA = Path(__file__).parents[1] / "data"

@@ -8,12 +8,13 @@ from typing import Any
 
 from ematwin.benchmarking.conclusions import conclude, lead_of
 from ematwin.benchmarking.convergence import STATED_MISFITS, bands, evaluations_to_target
-from ematwin.benchmarking.diagnosis import THRESHOLD, diagnose
 from ematwin.benchmarking.run import StoredRun
 from ematwin.benchmarking.statistics import (
     TARGETS,
+    THRESHOLD,
     RankComparison,
     compare_ranks,
+    diagnose,
     effect_sizes,
     matrix,
     summarise,

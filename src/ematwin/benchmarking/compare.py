@@ -7,14 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from ematwin.benchmarking.analysis import StudyAnalysis, analyse
-from ematwin.benchmarking.cases import cases_of
-from ematwin.benchmarking.diagnosis import THRESHOLD
 from ematwin.benchmarking.engines.local import LocalEngine
 from ematwin.benchmarking.plan import Plan
-from ematwin.benchmarking.statistics import TARGETS
+from ematwin.benchmarking.statistics import TARGETS, THRESHOLD
 from ematwin.benchmarking.store import Store
 from ematwin.benchmarking.study import Tally, run_study
-from ematwin.benchmarking.subject import Subject
+from ematwin.benchmarking.subject import Subject, cases_of
 from ematwin.benchmarking.table import check_extra
 from ematwin.errors import InputError
 from ematwin.models.scenario import Scenario

@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.benchmarking.cases import Cases
 from ematwin.benchmarking.run import RunSpec
-from ematwin.benchmarking.subject import Subject
+from ematwin.benchmarking.subject import Cases, Subject
 from ematwin.errors import InputError
 from ematwin.estimation.search import expanded, named
 from ematwin.models.parameter_set import ParameterSet

@@ -73,10 +73,10 @@ def compare(
 ) -> None:
     """Compare search algorithms over fault cases; continue where an earlier call stopped."""
     from ematwin import Noise, load_actuator
-    from ematwin.benchmarking.cases import cases_of
     from ematwin.benchmarking.plan import Plan
     from ematwin.benchmarking.store import Store
     from ematwin.benchmarking.study import run_study
+    from ematwin.benchmarking.subject import cases_of
 
     chosen = load_actuator(actuator)
     plan = Plan(
