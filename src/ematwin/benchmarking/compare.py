@@ -1,8 +1,7 @@
 """`compare`: algorithms compared fairly, from Python: runs, store and analysis in one call."""
 
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -102,17 +101,10 @@ def compare(
         share = tally.complete / max(tally.planned, 1)
         return share, f"{tally.complete} of {tally.planned}"
 
-    with _kept(store) as opened, told(progress, "runs", shown) as tell:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        Store(Path(folder, "study.db") if store is None else store) as opened,
+        told(progress, "runs", shown) as tell,
+    ):
         run_study(plan, opened, engine, retry_failed=retry_failed, progress=tell)
         return analyse(opened.runs(), targets=targets, threshold=threshold)
-
-
-@contextmanager
-def _kept(store: str | Path | None) -> Iterator[Store]:
-    """The store; one that goes with the call if none is given."""
-    if store is not None:
-        with Store(store) as opened:
-            yield opened
-        return
-    with tempfile.TemporaryDirectory() as folder, Store(Path(folder) / "study.db") as opened:
-        yield opened

@@ -64,7 +64,7 @@ def watch(
     """
     from ematwin.cli.channels import map_of
     from ematwin.fleet.fleet import Fleet
-    from ematwin.fleet.paths import Hashes, Paths
+    from ematwin.fleet.paths import Paths
     from ematwin.models.registry import load_actuator
 
     check_step(fail_on)
@@ -75,12 +75,12 @@ def watch(
     if column or map_file:
         columns = map_of(column, map_file, load_actuator(actuator))
     Paths(recordings, serial_number)  # refuses what is not there before a fleet is made
-    known, hashes = Fleet(fleet), Hashes()
+    known = Fleet(fleet)
     while True:
         with options.progress_bar("Judging", not json) as progress:
             found = known.watch(
                 recordings, actuator=actuator, columns=columns, progress=progress,
-                pattern=serial_number, scheduler=scheduler, hashes=hashes,
+                pattern=serial_number, scheduler=scheduler,
             )  # fmt: skip
         if table is not None and len(known):
             known.export(table, "advisory")

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from ematwin.errors import EmatwinError, FileError, InputError, RecordError
-from ematwin.fleet.paths import Hashes, Paths
+from ematwin.fleet.paths import Paths, hash_of
 from ematwin.fleet.store import SET_ASIDE, FleetStore, id_of, moment_of, row_of
 from ematwin.models.reading import read
 from ematwin.models.registry import model_of
@@ -97,7 +97,6 @@ def watch(
     columns: Any = None,
     threads: int | None = None,
     scheduler: str | None = None,
-    hashes: Hashes | None = None,
     progress: Callable[[float], None] | bool | None = None,
 ) -> Watched:
     """Judge the recordings that are not in the store yet, on all cores, and keep each at once.
@@ -112,7 +111,6 @@ def watch(
     threads : threads that share the work; None takes one for each core
     scheduler : address of a Dask scheduler, tcp://host:8786, whose workers share the work instead;
         they see the folders of recordings and fleet under the same paths
-    hashes : of files that were seen before, by this process
     progress : True shows a bar; else called with the share done
 
     Raises
@@ -127,12 +125,11 @@ def watch(
         store, recordings = FleetStore(store.folder.resolve()), [Path(p).resolve() for p in several]
     paths = Paths(recordings, pattern)
     twins, known, found = Twins(store, actuator), store.known(), Watched()
-    hashes = hashes or Hashes()
     seen: dict[str, str] = {}
     todo: list[tuple[Path, str]] = []
     for path in paths.files:
         try:
-            content = hashes.of(path)
+            content = hash_of(path)
         except FileError as error:  # unreadable, or removed meanwhile; it has no row
             found.set_aside.append((str(path), str(error)))
             continue
