@@ -37,9 +37,7 @@ Progress = Callable[[int, float, int], object]
 class Ranking:
     """Commands within limits, the best first."""
 
-    # costs, commands: of those that are worth recording
-    costs: list[float] = field(default_factory=list)
-    commands: list[Scenario] = field(default_factory=list)
+    commands: list[Scenario] = field(default_factory=list)  # that are worth recording
     evaluations: int = 0  # how many were looked at
     stopped: str = "complete"  # why it ended: "complete", "budget", "time" or "interrupted"
     # demands of the command next to the limits, of those beyond them
@@ -112,7 +110,7 @@ def ranked(
                     )
         except KeyboardInterrupt:
             interrupts.pressed, found.stopped = False, "interrupted"
-    found.costs, found.commands = [cost for cost, _ in seen], [commands[n] for _, n in seen]
+    found.commands = [commands[n] for _, n in seen]
     return found
 
 

@@ -300,8 +300,6 @@ def job_left(
     process: dict[str, str],
     bounds: Callable[[str], tuple[float, float]],
     draws: int = 15,
-    horizon: float = HORIZON,
-    seed: int = 1,
 ) -> Life:
     """Time until the actuator no longer does its job, by its twin at the states to come.
 
@@ -315,8 +313,8 @@ def job_left(
     draws : paths; each costs about eight simulations
     """
     drawn = {
-        name: paths(one, moment, process[name], horizon=horizon, draws=draws, seed=seed + n)
-        for n, (name, one) in enumerate(trends.items())
+        name: paths(one, moment, process[name], draws=draws, seed=seed)
+        for seed, (name, one) in enumerate(trends.items(), 1)
     }
     ahead = next(iter(drawn.values())).ahead
 
@@ -337,4 +335,4 @@ def job_left(
                 middle = (low + high) // 2
                 low, high = (low, middle) if fails(draw, middle) else (middle, high)
             ends[draw] = 0.5 * (ahead[low] + ahead[high])
-    return Life(requirement.measure, ends, moment, horizon)
+    return Life(requirement.measure, ends, moment)

@@ -108,13 +108,10 @@ class Polynomial:
     """
 
     eta: float = 20.0  # larger makes smaller steps
-    # share of variables mutated; None: one variable of each individual on average
-    per_variable: float | None = None
 
     def mutate(self, rng: np.random.Generator, box: Box, points: FloatArray) -> FloatArray:
-        """Points with some of their variables moved."""
-        share = 1.0 / box.dimension if self.per_variable is None else self.per_variable
-        rows, columns = np.nonzero(rng.random(points.shape) < share)
+        """Points with one variable of each moved, on average."""
+        rows, columns = np.nonzero(rng.random(points.shape) < 1.0 / box.dimension)
         u = rng.random(rows.size)
         x, span = points[rows, columns], box.span[columns]
         down = u < 0.5

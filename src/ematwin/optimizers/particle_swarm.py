@@ -26,7 +26,7 @@ numbers); ``craziness=None`` is the paper's final form.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -147,7 +147,6 @@ class Craziness:
     """
 
     share: float = 0.1  # share of the swarm, rounded down; those whose own best point is worst
-    mutation: Polynomial = field(default_factory=Polynomial)  # of one variable on average
 
     def __post_init__(self) -> None:
         probability(self.share, "share of crazy particles")
@@ -228,4 +227,4 @@ class ParticleSwarm(PopulationOptimizer):
         """Replace the places of the worst particles; their velocities stay."""
         order = np.argsort(self.best_costs, kind="stable")
         crazy = order[self.population - int(craziness.share * self.population) :]
-        moved[crazy] = craziness.mutation.mutate(self.rng, self.box, g[crazy])
+        moved[crazy] = Polynomial().mutate(self.rng, self.box, g[crazy])
