@@ -42,7 +42,6 @@ from ematwin.optimizers.particle_swarm import (
     CONSTRICTION,
     INERTIA_1998,
     STANDARD_2006,
-    Craziness,
     Global,
     GrowingRing,
     Ring,
@@ -136,7 +135,7 @@ def pso(rng: np.random.Generator) -> Settings:
             rng, Global(), Ring(1), Ring(3), GrowingRing(1.0), GrowingRing(2.0), GrowingRing(3.0)
         ),
         "coefficients": one_of(rng, INERTIA_1998, CONSTRICTION, STANDARD_2006),
-        "craziness": Craziness(share) if share else None,
+        "crazy": share,
     }
 
 
@@ -174,7 +173,7 @@ SPACES: dict[str, tuple[Any, Settings, Callable[[np.random.Generator], Settings]
     "ga": (GeneticAlgorithm, HOLLAND, ga),
     "pso": (
         ParticleSwarm,
-        {"topology": Global(), "coefficients": INERTIA_1998, "craziness": None},
+        {"topology": Global(), "coefficients": INERTIA_1998, "crazy": 0.0},
         pso,
     ),
     "de": (DifferentialEvolution, {"strategy": rand_1, "F": 0.5, "CR": 0.9}, de),

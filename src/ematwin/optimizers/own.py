@@ -37,7 +37,6 @@ from ematwin.optimizers.particle_swarm import (
     INERTIA_1998,
     ORIGINAL_1995,
     STANDARD_2006,
-    Craziness,
     Global,
     GrowingRing,
     ParticleSwarm,
@@ -113,13 +112,13 @@ ALGORITHMS = (
         "Kennedy and Eberhart (1995), Proc. IEEE ICNN 4, 1942-1948; inertia of Shi and Eberhart "
         "(1998, 1999)",
         _BOUND, _PUBLISHED, ParticleSwarm,
-        topology=Global(), coefficients=INERTIA_1998, craziness=None,
+        topology=Global(), coefficients=INERTIA_1998, crazy=0.0,
     ),
     _own(
         "pso-1995", "Particle swarm, whole swarm informed, no inertia weight",
         "Kennedy and Eberhart (1995), Proc. IEEE ICNN 4, 1942-1948",
         f"{_BOUND}; speed limit of half the box", _PUBLISHED, ParticleSwarm,
-        topology=Global(), coefficients=ORIGINAL_1995, craziness=None,
+        topology=Global(), coefficients=ORIGINAL_1995, crazy=0.0,
     ),
     _own(
         "pso-global", "Particle swarm, whole swarm informed, crazy particles", _CLERC,
@@ -132,12 +131,12 @@ ALGORITHMS = (
     _own(
         "pso-plain", "Particle swarm, whole swarm informed, constriction",
         "Clerc and Kennedy (2002), IEEE Trans. Evol. Comput. 6, 58-73", _BOUND, _PUBLISHED,
-        ParticleSwarm, topology=Global(), coefficients=CONSTRICTION, craziness=None,
+        ParticleSwarm, topology=Global(), coefficients=CONSTRICTION, crazy=0.0,
     ),
     _own(
         "pso-tuned", "Particle swarm, tuned", _CLERC,
         "neighbourhood and crazy particles as tuned", _TUNED, ParticleSwarm,
-        topology=GrowingRing(3.0), coefficients=STANDARD_2006, craziness=Craziness(0.1),
+        topology=GrowingRing(3.0), coefficients=STANDARD_2006, crazy=0.1,
     ),
     _own(
         "de", "Differential evolution, best/1/bin, mixed CR", _STORN,

@@ -19,9 +19,9 @@ soon in one place, right or wrong. The authors' second paper of that year (Eberh
 gathers more slowly and misses less. By default the ring grows during the run until it is the whole
 swarm, as `GrowingRing` says; ``topology=Global()`` is the paper's form.
 Departure: craziness. The paper tells that a random disturbance of some particles, "craziness", was
-in the first programs and was dropped. It is on by default, as `Craziness` says, because without it
+in the first programs and was dropped. A tenth of the swarm is crazy by default, because without it
 a swarm of 50 stays in a local minimum of Rastrigin's function (``docs/optimizers.md`` has the
-numbers); ``craziness=None`` is the paper's final form.
+numbers); ``crazy=0`` is the paper's final form.
 """
 
 from __future__ import annotations
@@ -138,20 +138,6 @@ ORIGINAL_1995 = Coefficients(inertia=1.0, own=2.0, neighbours=2.0, speed_limit=0
 """Kennedy and Eberhart (1995); the speed limit that this form needs is half the box."""
 
 
-@dataclass(frozen=True)
-class Craziness:
-    """The worst particles try their luck beside their neighbours' best point.
-
-    They do so instead of flying on. Beside the best point of the whole swarm they would carry it
-    into every neighbourhood, and a ring would be none.
-    """
-
-    share: float = 0.1  # share of the swarm, rounded down; those whose own best point is worst
-
-    def __post_init__(self) -> None:
-        probability(self.share, "share of crazy particles")
-
-
 class ParticleSwarm(PopulationOptimizer):
     """Particle swarm optimisation.
 
@@ -160,7 +146,9 @@ class ParticleSwarm(PopulationOptimizer):
     topology : Topology, ``GrowingRing()`` (default), ``Global()``, ``Ring(k)``, or any object with
         the same method
     coefficients : Coefficients
-    craziness : Craziness or None
+    crazy : share of the swarm, rounded down, that tries its luck beside the neighbours' best point
+        instead of flying on: those whose own best point is worst. Beside the best point of the
+        whole swarm they would carry it into every neighbourhood, and a ring would be none
     """
 
     def __init__(
@@ -169,7 +157,7 @@ class ParticleSwarm(PopulationOptimizer):
         *,
         topology: Topology = GrowingRing(),
         coefficients: Coefficients = STANDARD_2006,
-        craziness: Craziness | None = Craziness(),
+        crazy: float = 0.1,
         **settings: int,
     ) -> None:
         super().__init__(box, **settings)
@@ -179,7 +167,7 @@ class ParticleSwarm(PopulationOptimizer):
             )
         self.topology = topology
         self.coefficients = coefficients
-        self.craziness = craziness
+        self.crazy = probability(crazy, "share of crazy particles")
         self.best_points = np.empty((0, box.dimension))
         self.best_costs = np.full(self.population, np.inf)
         self._particles = np.empty((0, box.dimension))
@@ -219,12 +207,7 @@ class ParticleSwarm(PopulationOptimizer):
         wanted = x + v
         moved = self.box.clip(wanted)
         self._velocity = np.where(moved == wanted, v, 0.0)
-        if self.craziness is not None:
-            self._go_crazy(self.craziness, moved, g)
+        if count := int(self.crazy * self.population):
+            crazy = np.argsort(self.best_costs, kind="stable")[-count:]
+            moved[crazy] = Polynomial().mutate(self.rng, self.box, g[crazy])  # with their velocity
         return moved
-
-    def _go_crazy(self, craziness: Craziness, moved: FloatArray, g: FloatArray) -> None:
-        """Replace the places of the worst particles; their velocities stay."""
-        order = np.argsort(self.best_costs, kind="stable")
-        crazy = order[self.population - int(craziness.share * self.population) :]
-        moved[crazy] = Polynomial().mutate(self.rng, self.box, g[crazy])

@@ -43,15 +43,15 @@ CASES = {
     "whale": (Whale, naive.whale),
     "dragonfly": (Dragonfly, naive.dragonfly),
     "swarm": (
-        partial(ParticleSwarm, coefficients=PLAIN, craziness=None, topology=Global()),
+        partial(ParticleSwarm, coefficients=PLAIN, crazy=0.0, topology=Global()),
         partial(naive.particle_swarm, **SWARM),
     ),
     "ring of swarm": (
-        partial(ParticleSwarm, coefficients=PLAIN, craziness=None, topology=Ring(2)),
+        partial(ParticleSwarm, coefficients=PLAIN, crazy=0.0, topology=Ring(2)),
         partial(naive.particle_swarm, **SWARM, ring=2),
     ),
     "growing ring of swarm": (
-        partial(ParticleSwarm, coefficients=PLAIN, craziness=None),
+        partial(ParticleSwarm, coefficients=PLAIN, crazy=0.0),
         partial(naive.particle_swarm, **SWARM, ring="growing"),
     ),
     "rand/1/bin": (
@@ -68,7 +68,7 @@ CASES = {
     ),
     "Holland's genetic": (partial(GeneticAlgorithm, **HOLLAND), naive.holland),
     "swarm of 1998": (
-        partial(ParticleSwarm, coefficients=INERTIA_1998, craziness=None, topology=Global()),
+        partial(ParticleSwarm, coefficients=INERTIA_1998, crazy=0.0, topology=Global()),
         partial(naive.particle_swarm, inertia=0.9, last=0.4, weight=2.0, limit=0.5),
     ),
 }

@@ -150,7 +150,7 @@ def test_a_particle_stops_at_a_bound_and_loses_that_speed():
         population=1,
         iterations=10,
         coefficients=Coefficients(1.0, 0.0, 0.0),
-        craziness=None,
+        crazy=0.0,
     )
     start(swarm, [[0.6, 0.1]], [1.0], [[1.0, 0.3]])  # a speed of (0.2, 0.1)
     swarm.rng = Scripted(*[0.0] * 4)

@@ -68,7 +68,7 @@ def test_the_paper_preset_has_the_published_forms():
     assert isinstance(ga.selection, Roulette)
     assert not ga.elitist
     assert isinstance(pso.topology, Global)
-    assert pso.craziness is None
+    assert pso.crazy == 0.0
     assert (de.strategy, de.F, de.CR) == (rand_1, 0.5, 0.9)
 
 
