@@ -71,15 +71,13 @@ class Alarm:
         return 0 if self.silenced else STEPS.index(self.step)
 
 
-def exceeding(one: Trend, healthy: float, width: float, sides: bool) -> float:
-    """Probability that a magnitude was further from healthy than matters when last recorded.
-
-    ``sides``: it may be off to both sides, such as a gain.
-    """
+def exceeding(one: Trend, unknown: Any) -> float:
+    """Probability that a magnitude was further from healthy than matters when last recorded."""
     level, error, _ = one.at(one.time)
-    beyond = float(norm.sf(healthy + SMALLEST * width, level, error))
-    if sides:
-        beyond += float(norm.cdf(healthy - SMALLEST * width, level, error))
+    least = SMALLEST * unknown.width
+    beyond = float(norm.sf(unknown.healthy + least, level, error))
+    if unknown.lower < unknown.healthy:  # it may be off to both sides, such as a gain
+        beyond += float(norm.cdf(unknown.healthy - least, level, error))
     return beyond
 
 
@@ -96,9 +94,7 @@ def judge(
     count : magnitudes that are watched on the actuator
     before : the step it had
     """
-    width, healthy = unknown.width, unknown.healthy
-    sides = unknown.lower < healthy
-    probability = exceeding(one, healthy, width, sides)
+    probability = exceeding(one, unknown)
     held = before or Before("none", moment, -math.inf)
     certain = 1.0 - policy.false_alarms / count
     present = probability >= certain or (held.step != "none" and probability >= 0.5)

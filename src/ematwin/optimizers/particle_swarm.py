@@ -27,7 +27,6 @@ numbers); ``crazy=0`` is the paper's final form.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -36,23 +35,15 @@ from ematwin.optimizers.base import Box, FloatArray, PopulationOptimizer, whole_
 from ematwin.optimizers.genetic_operators import Polynomial, probability
 
 
-class Topology(Protocol):
-    """Who informs whom."""
+@dataclass(frozen=True)
+class Global:
+    """Who informs whom: every particle every other (gbest)."""
 
     def informants(self, costs: FloatArray, progress: float) -> np.ndarray:
         """(N,) indices: for each particle the neighbour whose best point is best.
 
         ``progress`` is the share of the iterations that has gone, 0 to 1.
         """
-        ...  # pragma: no cover
-
-
-@dataclass(frozen=True)
-class Global:
-    """Every particle informs every other (gbest)."""
-
-    def informants(self, costs: FloatArray, progress: float) -> np.ndarray:
-        """(N,) indices, all of them the best particle."""
         return np.full(len(costs), np.argmin(costs))
 
 
@@ -143,8 +134,8 @@ class ParticleSwarm(PopulationOptimizer):
 
     Parameters
     ----------
-    topology : Topology, ``GrowingRing()`` (default), ``Global()``, ``Ring(k)``, or any object with
-        the same method
+    topology : ``GrowingRing()`` (default), ``Global()``, ``Ring(k)``, or any object with the same
+        method
     coefficients : Coefficients
     crazy : share of the swarm, rounded down, that tries its luck beside the neighbours' best point
         instead of flying on: those whose own best point is worst. Beside the best point of the
@@ -155,7 +146,7 @@ class ParticleSwarm(PopulationOptimizer):
         self,
         box: Box,
         *,
-        topology: Topology = GrowingRing(),
+        topology: Global | Ring | GrowingRing = GrowingRing(),
         coefficients: Coefficients = STANDARD_2006,
         crazy: float = 0.1,
         **settings: int,
