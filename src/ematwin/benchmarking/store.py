@@ -193,6 +193,8 @@ class Store:
 
         Gives how many were new, or took the place of one that had not been done.
         """
+        if not finished:
+            return 0
         query = self._insert(_runs)
         query = query.on_conflict_do_update(
             index_elements=["id"],
