@@ -255,11 +255,9 @@ def holm(p: np.ndarray) -> np.ndarray:
 
 
 def diagnose(table: RunTable, threshold: float = THRESHOLD) -> Any:
-    """Count the faults that each algorithm would have named.
+    """Count the faults that each algorithm would have named, in a row of a DataFrame.
 
-    Returns
-    -------
-    DataFrame, a row for each algorithm, over its runs that ended well
+    Over its runs that ended well:
 
         runs, without : runs that ended well, and failed runs, which diagnosed nothing
         exact : runs that named the faults exactly: none missed, none false

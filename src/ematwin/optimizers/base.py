@@ -11,7 +11,7 @@ import importlib.util
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -147,38 +147,21 @@ class Optimizer(ABC):
 
     @abstractmethod
     def ask(self) -> FloatArray:
-        """Give the points whose costs are wanted next.
-
-        Returns
-        -------
-        (N, d) array, inside the box; the caller may change it
-        """
+        """Give the points (N, d) whose costs are wanted next; the caller may change them."""
 
     @abstractmethod
     def tell(self, points: FloatArray, costs: FloatArray) -> None:
-        """Learn the costs of the batch last asked for.
+        """Learn the costs (m,) of the batch last asked for, or of its first m rows (m, d).
 
-        Parameters
-        ----------
-        points : (m, d) array, the batch as asked, or its first m rows
-        costs : (m,) array
-
-        Raises
-        ------
-        InputError
-            If there is no batch to answer, or the shapes do not fit it.
+        `InputError` if there is no batch to answer, or the shapes do not fit it.
         """
 
     def limits(self) -> FloatArray | None:
-        """Give the costs above which points of the batch last asked for count as worst.
+        """Give the costs (N,) above which points of the batch last asked for count as worst.
 
-        The loop may then stop evaluating such a point and tell an infinite cost. A method gives
-        limits only if its later batches stay the same, bit for bit.
-
-        Returns
-        -------
-        (N,) array, one limit for each point, infinite where every cost counts; None (default) if
-        the method uses all costs
+        Infinite where every cost counts; None (default) if the method uses all costs. The loop may
+        stop evaluating such a point and tell an infinite cost. A method gives limits only if its
+        later batches stay the same, bit for bit.
         """
         return None
 
@@ -194,12 +177,8 @@ class Optimizer(ABC):
         """Release what outlives a batch: threads, processes. Most methods hold nothing."""
 
 
-class OptimizerFactory(Protocol):
-    """What can be named: a class of Optimizer, or a function with this signature."""
-
-    def __call__(self, box: Box, *, population: int, iterations: int, seed: int) -> Optimizer:
-        """Make an optimiser for a box."""
-        ...  # pragma: no cover
+OptimizerFactory = Callable[..., Optimizer]
+"""What can be named: a class of Optimizer, or ``(box, *, population, iterations, seed)``."""
 
 
 @dataclass(frozen=True)

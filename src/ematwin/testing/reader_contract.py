@@ -27,16 +27,9 @@ from ematwin.recordings.formats.base import RecordedFile, open_file
 
 
 def bench_channels(duration: float = 0.1, sample_rate: float = 20_000.0) -> dict[str, np.ndarray]:
-    """Channels as a test bench might record them, in SI and named as in a record.
+    """Channels (S,) as a test bench might record them, in SI and named as in a record.
 
-    Parameters
-    ----------
-    duration : float, s
-    sample_rate : float, Hz
-
-    Returns
-    -------
-    dict of (S,) arrays, time, a sweep as command, and three currents that sum to zero
+    Time, a sweep as command, and three currents that sum to zero; ``duration`` in s, rate in Hz.
     """
     time = np.arange(round(duration * sample_rate)) / sample_rate
     command = 0.005 * np.sin(2.0 * np.pi * (5.0 + 20.0 * time) * time)
