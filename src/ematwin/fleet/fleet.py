@@ -39,12 +39,7 @@ class Fleet:
         known; None takes the present
     create : False refuses a folder that holds no fleet
 
-    Raises
-    ------
-    FileError
-        If the folder cannot be used.
-    InputError
-        If its ``fleet.toml`` holds something else than settings.
+    `FileError` if the folder cannot be used, `InputError` if its ``fleet.toml`` is none.
     """
 
     def __init__(

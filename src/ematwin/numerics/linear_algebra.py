@@ -32,16 +32,11 @@ def eigen(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def bounded_squares(
     matrix: np.ndarray, target: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> np.ndarray:
-    """The x (d,) within bounds at which ``|matrix x - target|`` is least.
+    """The x (d,) within bounds, ``low <= 0 <= high``, at which ``|matrix x - target|`` is least.
 
     The active set of Stark and Parker (1995), Comput. Stat. 10, 129-141, as
-    `scipy.optimize.lsq_linear`, which takes longer to import than a descent takes.
-
-    Parameters
-    ----------
-    matrix : (K, d) array
-    target : (K,) array
-    low, high : (d,) arrays, ``low <= 0 <= high``: it sets out from zero
+    `scipy.optimize.lsq_linear`, which takes longer to import than a descent takes. The matrix is
+    (K, d), the target (K,).
     """
     size = np.linalg.norm(matrix, axis=0)
     seen = size > _SMALL * size.max(initial=0.0)  # less is rounding

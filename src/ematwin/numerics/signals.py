@@ -34,10 +34,7 @@ class LowPass:
     def taps(self, sample_rate: float, start: float) -> np.ndarray:
         """``b0 b1 b2 a1 a2 z1 z2``: the filter and its state after resting at ``start``.
 
-        Raises
-        ------
-        InputError
-            If the rate (Hz) is below four times the cutoff, where the filter would not act as one.
+        `InputError` for a rate (Hz) below four times the cutoff, where it would not act as one.
         """
         if not (self.cutoff > 0.0 and sample_rate >= 4.0 * self.cutoff):
             raise InputError(

@@ -14,13 +14,7 @@ _BITS = 30
 
 
 class Sobol:
-    """Points of a sequence.
-
-    Parameters
-    ----------
-    dimensions : int
-    rng : numpy Generator; a child of it draws the scrambling
-    """
+    """Points of a sequence; a child of the generator draws the scrambling."""
 
     def __init__(self, dimensions: int, rng: np.random.Generator) -> None:
         self._others: Any = None
