@@ -78,7 +78,6 @@ class Database:
         The whole check and not the quick one: only it compares the indexes, from which ids and
         statuses are read, with the rows. It reads 270 MB in a second.
         """
-
         if self.path is not None and self.exists:
             found = self.read(lambda c: c.exec_driver_sql("PRAGMA integrity_check(1)").scalar())
             if found != "ok":
