@@ -186,16 +186,6 @@ def test_a_run_repeats_bit_for_bit(spec):
     assert first.provenance["engine"] == "none"
 
 
-@pytest.mark.parametrize("algorithm", ["de", "multistart", "levenberg-marquardt"])
-def test_runs_in_the_remapped_box(spec, algorithm):
-    plain = execute(replace(spec, algorithm=algorithm))
-    moved = execute(replace(spec, algorithm=algorithm, box="remapped"))
-    assert moved.id != plain.id
-    assert moved.status == plain.status == "done"
-    assert moved.faults != plain.faults
-    assert all(0.0 <= k <= 1.0 for k in moved.faults)
-
-
 def test_noise_changes_the_record(spec):
     noisy = execute(replace(spec, noise={"white": 0.02, "offset": 0.0, "bits": 12,
                                          "full_scale": 25.0}))  # fmt: skip

@@ -10,7 +10,6 @@ from ematwin.errors import RecordError
 from ematwin.experiments import candidates
 from ematwin.experiments.command_errors import fault_vectors, identified_errors, shown_by
 from ematwin.experiments.experiment import Experiment
-from ematwin.models import registry
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet, Section, quantity
 from ematwin.models.scenario import Chirp, Scenario
@@ -69,7 +68,7 @@ class SledModel(Model):
 
 
 @pytest.fixture(scope="module")
-def sled(tmp_path_factory):
+def sled(tmp_path_factory, registered):
     """Path of its file, while the kind is registered."""
     path = tmp_path_factory.mktemp("sled") / "sled.toml"
     path.write_text(
@@ -77,11 +76,8 @@ def sled(tmp_path_factory):
         'mass = { value = 2, unit = "kg", source = "made up" }\n'
         'friction = { value = 1, unit = "N", source = "made up" }\n'
     )
-    with pytest.MonkeyPatch.context() as here:
-        here.setattr(registry, "_REGISTERED", dict(registry._REGISTERED))
-        ematwin.register_model(SledModel())
+    with registered(SledModel()):
         yield path
-    registry.models.cache_clear()
 
 
 def test_vectors_at_which_nothing_moves_are_left_out_and_said(sled):

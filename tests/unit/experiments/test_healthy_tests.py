@@ -6,7 +6,6 @@ import pytest
 import ematwin
 from ematwin.errors import InputError
 from ematwin.estimation.baseline import Baseline
-from ematwin.models import registry
 from ematwin.models.base import Model
 from ematwin.models.history import Step
 from ematwin.models.parameter_set import ParameterSet, Section, quantity
@@ -63,12 +62,9 @@ class BoatModel(Model):
 
 
 @pytest.fixture(scope="module")
-def boat():
-    with pytest.MonkeyPatch.context() as here:
-        here.setattr(registry, "_REGISTERED", dict(registry._REGISTERED))
-        ematwin.register_model(BoatModel())
+def boat(registered):
+    with registered(BoatModel()):
         yield Boat(name="boat", description="", drag=Drag(linear=2.0, cubic=0.1, unseen=1.0))
-    registry.models.cache_clear()
 
 
 @pytest.fixture(scope="module")

@@ -1,12 +1,7 @@
 """Shifting by cubic convolution, beside its definition."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from ematwin.numerics.filters import advanced, compare
 from naive import signals
