@@ -29,9 +29,8 @@ import numpy as np
 from ematwin.estimation.constants import SMALLEST
 from ematwin.fleet.fleet import Fleet
 from ematwin.fleet.learning import learn
-from ematwin.fleet.life import paths
+from ematwin.fleet.life import Life, paths
 from ematwin.fleet.metrics import (
-    Prediction,
     cumulative_relative_accuracy,
     is_accurate,
     prognostic_horizon,
@@ -105,7 +104,7 @@ def watched(seed, actuators, per_year, every, law=worn):
                     by_curve = exponential_fit(unit.series(name), LIMITS[name], life.moment)
                     key = (unit.serial_number, name, end)
                     predictions.setdefault(key, []).append(
-                        (Prediction(moment, life.draws), by_curve)
+                        (Life("x", life.draws, moment), by_curve)
                     )
         known = {
             unit.serial_number: [(row["time"] - made.start).days for row in unit.rows
@@ -171,7 +170,7 @@ def judged(seed, *settings):
                 held += one.holds(ends - one.moment)
         if len(made_ones) >= 3:
             ours.append(cumulative_relative_accuracy(made_ones, ends))
-            flat = [Prediction(one.moment, np.array([curve])) for one, curve in several]
+            flat = [Life("x", np.array([curve]), one.moment) for one, curve in several]
             curves.append(cumulative_relative_accuracy(flat, ends))
     whole = [
         one.holds(end / 365.25 - one.moment)
@@ -211,7 +210,7 @@ def exported(seed, actuators, per_year, every):
                 continue
             shares = np.linspace(0.005, 0.995, 100)
             few = [
-                Prediction(one.moment, np.quantile(one.draws, shares, method="inverted_cdf"))
+                Life("x", np.quantile(one.draws, shares, method="inverted_cdf"), one.moment)
                 for one in kept
             ]
             middle = time[inside][0] + 0.5 * (ends - time[inside][0])
@@ -386,7 +385,7 @@ def known_law(every, noise, seed=1, units=600):
             rate = random.normal(usual, known**-0.5, 1000)
             room = 1.0 - level[day]
             left = random.wald(room / np.maximum(rate, 1e-3), room**2 / noise)
-            made.append(Prediction(day / 365.25, left))
+            made.append(Life("x", left, day / 365.25))
         if made:
             end = beyond[0] / 365.25
             held = np.array([one.holds(end - one.moment) for one in made])

@@ -166,7 +166,7 @@ class TomlFiles:
 
     def __init__(self, folder: Path) -> None:
         from ematwin import load_actuator
-        from ematwin.benchmarking.cases import cases_of
+        from ematwin.benchmarking.subject import cases_of
         from ematwin.models.registry import model_of, models, shipped_actuators
         from ematwin.monitoring.calibration import Calibration
         from ematwin.recordings.channel_map import ChannelMap

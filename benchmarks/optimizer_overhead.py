@@ -14,7 +14,8 @@ import time
 
 import numpy as np
 
-from ematwin.optimizers import Box, algorithms, create
+from ematwin.optimizers import Box, algorithms
+from ematwin.optimizers.registry import find
 
 POPULATION, ITERATIONS, DIMENSION = 50, 200, 8
 OPTIMUM = np.array([0.3, 0.62, 0.41, 0.77, 0.55, 0.23, 0.68, 0.36])
@@ -22,7 +23,8 @@ OPTIMUM = np.array([0.3, 0.62, 0.41, 0.77, 0.55, 0.23, 0.68, 0.36])
 
 def microseconds(name: str, seed: int) -> float:
     box = Box(np.zeros(DIMENSION), np.ones(DIMENSION))
-    optimizer = create(name, box, population=POPULATION, iterations=ITERATIONS, seed=seed)
+    make = find(name).factory()
+    optimizer = make(box, population=POPULATION, iterations=ITERATIONS, seed=seed)
     spent, evaluations = 0.0, 0
     try:
         while evaluations < POPULATION * ITERATIONS:

@@ -20,12 +20,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ematwin.benchmarking.cases import cases_of
 from ematwin.benchmarking.engines.local import LocalEngine
 from ematwin.benchmarking.plan import Plan
 from ematwin.benchmarking.run import RunResult, RunSpec, StoredRun, pack
 from ematwin.benchmarking.store import Store, open_store
 from ematwin.benchmarking.study import Tally, run_study
+from ematwin.benchmarking.subject import cases_of
 
 
 def measure_workers(folder: Path, runs: int, repeat: int) -> dict[str, float]:

@@ -30,12 +30,11 @@ from ematwin.optimizers import (
     minimize,
 )
 from ematwin.optimizers.differential_evolution import (
-    Best1,
     Dither,
     Either,
-    Mutants,
-    Rand1,
+    best_1,
     others,
+    rand_1,
 )
 from ematwin.optimizers.genetic_algorithm import HOLLAND, Real
 from ematwin.optimizers.genetic_operators import Polynomial, SimulatedBinary, Tournament
@@ -43,7 +42,6 @@ from ematwin.optimizers.particle_swarm import (
     CONSTRICTION,
     INERTIA_1998,
     STANDARD_2006,
-    Craziness,
     Global,
     GrowingRing,
     Ring,
@@ -99,23 +97,19 @@ def functions() -> dict[str, Costs]:
     }
 
 
-class CurrentToBest1:
+def current_to_best_1(rng, parents, best, F):
     """DE/current-to-best/1: a step towards the best vector and one difference."""
-
-    def mutate(self, rng, parents, best, F):
-        r1, r2 = others(rng, len(parents), 2)
-        steps = (parents[best] - parents) + (parents[r1] - parents[r2])
-        return Mutants(parents + F * steps, parents)
+    r1, r2 = others(rng, len(parents), 2)
+    steps = (parents[best] - parents) + (parents[r1] - parents[r2])
+    return parents + F * steps, parents
 
 
-class Best2:
+def best_2(rng, parents, best, F):
     """DE/best/2: two differences added to the best vector."""
-
-    def mutate(self, rng, parents, best, F):
-        r1, r2, r3, r4 = others(rng, len(parents), 4)
-        bases = np.broadcast_to(parents[best], parents.shape)
-        steps = parents[r1] + parents[r2] - parents[r3] - parents[r4]
-        return Mutants(bases + F * steps, bases)
+    r1, r2, r3, r4 = others(rng, len(parents), 4)
+    bases = np.broadcast_to(parents[best], parents.shape)
+    steps = parents[r1] + parents[r2] - parents[r3] - parents[r4]
+    return bases + F * steps, bases
 
 
 def one_of(rng: np.random.Generator, *choices: Any) -> Any:
@@ -141,13 +135,13 @@ def pso(rng: np.random.Generator) -> Settings:
             rng, Global(), Ring(1), Ring(3), GrowingRing(1.0), GrowingRing(2.0), GrowingRing(3.0)
         ),
         "coefficients": one_of(rng, INERTIA_1998, CONSTRICTION, STANDARD_2006),
-        "craziness": Craziness(share) if share else None,
+        "crazy": share,
     }
 
 
 def de(rng: np.random.Generator) -> Settings:
     return {
-        "strategy": one_of(rng, Rand1(), Best1(), CurrentToBest1(), Best2()),
+        "strategy": one_of(rng, rand_1, best_1, current_to_best_1, best_2),
         "F": one_of(rng, round(rng.uniform(0.3, 0.9), 2), Dither()),
         "CR": one_of(
             rng, round(rng.uniform(0.1, 1.0), 2), Either(share=round(rng.uniform(0.1, 0.9), 2))
@@ -179,10 +173,10 @@ SPACES: dict[str, tuple[Any, Settings, Callable[[np.random.Generator], Settings]
     "ga": (GeneticAlgorithm, HOLLAND, ga),
     "pso": (
         ParticleSwarm,
-        {"topology": Global(), "coefficients": INERTIA_1998, "craziness": None},
+        {"topology": Global(), "coefficients": INERTIA_1998, "crazy": 0.0},
         pso,
     ),
-    "de": (DifferentialEvolution, {"strategy": Rand1(), "F": 0.5, "CR": 0.9}, de),
+    "de": (DifferentialEvolution, {"strategy": rand_1, "F": 0.5, "CR": 0.9}, de),
     "gwo": (GreyWolf, {}, gwo),
     "da": (Dragonfly, {}, da),
     "woa": (Whale, {}, woa),

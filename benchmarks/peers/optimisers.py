@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from benchmarks.peers.measure import Line, Part, missing, progress, version
 
-from ematwin.optimizers import Box, create
+from ematwin.optimizers import Box
+from ematwin.optimizers.registry import find
 
 POPULATION, GENERATIONS, DIMENSION = 50, 200, 8
 OPTIMUM = np.array([0.3, 0.62, 0.41, 0.77, 0.55, 0.23, 0.68, 0.36])
@@ -56,7 +57,8 @@ Drive = Callable[[Sphere, int, int], None]  # objective, generations, seed
 def ematwin(name: str) -> Drive:
     def drive(sphere: Sphere, generations: int, seed: int) -> None:
         box = Box(np.zeros(DIMENSION), np.ones(DIMENSION))
-        optimizer = create(name, box, population=POPULATION, iterations=generations, seed=seed)
+        make = find(name).factory()
+        optimizer = make(box, population=POPULATION, iterations=generations, seed=seed)
         try:
             while sphere.evaluations < POPULATION * generations:
                 points = optimizer.ask()

@@ -26,7 +26,7 @@ from ematwin.testing.reader_contract import ReaderContract, bench_channels
 class TestCsv(ReaderContract):
     suffix = ".csv"
 
-    def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
+    def write(self, path, channels, units):
         rows = zip(*(map(repr, values.tolist()) for values in channels.values()), strict=True)
         path.write_text("\n".join([",".join(channels), *(",".join(row) for row in rows)]) + "\n")
 
@@ -35,7 +35,7 @@ class TestGermanCsv(ReaderContract):
     suffix = ".txt"
     states_units = True
 
-    def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
+    def write(self, path, channels, units):
         lines = ["Prüfstand 3;;;;", ";".join(channels), ";".join(f"[{u}]" for u in units.values())]
         for row in zip(*(values.tolist() for values in channels.values()), strict=True):
             lines.append(";".join(repr(value).replace(".", ",") for value in row))
@@ -49,7 +49,7 @@ class TestTwinCat(ReaderContract):
     states_units = True
     end, sign = "\nEOF\n", "\t"
 
-    def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
+    def write(self, path, channels, units):
         names = [name for name in channels if name != "time"]
         ticks = 132_959_733_843_760_000
         last = ticks + round(1e7 * channels["time"][-1])
@@ -73,7 +73,7 @@ class TestTwinCatFullTimestamps(TestTwinCat):
 
     end, sign = "\n", ";"
 
-    def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
+    def write(self, path, channels, units):
         super().write(path, channels, units)
         head, _, rows = path.read_text().rpartition("\n\n")
         lines = []
@@ -93,7 +93,7 @@ class TestParquet(ReaderContract):
     suffix = ".parquet"
     states_units = True
 
-    def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
+    def write(self, path, channels, units):
         schema = pa.schema(
             [pa.field(n, pa.float64(), metadata={"unit": units[n]}) for n in channels]
         )
@@ -103,7 +103,7 @@ class TestParquet(ReaderContract):
 class TestGzip(ReaderContract):
     suffix = ".csv.gz"
 
-    def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
+    def write(self, path, channels, units):
         TestCsv().write(path, channels, units)
         path.write_bytes(gzip.compress(path.read_bytes()))
 
@@ -112,7 +112,7 @@ class TestZip(ReaderContract):
     suffix = ".zip"
     states_units = True
 
-    def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
+    def write(self, path, channels, units):
         TestParquet().write(path, channels, units)
         content = path.read_bytes()
         with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -124,11 +124,11 @@ class TestExcel(ReaderContract):
     states_units = True
 
     @pytest.fixture
-    def channels(self) -> dict[str, np.ndarray]:
+    def channels(self):
         """With the 15 digits that Excel keeps."""
         return {name: np.round(values, 12) for name, values in bench_channels().items()}
 
-    def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
+    def write(self, path, channels, units):
         book = openpyxl.Workbook()
         book.active.title = "Notes"
         book.active["A1"] = "Bench 3"
@@ -144,7 +144,7 @@ class TestExcel(ReaderContract):
 class TestULog(ReaderContract):
     suffix = ".ulg"
 
-    def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
+    def write(self, path, channels, units):
         names = [name for name in channels if name != "time"]
         fields = ";".join(["uint64_t timestamp", *(f"double {name}" for name in names)])
         parts = [b"ULog\x01\x12\x35\x01" + bytes(8)]
@@ -161,7 +161,7 @@ class TestULog(ReaderContract):
 class TestMcap(ReaderContract):
     suffix = ".mcap"
 
-    def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
+    def write(self, path, channels, units):
         names = [name for name in channels if name != "time"]
         with path.open("wb") as file:
             writer = McapWriter(file)
@@ -177,21 +177,21 @@ class TestMcap(ReaderContract):
 class TestMatlab5(ReaderContract):
     suffix = ".mat"
 
-    def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
+    def write(self, path, channels, units):
         scipy.io.savemat(path, {"run": channels, "note": "test"})
 
 
 class TestMatlab5Compressed(ReaderContract):
     suffix = ".mat"
 
-    def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
+    def write(self, path, channels, units):
         scipy.io.savemat(path, channels, do_compression=True, oned_as="column")
 
 
 class TestMatlab73(ReaderContract):
     suffix = ".mat"
 
-    def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
+    def write(self, path, channels, units):
         write_matlab73(path, {"run": channels})
 
 
@@ -206,7 +206,7 @@ class TestMdf4(ReaderContract):
     suffix = ".mf4"
     states_units = True
 
-    def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
+    def write(self, path, channels, units):
         write_mdf(path, with_units(channels, units))
 
 
@@ -214,7 +214,7 @@ class TestMdf3(ReaderContract):
     suffix = ".mdf"
     states_units = True
 
-    def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
+    def write(self, path, channels, units):
         write_mdf(path, with_units(channels, units), version="3.30")
 
 
@@ -222,7 +222,7 @@ class TestTdms(ReaderContract):
     suffix = ".tdms"
     states_units = True
 
-    def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
+    def write(self, path, channels, units):
         wave = {"wf_increment": float(np.diff(channels["time"]).mean()), "wf_start_offset": 0.0}
         with TdmsWriter(path) as writer:
             writer.write_segment(
@@ -237,14 +237,14 @@ class TestHdf5(ReaderContract):
     suffix = ".h5"
     states_units = True
 
-    def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
+    def write(self, path, channels, units):
         with h5py.File(path, "w") as file:
             for name, values in channels.items():
                 file[f"bench/{name}"] = values
                 file[f"bench/{name}"].attrs["unit"] = units[name]
 
 
-def test_a_damaged_heap_of_hdf5_is_refused_and_not_read_for_ever(tmp_path: Path) -> None:
+def test_a_damaged_heap_of_hdf5_is_refused_and_not_read_for_ever(tmp_path):
     """The library itself steps on by zero bytes from there."""
     path = tmp_path / "bench.h5"
     channels = bench_channels()
@@ -258,10 +258,10 @@ def test_a_damaged_heap_of_hdf5_is_refused_and_not_read_for_ever(tmp_path: Path)
         read(path)
 
 
-def write_matlab73(path: Path, content: dict[str, object]) -> None:
+def write_matlab73(path, content):
     """The layout that MATLAB gives a 7.3 file: HDF5 behind a header of its own."""
 
-    def put(group: h5py.Group, name: str, value: object) -> None:
+    def put(group, name, value):
         if isinstance(value, dict):
             inner = group.create_group(name)
             inner.attrs["MATLAB_class"] = np.bytes_("struct")
@@ -283,13 +283,13 @@ def write_matlab73(path: Path, content: dict[str, object]) -> None:
     ("name", "advice"),
     [("run.db3", "ros2 bag convert"), ("run.xls", r"Save it as \.xlsx"), ("run.svdx", "as CSV")],
 )
-def test_a_format_that_is_not_read_gets_a_recipe(tmp_path: Path, name: str, advice: str) -> None:
+def test_a_format_that_is_not_read_gets_a_recipe(tmp_path, name, advice):
     (tmp_path / name).touch()
     with pytest.raises(InputError, match=advice):
         read(tmp_path / name)
 
 
-def test_a_zip_of_several_files_is_refused_by_their_names(tmp_path: Path) -> None:
+def test_a_zip_of_several_files_is_refused_by_their_names(tmp_path):
     with zipfile.ZipFile(tmp_path / "days.zip", "w") as archive:
         for day in (1, 2):
             archive.writestr(f"day{day}.csv", "time,command\n0,0\n")
@@ -297,7 +297,7 @@ def test_a_zip_of_several_files_is_refused_by_their_names(tmp_path: Path) -> Non
         read(tmp_path / "days.zip")
 
 
-def test_a_log_that_power_loss_cut_off_is_read_up_to_there(tmp_path: Path) -> None:
+def test_a_log_that_power_loss_cut_off_is_read_up_to_there(tmp_path):
     path, channels = tmp_path / "flight.ulg", bench_channels()
     TestULog().write(path, channels, {})
     content = path.read_bytes()
@@ -316,7 +316,7 @@ def test_a_log_that_power_loss_cut_off_is_read_up_to_there(tmp_path: Path) -> No
         "time,command,current\n" + "".join(f"{n % 30},0,1\n" for n in range(60)),
     ],
 )
-def test_an_error_names_the_packed_file_that_was_given(tmp_path: Path, text: str) -> None:
+def test_an_error_names_the_packed_file_that_was_given(tmp_path, text):
     path = tmp_path / "bench.csv.gz"
     path.write_bytes(gzip.compress(text.encode()))
     with pytest.raises(EmatwinError) as caught:

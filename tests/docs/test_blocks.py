@@ -22,7 +22,7 @@ from typing import Any
 import pytest
 import typer
 
-from ematwin.benchmarking.cases import cases_of
+from ematwin.benchmarking.subject import cases_of
 from ematwin.cli.app import app, run
 from ematwin.fleet.fleet import settings_of
 from ematwin.models import registry

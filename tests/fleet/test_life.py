@@ -19,7 +19,6 @@ from ematwin.fleet.life import (
     sooner,
 )
 from ematwin.fleet.metrics import (
-    Prediction,
     alpha_lambda,
     convergence,
     cumulative_relative_accuracy,
@@ -150,7 +149,7 @@ def test_rise_time_is_that_of_a_first_order_lag():
 
 
 END = 10.0
-PERFECT = [Prediction(t, np.full(50, END - t)) for t in (2.0, 4.0, 6.0, 8.0)]
+PERFECT = [Life("x", np.full(50, END - t), t) for t in (2.0, 4.0, 6.0, 8.0)]
 
 
 def test_perfect_predictions_have_the_best_metrics():
@@ -162,7 +161,7 @@ def test_perfect_predictions_have_the_best_metrics():
 
 def test_metrics_follow_their_definitions():
     late = [
-        Prediction(t, np.full(50, (END - t) * f)) for t, f in ((2.0, 2.0), (6.0, 1.5), (8.0, 1.1))
+        Life("x", np.full(50, (END - t) * f), t) for t, f in ((2.0, 2.0), (6.0, 1.5), (8.0, 1.1))
     ]
     assert [is_accurate(one, END) for one in late] == [False, False, True]
     # errors 8, 2 and 0.2; 20 % of the whole life is 2

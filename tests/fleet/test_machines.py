@@ -57,13 +57,15 @@ def test_a_database_answers_as_the_folder_does(postgres, tmp_path):
     assert stores[1].version() != before
 
 
-def test_two_watchers_and_a_killed_one_lose_nothing_in_a_database_and_do_nothing_twice(
-    postgres, tmp_path
-):
+@pytest.mark.parametrize("kept", ["folder", "database"])
+def test_a_killed_watch_loses_nothing_and_two_do_nothing_twice(postgres, tmp_path, kept):
     for day in range(1, 5):
         recording(tmp_path / "recordings" / "S-1", day)
-    url = postgres.database("two")
-    stores = [on_server(tmp_path / name, url) for name in ("one", "two")]
+    if kept == "database":
+        url = postgres.database("two")
+        stores = [on_server(tmp_path / name, url) for name in ("one", "two")]
+    else:
+        stores = [FleetStore(tmp_path / "one") for _ in range(2)]
     command = ("watch", "recordings", "--fleet", "one", "--actuator", SERVO)
     with open(tmp_path / "said", "wb") as said:
         killed = subprocess.Popen(
@@ -71,7 +73,7 @@ def test_two_watchers_and_a_killed_one_lose_nothing_in_a_database_and_do_nothing
         )
     patience = time.monotonic() + 120.0
     while not stores[0].rows().num_rows and killed.poll() is None and time.monotonic() < patience:
-        time.sleep(0.1)
+        time.sleep(0.02)
     killed.kill()
     killed.wait()
     before = stores[0].rows()["id"].to_pylist()

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import ruptures
+from scipy.special import gammaln, polygamma
 from scipy.stats import norm
 
-from ematwin.fleet.learning import learn
+from ematwin.fleet.learning import learn, shares, weighted_draws
 from ematwin.fleet.trend import Series, Wear, again, trend
 from naive.trend import dense
 
@@ -60,7 +61,7 @@ def test_draws_of_the_wear_end_in_the_states_of_their_own_filters(overhauls):
             own = {name: getattr(draws, name)[n] for name in draws._fields[:-1]}
             single = replace(wear, **own, lasting=draws.lasting)
             done = again(series, found, single)
-            last = done.mean[-1, :3], done.cov[-1, :3, :3]
+            last = done.mean, done.covariance
             if overhauls == (3.5,):
                 last = single.mean[:3], np.diag(single.spread[:3] ** 2)
             np.testing.assert_allclose(mean[n], last[0], rtol=1e-9, atol=1e-12)
@@ -173,3 +174,21 @@ def test_what_all_recordings_have_in_common_does_not_average_out():
     ]  # fmt: skip
     found = trend(several[0], learn(several, 0.0, 1.0))
     assert 0.015 < found.at(found.time)[1] < 0.025
+
+
+def test_draws_weigh_as_a_skewed_density_whose_integral_they_give_from_a_poor_start():
+    shapes = np.array([1.5, 2.0, 3.0, 5.0, 20.0])  # of gamma variates, whose logarithms are drawn
+    turn = np.linalg.qr(np.random.default_rng(5).standard_normal((5, 5)))[0]
+
+    def density(points):
+        logs = points @ turn
+        return 3.0 + (shapes * logs - np.exp(logs) - gammaln(shapes)).sum(axis=1)
+
+    points, weight = weighted_draws(density, np.zeros(5), 0.5 * np.eye(5))
+    share = shares(weight)
+    assert 1.0 / (share**2).sum() > 500.0  # of 3000
+    assert np.log(np.mean(np.exp(weight))) == pytest.approx(3.0, abs=0.1)
+    logs = points @ turn
+    mean, variance = polygamma(0, shapes), polygamma(1, shapes)
+    np.testing.assert_allclose((share @ logs - mean) / variance**0.5, 0.0, atol=0.2)
+    np.testing.assert_allclose(share @ (logs - mean) ** 2 / variance, 1.0, atol=0.3)

@@ -1,11 +1,5 @@
 """Watching: each recording once, whatever is between; what cannot be judged is set aside."""
 
-import subprocess
-import sys
-import time
-from concurrent.futures import ThreadPoolExecutor
-from datetime import UTC, datetime
-from functools import partial
 from pathlib import Path
 
 import pandas as pd
@@ -14,8 +8,7 @@ import pytest
 import ematwin
 from ematwin import Fleet
 from ematwin.errors import InputError
-from ematwin.fleet.paths import Hashes
-from ematwin.fleet.store import FleetStore
+from ematwin.fleet.paths import hash_of
 from ematwin.fleet.watch import watch
 from ematwin.models.reading import write
 
@@ -87,7 +80,7 @@ def test_what_cannot_be_judged_is_set_aside_and_the_rest_goes_on(recordings, tmp
     assert len(fleet.set_aside) == 6
 
 
-def test_what_was_set_aside_is_tried_again_when_it_is_mended_or_renamed(tmp_path):
+def test_what_was_set_aside_is_tried_again_when_it_is_mended_or_renamed(tmp_path, monkeypatch):
     folder, fleet = tmp_path / "recordings", Fleet(tmp_path / "fleet")
     clock = recorded(folder, "S-1", "1971-01-01", 1)
     growing = recorded(folder, "S-1", "2026-03-05", 2)
@@ -96,12 +89,13 @@ def test_what_was_set_aside_is_tried_again_when_it_is_mended_or_renamed(tmp_path
     gone = folder / "S-1" / "2026-03-06.parquet"
     gone.write_bytes(whole)
 
-    class Gone(Hashes):
-        def of(self, path):
-            gone.unlink(missing_ok=True)  # between the listing and the reading
-            return super().of(path)
+    def late(path):
+        gone.unlink(missing_ok=True)  # between the listing and the reading
+        return hash_of(path)
 
-    found = fleet.watch(folder, actuator=SERVO, hashes=Gone())
+    with monkeypatch.context() as patched:
+        patched.setattr("ematwin.fleet.watch.hash_of", late)
+        found = fleet.watch(folder, actuator=SERVO)
     assert (found.judged, len(found.set_aside)) == (0, 3)
     assert any("No such file" in reason for _, reason in found.set_aside)
     assert fleet.watch(folder, actuator=SERVO).known == 2
@@ -197,40 +191,12 @@ def test_the_command_says_what_each_needs_and_ends_with_a_code(recordings, tmp_p
     assert "--fail-on takes fault, watch, plan or act, received 'panic'" in wrong.err
 
 
-def parts(folder):
-    return len(list((folder / "fleet" / "rows").glob("*/[!.]*.parquet")))
-
-
-def test_a_killed_watch_loses_nothing_and_two_do_nothing_twice(tmp_path):
-    for day in range(1, 5):
-        recorded(tmp_path / "recordings", "S-1", f"2026-03-{day:02d}", day)
-    killed = subprocess.Popen(
-        [sys.executable, "-m", "ematwin", "watch", "recordings", "--fleet", "fleet",
-         "--actuator", SERVO], cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
-    patience = time.monotonic() + 120.0
-    while not parts(tmp_path) and killed.poll() is None and time.monotonic() < patience:
-        time.sleep(0.02)
-    killed.kill()
-    killed.wait()
-    before = {row["id"] for row in Fleet(tmp_path / "fleet")["S-1"].rows}
-    assert before
-    with ThreadPoolExecutor(2) as both:
-        stores = [FleetStore(tmp_path / "fleet") for _ in range(2)]
-        work = partial(watch, recordings=tmp_path / "recordings", actuator=SERVO)
-        assert [one.judged + one.known for one in both.map(work, stores)] == [4, 4]
-    rows = Fleet(tmp_path / "fleet", now=datetime(2026, 6, 1, tzinfo=UTC))["S-1"].rows
-    assert before <= {row["id"] for row in rows}
-    assert [row["time"].day for row in rows] == list(range(1, 5))
-
-
 def test_files_that_have_not_changed_are_not_read_again(tmp_path, monkeypatch):
     path = tmp_path / "a.csv"
     path.write_text("1")
-    hashes = Hashes()
-    first = hashes.of(path)
+    first = hash_of(path)
     with monkeypatch.context() as other:
         other.setattr("pathlib.Path.open", None)
-        assert hashes.of(path) == first
+        assert hash_of(path) == first
     path.write_text("12")
-    assert hashes.of(path) != first
+    assert hash_of(path) != first

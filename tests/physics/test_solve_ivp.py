@@ -18,8 +18,12 @@ from ematwin.models.bldc.faults import Faults
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.scenario import Scenario
 from ematwin.numerics.backlash import advance_rigid_play
-from ematwin.numerics.friction import advance_through_rest
-from ematwin.numerics.lugre import advance_on_bristles, fading, sliding_torque
+from ematwin.numerics.friction import (
+    advance_on_bristles,
+    advance_through_rest,
+    fading,
+    sliding_torque,
+)
 from naive import motor as naive_motor
 from naive.hybrid import Mass, TwoMasses
 

@@ -1,8 +1,6 @@
 """Studies as processes, an empty database for each, and algorithms that misbehave."""
 
 import os
-from pathlib import Path
-from typing import Any
 
 import pytest
 from processes import RUNS, numbers, study
@@ -11,17 +9,17 @@ from shared import made_once
 
 
 @pytest.fixture(scope="session")
-def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Any, ...]]:
+def undisturbed(tmp_path_factory):
     """The small study, done by one process in peace."""
 
-    def done(where: Path) -> None:
+    def done(where):
         assert study("--store", where, "--workers", 1)["counts"] == {"done": RUNS}
 
     return numbers(made_once(tmp_path_factory, "undisturbed.db", done))
 
 
 @pytest.fixture
-def postgres_url(postgres: Any, request: pytest.FixtureRequest) -> str:
+def postgres_url(postgres, request):
     """An empty database for one test."""
     return postgres.database(f"test_{abs(hash(request.node.nodeid))}")
 
@@ -42,7 +40,7 @@ execute._prepared = _slowly
 
 
 @pytest.fixture
-def unhurried(tmp_path: Path) -> dict[str, str]:
+def unhurried(tmp_path):
     """Environment in which a study lasts long enough to be disturbed, without more to compute.
 
     A claim lapses after five seconds, not half a minute.
@@ -96,7 +94,7 @@ class Nan(DifferentialEvolution):
 
 
 @pytest.fixture
-def saboteurs(tmp_path: Path) -> dict[str, str]:
+def saboteurs(tmp_path):
     """Environment in which five algorithms are installed that misbehave."""
     folder = tmp_path / "site"
     info = folder / "saboteurs-1.dist-info"

@@ -6,7 +6,6 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +18,14 @@ SMALL = (
 RUNS = 40  # of the study above
 
 
-def free_port() -> int:
+def free_port():
     """A port that nobody listens on."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
 
 
-def start(*arguments: object, **environment: str) -> "subprocess.Popen[str]":
+def start(*arguments, **environment):
     """Start ``ematwin compare`` with a small study."""
     return subprocess.Popen(
         [sys.executable, "-m", "ematwin", "compare", *SMALL, *map(str, arguments), "--json"],
@@ -38,7 +37,7 @@ def start(*arguments: object, **environment: str) -> "subprocess.Popen[str]":
     )
 
 
-def finish(process: "subprocess.Popen[str]", code: int = 0) -> dict[str, Any]:
+def finish(process, code=0):
     """What a study answered; fails unless it ended with ``code``."""
     out, err = process.communicate(timeout=1800)  # a busy machine needs long
     assert process.returncode == code, f"{out}\n{err}"
@@ -51,12 +50,12 @@ def finish(process: "subprocess.Popen[str]", code: int = 0) -> dict[str, Any]:
     return answer
 
 
-def study(*arguments: object, code: int = 0, **environment: str) -> dict[str, Any]:
+def study(*arguments, code=0, **environment):
     """Run a small study to its end."""
     return finish(start(*arguments, **environment), code)
 
 
-def numbers(where: str | Path, algorithms: Sequence[str] = ()) -> dict[str, tuple[Any, ...]]:
+def numbers(where, algorithms=()):
     """Ids of the finished runs and all numbers that must not depend on how they were done."""
     with open_store(where) as store:
         return {
@@ -69,7 +68,7 @@ def numbers(where: str | Path, algorithms: Sequence[str] = ()) -> dict[str, tupl
         }  # fmt: skip
 
 
-def wait_for(where: str | Path, count: int, process: "subprocess.Popen[str]") -> None:
+def wait_for(where, count, process):
     """Wait until a study has stored so many runs."""
     end = time.monotonic() + 600.0
     while time.monotonic() < end:

@@ -1,7 +1,6 @@
 """Runs of a study that nobody searched: made from a formula and a seed."""
 
 import math
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -24,7 +23,7 @@ SIZES = {"ga": 0.05, "pso": 0.004, "de": 0.003, "gwo": 0.005, "da": 0.03, "woa":
 _SECONDS = {"ga": 1.2, "pso": 1.0, "de": 0.8, "gwo": 0.8, "da": 1.2, "woa": 1.1}
 
 
-def spec(case: str = "Low F", algorithm: str = "de", run: int = 0, **changed: Any) -> RunSpec:
+def spec(case="Low F", algorithm="de", run=0, **changed):
     """The inputs of a run."""
     values: dict[str, Any] = {
         "case": case,
@@ -42,12 +41,12 @@ def spec(case: str = "Low F", algorithm: str = "de", run: int = 0, **changed: An
     return RunSpec(**{**values, **changed})
 
 
-def settings_of(of: RunSpec) -> dict[str, Any]:
+def settings_of(of):
     """What a run shares with the others of its study."""
     return {name: getattr(of, name) for name in SHARED}
 
 
-def done(of: RunSpec, found: np.ndarray, **changed: Any) -> StoredRun:
+def done(of, found, **changed):
     """A run that ended well with a fault vector."""
     injected = np.array(of.faults)
     values: dict[str, Any] = {
@@ -65,18 +64,12 @@ def done(of: RunSpec, found: np.ndarray, **changed: Any) -> StoredRun:
     return StoredRun(of, RunResult(of.id, "done", **{**values, **changed}))
 
 
-def failed(of: RunSpec, status: str = "failed", message: str = "it broke") -> StoredRun:
+def failed(of, status="failed", message="it broke"):
     """A run that did not end well."""
     return StoredRun(of, RunResult(of.id, status, stopped=message))
 
 
-def study(
-    runs: int = 4,
-    algorithms: tuple[str, ...] = tuple(SIZES),
-    cases: tuple[str, ...] = tuple(PAPER_CASES),
-    seed: int = 1,
-    history_points: int = 200,
-) -> Iterator[StoredRun]:
+def study(runs=4, algorithms=tuple(SIZES), cases=tuple(PAPER_CASES), seed=1, history_points=200):
     """Every case, algorithm and repetition."""
     rng = np.random.default_rng(seed)
     evaluations = (np.arange(history_points) + 1) * (10_000 // history_points)
@@ -97,12 +90,12 @@ def study(
                 )
 
 
-def vector(**faults: float) -> np.ndarray:
+def vector(**faults):
     """A fault vector by names."""
     return np.array([getattr(Faults(**faults), name) for name in FAULTS])
 
 
-def small_plan(**changes: object) -> Plan:
+def small_plan(**changes):
     """A plan with one case, two algorithms and three runs."""
     values = {
         "cases": {"Low F": (0.25, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.5)},
@@ -113,7 +106,7 @@ def small_plan(**changes: object) -> Plan:
     return Plan(**values)  # type: ignore[arg-type]
 
 
-def some_run(spec: RunSpec, status: str = "done") -> StoredRun:
+def some_run(spec, status="done"):
     """A run that was not done, with numbers that are awkward to keep."""
     history = pack([10, *range(50, 400, 50)], [math.inf, *(1.0 / 3.0 / n for n in range(1, 8))])
     result = RunResult(

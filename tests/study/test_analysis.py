@@ -3,7 +3,6 @@
 import itertools
 import json
 import math
-from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
@@ -17,11 +16,11 @@ from ematwin.benchmarking.convergence import (
     bands,
     evaluations_to_target,
 )
-from ematwin.benchmarking.diagnosis import diagnose
-from ematwin.benchmarking.run import StoredRun, pack, unpack
+from ematwin.benchmarking.run import pack, unpack
 from ematwin.benchmarking.statistics import (
     average_ranks,
     compare_ranks,
+    diagnose,
     effect_sizes,
     matrix,
     performance_coefficients,
@@ -37,7 +36,7 @@ SCALE = 400.0  # cost of a twin that does not answer, in the runs made here
 NO_EFFECTS = pd.DataFrame({"case": [], "first": [], "second": [], "a12": []})
 
 
-def run(algorithm: str, number: int, *history: tuple[int, float], case: str = "Low F") -> StoredRun:
+def run(algorithm, number, *history, case="Low F"):
     """A run whose history is given as evaluations and relative misfit."""
     evaluations, misfits = zip(*history, strict=True)
     costs = SCALE * np.square(misfits)
@@ -47,7 +46,7 @@ def run(algorithm: str, number: int, *history: tuple[int, float], case: str = "L
     )  # fmt: skip
 
 
-def table_of(means: np.ndarray) -> pd.DataFrame:
+def table_of(means):
     cases = [f"case {n}" for n in range(len(means))]
     return pd.DataFrame(means, index=cases, columns=list("abcdefghijkl")[: means.shape[1]])
 
@@ -55,7 +54,7 @@ def table_of(means: np.ndarray) -> pd.DataFrame:
 # The table of the runs
 
 
-def test_the_table_does_not_depend_on_the_order_of_the_runs() -> None:
+def test_the_table_does_not_depend_on_the_order_of_the_runs():
     runs = list(study(2, cases=("Low F", "High Z"), history_points=20))
     one, other = collect(runs), collect(reversed(runs))
     pd.testing.assert_frame_equal(one.frame, other.frame)
@@ -67,7 +66,7 @@ def test_the_table_does_not_depend_on_the_order_of_the_runs() -> None:
     }
 
 
-def test_thinning_keeps_first_and_last_and_never_gains() -> None:
+def test_thinning_keeps_first_and_last_and_never_gains():
     raw = np.random.default_rng(6).exponential(1.0, 1000)
     evaluations, cost = thinned(pack(range(1, 1001), raw), most=20)
     assert len(cost) <= 20
@@ -78,7 +77,7 @@ def test_thinning_keeps_first_and_last_and_never_gains() -> None:
     assert len(thinned(b"")[0]) == 0
 
 
-def test_no_runs_and_runs_of_different_studies_are_refused() -> None:
+def test_no_runs_and_runs_of_different_studies_are_refused():
     with pytest.raises(InputError, match="no runs"):
         collect([])
     with pytest.raises(InputError, match="of different studies"):
@@ -88,7 +87,7 @@ def test_no_runs_and_runs_of_different_studies_are_refused() -> None:
 # Middles, spreads, success, coefficients
 
 
-def test_bootstrap_intervals_are_scipys_and_repeat_with_their_seed() -> None:
+def test_bootstrap_intervals_are_scipys_and_repeat_with_their_seed():
     sample = np.random.default_rng(4).exponential(1.0, 12)
     (found,) = spreads([sample], seed=7)
     expected = stats.bootstrap(
@@ -101,13 +100,13 @@ def test_bootstrap_intervals_are_scipys_and_repeat_with_their_seed() -> None:
     assert found[:4] == pytest.approx(middles)
 
 
-def test_bootstrap_covers_the_mean_about_as_often_as_it_says() -> None:
+def test_bootstrap_covers_the_mean_about_as_often_as_it_says():
     rng = np.random.default_rng(5)
     found = spreads([rng.normal(3.0, 1.0, 30) for _ in range(400)])
     assert 0.90 <= np.mean((found[:, 4] <= 3.0) & (found[:, 5] >= 3.0)) <= 0.98
 
 
-def test_spread_of_one_run_has_no_interval_and_of_none_no_middle() -> None:
+def test_spread_of_one_run_has_no_interval_and_of_none_no_middle():
     one, none, same = spreads([np.array([2.0]), np.array([]), np.array([1.0, 1.0])])
     assert one[0] == 2.0
     assert np.isnan(one[4:]).all()
@@ -115,7 +114,7 @@ def test_spread_of_one_run_has_no_interval_and_of_none_no_middle() -> None:
     assert same[4:].tolist() == [1.0] * 4
 
 
-def test_failed_runs_count_against_success_and_have_no_error() -> None:
+def test_failed_runs_count_against_success_and_have_no_error():
     of = [spec(run=n) for n in range(4)]
     good = vector(friction=0.25)
     runs = [done(of[0], good), done(of[1], good), failed(of[2]), failed(of[3], "timeout")]
@@ -125,7 +124,7 @@ def test_failed_runs_count_against_success_and_have_no_error() -> None:
     assert summarise(collect(runs))["share_err_at_most_0.5"].tolist() == [0.5]
 
 
-def test_coefficient_of_a_worked_example() -> None:
+def test_coefficient_of_a_worked_example():
     # products 1, 2, 5 of 8 in all
     pc = performance_coefficients(np.array([1.0, 2.0, 5.0]), np.ones(3))
     assert pc == pytest.approx([87.5, 75.0, 37.5])
@@ -136,7 +135,7 @@ def test_coefficient_of_a_worked_example() -> None:
     assert np.isnan(performance_coefficients(np.ones(2), np.zeros(2))).all()
 
 
-def test_coefficients_by_evaluations_do_not_depend_on_seconds() -> None:
+def test_coefficients_by_evaluations_do_not_depend_on_seconds():
     cells = analyse(study(runs=2)).cells
     errors = matrix(cells, "err_mean").to_numpy()
     share = errors / errors.sum(axis=1, keepdims=True)  # all spend the same here
@@ -150,7 +149,7 @@ def test_coefficients_by_evaluations_do_not_depend_on_seconds() -> None:
 # Ranks and tests
 
 
-def test_friedman_and_wilcoxon_are_those_of_scipy_over_case_means() -> None:
+def test_friedman_and_wilcoxon_are_those_of_scipy_over_case_means():
     means = np.random.default_rng(3).uniform(0, 1, (10, 4)) + np.array([0.0, 0.2, 0.4, 0.9])
     found = compare_ranks(table_of(means), NO_EFFECTS)
     expected = stats.friedmanchisquare(*means.T)
@@ -164,7 +163,7 @@ def test_friedman_and_wilcoxon_are_those_of_scipy_over_case_means() -> None:
         assert pair.p == pytest.approx(stats.wilcoxon(means[:, i], means[:, j]).pvalue)
 
 
-def test_corrected_pairs_are_those_of_scikit_posthocs() -> None:
+def test_corrected_pairs_are_those_of_scikit_posthocs():
     posthocs = pytest.importorskip("scikit_posthocs")
     means = np.random.default_rng(4).uniform(0, 1, (12, 4)) + np.array([0.0, 0.3, 0.4, 0.9])
     found = compare_ranks(table_of(means), NO_EFFECTS)
@@ -175,7 +174,7 @@ def test_corrected_pairs_are_those_of_scikit_posthocs() -> None:
         assert found.differ(pair.second, pair.first) == (expected < 0.05)
 
 
-def test_a_case_without_a_result_is_left_out_by_name() -> None:
+def test_a_case_without_a_result_is_left_out_by_name():
     found = compare_ranks(table_of(np.array([[1.0, 2.0], [np.nan, 1.0], [1.0, 3.0]])), NO_EFFECTS)
     assert (found.blocks, found.left_out) == (["case 0", "case 2"], ["case 1"])
     assert any("case 1" in note for note in found.notes)
@@ -185,9 +184,7 @@ def test_a_case_without_a_result_is_left_out_by_name() -> None:
 @pytest.mark.parametrize(
     ("cases", "methods", "smallest"), [(10, 6, 15 * 2.0**-9), (7, 12, 1.0), (6, 2, 2.0**-5)]
 )
-def test_the_least_corrected_p_is_met_where_one_always_wins(
-    cases: int, methods: int, smallest: float
-) -> None:
+def test_the_least_corrected_p_is_met_where_one_always_wins(cases, methods, smallest):
     """Ten blocks and fifteen pairs, as in the paper's study, allow no p below 0.029."""
     means = np.arange(methods) * np.arange(1.0, cases + 1.0)[:, None]
     found = compare_ranks(table_of(means), NO_EFFECTS)
@@ -196,13 +193,13 @@ def test_the_least_corrected_p_is_met_where_one_always_wins(
     assert (smallest >= 0.05) == any("no corrected p" in note for note in found.notes)
 
 
-def test_average_ranks_share_ties_and_leave_out_rows_that_are_not_whole() -> None:
+def test_average_ranks_share_ties_and_leave_out_rows_that_are_not_whole():
     values = table_of(np.array([[1.0, math.inf, math.inf], [3.0, 2.0, 1.0], [1.0, np.nan, 2.0]]))
     assert average_ranks(values) == {"a": 2.0, "b": 2.25, "c": 1.75}
     assert all(math.isnan(rank) for rank in average_ranks(values.iloc[2:]).values())
 
 
-def test_effect_size_of_a_case_counts_pairs_of_its_runs() -> None:
+def test_effect_size_of_a_case_counts_pairs_of_its_runs():
     rng = np.random.default_rng(2)
     x, y = rng.integers(0, 5, 7).astype(float), rng.integers(0, 5, 9).astype(float)
     wins = sum((a < b) + 0.5 * (a == b) for a, b in itertools.product(x, y))
@@ -215,7 +212,7 @@ def test_effect_size_of_a_case_counts_pairs_of_its_runs() -> None:
 # Convergence
 
 
-def test_running_times_of_a_worked_example() -> None:
+def test_running_times_of_a_worked_example():
     table = collect([
         run("de", 0, (10, 0.5), (100, 0.05), (300, 0.001)),
         run("de", 1, (10, 0.5), (400, 0.2)),
@@ -233,7 +230,7 @@ def test_running_times_of_a_worked_example() -> None:
     assert last["de"] == pytest.approx(np.mean(met))
 
 
-def random_runs(seed: int) -> Iterator[StoredRun]:
+def random_runs(seed):
     """Two algorithms on three cases, eight runs each."""
     rng = np.random.default_rng(seed)
     for case in ("Low F", "High F", "Low B"):
@@ -245,7 +242,7 @@ def random_runs(seed: int) -> Iterator[StoredRun]:
                 yield run(algorithm, number, *pairs, case=case)
 
 
-def test_times_shares_and_intervals_agree_with_a_bootstrap_run_by_run() -> None:
+def test_times_shares_and_intervals_agree_with_a_bootstrap_run_by_run():
     runs = list(random_runs(6))
     curves, times = evaluations_to_target(collect(runs))
     rng = np.random.default_rng(11)
@@ -256,7 +253,7 @@ def test_times_shares_and_intervals_agree_with_a_bootstrap_run_by_run() -> None:
             for case in ("Low F", "High F", "Low B")
         ]  # fmt: skip
 
-        def summed(histories: list[tuple[np.ndarray, np.ndarray]]) -> tuple[float, float]:
+        def summed(histories):
             met = [n[cost <= SCALE * 0.1**2] for n, cost in histories]
             spent = sum(m[0] if len(m) else n[-1] for m, (n, _) in zip(met, histories, strict=True))
             hits = sum(map(len, met)) and sum(bool(len(m)) for m in met)
@@ -278,7 +275,7 @@ def test_times_shares_and_intervals_agree_with_a_bootstrap_run_by_run() -> None:
         assert (last["low_95"], last["high_95"]) == pytest.approx((share_low, share_high), abs=0.02)
 
 
-def test_a_failed_run_meets_no_target_and_a_study_of_failures_has_none() -> None:
+def test_a_failed_run_meets_no_target_and_a_study_of_failures_has_none():
     table = collect([run("de", 0, (10, 0.5), (100, 0.01)), failed(spec(algorithm="de", run=1))])
     _, times = evaluations_to_target(table)
     assert times["reached"].tolist() == [0.5, 0.5, 0.0]
@@ -287,7 +284,7 @@ def test_a_failed_run_meets_no_target_and_a_study_of_failures_has_none() -> None
     assert np.isinf(none["expected"]).all()
 
 
-def test_band_is_the_quartiles_of_the_runs() -> None:
+def test_band_is_the_quartiles_of_the_runs():
     table = collect([
         done(spec(run=n), vector(), history=pack([10, 100], [10.0 + n, 1.0 + n])) for n in range(5)
     ])  # fmt: skip
@@ -299,7 +296,7 @@ def test_band_is_the_quartiles_of_the_runs() -> None:
 # Diagnosis
 
 
-def test_diagnosis_counts_missed_false_and_confused() -> None:
+def test_diagnosis_counts_missed_false_and_confused():
     runs = [
         done(spec("Low Na", run=0), vector(short_a=0.3)),  # exact
         done(spec("Low Na", run=1), vector(short_b=0.3)),  # confused
@@ -316,7 +313,7 @@ def test_diagnosis_counts_missed_false_and_confused() -> None:
     assert found.confusions == {("short_a", "short_b"): 1}
 
 
-def test_direction_counts_only_with_eccentricity_and_as_an_angle() -> None:
+def test_direction_counts_only_with_eccentricity_and_as_an_angle():
     ahead = {"faults": tuple(vector(eccentricity=0.5, eccentricity_phase=0.01).tolist())}
     runs = [
         done(spec("Low F", run=0), vector(friction=0.25, eccentricity_phase=0.9)),
@@ -331,7 +328,7 @@ def test_direction_counts_only_with_eccentricity_and_as_an_angle() -> None:
 # The whole analysis
 
 
-def test_a_study_of_six_finds_the_order_that_was_put_in() -> None:
+def test_a_study_of_six_finds_the_order_that_was_put_in():
     six = analyse(study(6))
     assert (six.ranks.order[0], six.ranks.order[-1]) == ("de", "woa")
     assert six.ranks.friedman_p < 0.001
@@ -342,7 +339,7 @@ def test_a_study_of_six_finds_the_order_that_was_put_in() -> None:
     json.dumps(six.as_dict(), allow_nan=False)
 
 
-def test_equal_algorithms_are_not_said_to_differ() -> None:
+def test_equal_algorithms_are_not_said_to_differ():
     rng = np.random.default_rng(8)
     runs = [
         done(of, np.clip(np.array(of.faults) + 0.01 * rng.standard_normal(8), 0, 1))
@@ -369,7 +366,7 @@ def test_equal_algorithms_are_not_said_to_differ() -> None:
     ],
     ids=["one run", "all failed", "few runs", "a failed algorithm"],
 )
-def test_what_could_not_be_computed_is_said(runs: list[StoredRun], sentence: str) -> None:
+def test_what_could_not_be_computed_is_said(runs, sentence):
     found = analyse(runs)
     assert any(sentence in text for text in found.conclusions), found.conclusions
     assert len(found.failures) == sum(one.result.status != "done" for one in runs)
@@ -387,6 +384,6 @@ def test_what_could_not_be_computed_is_said(runs: list[StoredRun], sentence: str
         {"misfits": (1.0,)},
     ],
 )
-def test_senseless_options_are_refused(options: dict[str, object]) -> None:
+def test_senseless_options_are_refused(options):
     with pytest.raises(InputError, match="must"):
         analyse(study(1, cases=("Low F",)), **options)  # type: ignore[arg-type]

@@ -3,18 +3,17 @@
 import csv
 import json
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 from synthetic import done, spec, vector
 
 from ematwin.benchmarking.analysis import analyse
-from ematwin.benchmarking.diagnosis import diagnose
 from ematwin.benchmarking.execute import execute
 from ematwin.benchmarking.page import write_report
 from ematwin.benchmarking.plan import Plan
 from ematwin.benchmarking.run import RunResult, RunSpec, StoredRun, pack
+from ematwin.benchmarking.statistics import diagnose
 from ematwin.benchmarking.subject import Subject
 from ematwin.benchmarking.table import collect
 from ematwin.errors import InputError
@@ -23,7 +22,7 @@ from ematwin.models.registry import models
 SCREW = Subject.of("rm1605")
 
 
-def screw_run(found: dict[str, float], run: int = 0, **injected: float) -> StoredRun:
+def screw_run(found, run=0, **injected):
     """A run of the ball-screw actuator that found some values."""
     of = RunSpec(
         case="Worn", faults=SCREW.vector(injected), algorithm="de", run=run, seed=run,
@@ -39,7 +38,7 @@ def screw_run(found: dict[str, float], run: int = 0, **injected: float) -> Store
 
 
 @pytest.fixture(scope="module")
-def worn() -> list[StoredRun]:
+def worn():
     """Three runs: one right, one that missed, one that took backlash for friction."""
     return [
         screw_run({"friction": 2.05, "load": 900.0}, 0, friction=2.0),
@@ -48,7 +47,7 @@ def worn() -> list[StoredRun]:
     ]
 
 
-def test_columns_have_the_names_and_the_size_of_the_kind(worn: list[StoredRun]) -> None:
+def test_columns_have_the_names_and_the_size_of_the_kind(worn):
     table = collect(worn)
     assert table.subject.names == ("friction", "backlash", "gain", "load", "initial_error")
     assert {"injected_load", "found_initial_error"} <= set(table.frame)
@@ -56,7 +55,7 @@ def test_columns_have_the_names_and_the_size_of_the_kind(worn: list[StoredRun]) 
     assert table.settings["sensor noise"] == "of a usual rig"
 
 
-def test_faults_are_diagnosed_by_shares_of_their_ranges(worn: list[StoredRun]) -> None:
+def test_faults_are_diagnosed_by_shares_of_their_ranges(worn):
     (found,) = diagnose(collect(worn)).itertuples()
     assert (found.faults, found.missed, found.exact) == (3, 2, 1)
     assert found.confusions == {("friction", "backlash"): 1}
@@ -68,9 +67,7 @@ def test_faults_are_diagnosed_by_shares_of_their_ranges(worn: list[StoredRun]) -
     assert strict.faults == 0
 
 
-def test_a_report_says_nothing_of_what_the_kind_does_not_have(
-    worn: list[StoredRun], tmp_path: Path
-) -> None:
+def test_a_report_says_nothing_of_what_the_kind_does_not_have(worn, tmp_path):
     analysis = analyse(worn)
     assert analysis.as_dict()["kind"] == "ball-screw"
     text = " ".join(analysis.conclusions)
@@ -87,13 +84,13 @@ def test_a_report_says_nothing_of_what_the_kind_does_not_have(
     assert "found_short_a" not in row
 
 
-def test_runs_of_two_kinds_are_not_reported_together(worn: list[StoredRun]) -> None:
+def test_runs_of_two_kinds_are_not_reported_together(worn):
     with pytest.raises(InputError, match="of different studies"):
         collect([*worn, done(spec(), vector())])
 
 
 @pytest.mark.parametrize("kind", list(models()))
-def test_runs_of_each_kind_stay_within_its_bounds(kind: str) -> None:
+def test_runs_of_each_kind_stay_within_its_bounds(kind):
     subject = Subject.of(models()[kind].parameters.default)
     fault = subject.unknowns[0]
     worn = {fault.name: fault.healthy + 0.4 * (fault.upper - fault.healthy)}
@@ -110,7 +107,7 @@ def test_runs_of_each_kind_stay_within_its_bounds(kind: str) -> None:
     assert (told["kind"], told["unknowns"]) == (kind, list(subject.names))
 
 
-def test_a_study_from_the_shell_to_its_report(ematwin, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_a_study_from_the_shell_to_its_report(ematwin, tmp_path):
     cases = tmp_path / "cases.toml"
     cases.write_text("[cases.Worn]\nfriction = 2.2\n[cases.Sound]\n")
     where = tmp_path / "study.db"

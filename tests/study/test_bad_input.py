@@ -3,7 +3,6 @@
 import os
 import sys
 from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 from processes import free_port
@@ -16,13 +15,11 @@ Refused = Callable[..., str]
 
 
 @pytest.fixture
-def refused(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> Refused:
+def refused(monkeypatch, capsys, tmp_path):
     """Give the sentence with which ``ematwin compare`` refuses some arguments."""
     monkeypatch.chdir(tmp_path)
 
-    def call(*arguments: object) -> str:
+    def call(*arguments):
         before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
         monkeypatch.setattr(sys, "argv", ["ematwin", "compare", *map(str, arguments)])
         code = run()
@@ -39,7 +36,7 @@ def refused(
 
 
 @pytest.fixture
-def begun(tmp_path: Path) -> Path:
+def begun(tmp_path):
     """The store of a study with one run."""
     plan = small_plan()
     where = tmp_path / "study.db"
@@ -80,37 +77,35 @@ def begun(tmp_path: Path) -> Path:
         ),
     ],
 )
-def test_impossible_arguments(refused: Refused, arguments: tuple[str, ...], sentence: str) -> None:
+def test_impossible_arguments(refused, arguments, sentence):
     assert sentence in refused(*arguments)
 
 
-def test_a_scheduler_that_does_not_answer(refused: Refused) -> None:
+def test_a_scheduler_that_does_not_answer(refused):
     assert "does not answer" in refused("--scheduler", f"tcp://127.0.0.1:{free_port()}")
     assert "does not answer" in refused("--scheduler", "nonsense://here")
 
 
-def test_a_postgres_that_does_not_answer(refused: Refused) -> None:
+def test_a_postgres_that_does_not_answer(refused):
     url = f"postgresql://me:secret@127.0.0.1:{free_port()}/db"
     sentence = refused("--store", url)
     assert "cannot be used" in sentence
     assert "secret" not in sentence
 
 
-def test_a_file_of_another_kind(refused: Refused, tmp_path: Path) -> None:
+def test_a_file_of_another_kind(refused, tmp_path):
     notes = tmp_path / "notes.txt"
     notes.write_text("bought milk")
     assert "another kind of file" in refused("--store", notes)
 
 
-def test_a_different_study(refused: Refused, begun: Path) -> None:
+def test_a_different_study(refused, begun):
     assert "its population is 50, received 40" in refused("--store", begun, "--population", 40)
     assert "its box is plain, received remapped" in refused("--store", begun, "--box", "remapped")
     assert "its noise is None" in refused("--store", begun, "--noise", "white=0.02")
 
 
-def test_a_read_only_folder(
-    refused: Refused, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_read_only_folder(refused, tmp_path, monkeypatch):
     monkeypatch.setattr(os, "access", lambda path, mode: False)  # root may write anywhere
     assert "missing or read-only" in refused("--store", tmp_path / "study.db")
 
@@ -122,18 +117,12 @@ def test_a_read_only_folder(
         ("psycopg", ("--store", "postgresql://a/b"), 'pip install "ematwin[postgres]"'),
     ],
 )
-def test_extras_that_are_not_installed(
-    refused: Refused,
-    monkeypatch: pytest.MonkeyPatch,
-    module: str,
-    arguments: tuple[str, ...],
-    command: str,
-) -> None:
+def test_extras_that_are_not_installed(refused, monkeypatch, module, arguments, command):
     monkeypatch.setitem(sys.modules, module, None)
     assert command in refused(*arguments)
 
 
-def test_reading_what_is_not_there(tmp_path: Path) -> None:
+def test_reading_what_is_not_there(tmp_path):
     with pytest.raises(OSError, match="There is no study in"):
         open_store(tmp_path / "study.db")
     assert not (tmp_path / "study.db").exists()

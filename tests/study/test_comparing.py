@@ -1,16 +1,14 @@
 """A study from Python: one call, with an algorithm of one's own in the worker processes."""
 
-from pathlib import Path
-
 import pytest
 
 import ematwin
 from ematwin.errors import InputError
 from ematwin.optimizers import registry
-from ematwin.optimizers.random_search import RandomSearch
+from ematwin.optimizers.base import RandomSearch
 
 
-def test_a_study_of_an_own_algorithm_in_one_call(tmp_path: Path) -> None:
+def test_a_study_of_an_own_algorithm_in_one_call(tmp_path):
     class Own(RandomSearch):
         """Not importable by the workers: it travels with them."""
 
@@ -39,7 +37,7 @@ def test_a_study_of_an_own_algorithm_in_one_call(tmp_path: Path) -> None:
         study.to_frame("day")
 
 
-def test_a_wrong_case_is_named() -> None:
+def test_a_wrong_case_is_named():
     with pytest.raises(InputError, match="Case 'worn': Unknown fault 'fricton'"):
         ematwin.compare(["random"], {"worn": {"fricton": 2.0}}, actuator="rm1605")
     with pytest.raises(InputError, match="workers must be at least 1"):

@@ -1,8 +1,6 @@
 """Studies on a Dask scheduler and two workers, each a process of its own."""
 
 import time
-from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -10,13 +8,11 @@ from distributed import LocalCluster
 from processes import RUNS, SMALL, finish, numbers, start, study, wait_for
 from servers import Cluster
 
-from commands import Answer
-
 Numbers = dict[str, tuple[Any, ...]]
 
 
 @pytest.fixture(scope="module")
-def started(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+def started(tmp_path_factory):
     """A scheduler with two workers."""
     made = Cluster(tmp_path_factory.mktemp("cluster"))
     try:
@@ -27,16 +23,14 @@ def started(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
 
 
 @pytest.fixture
-def cluster(started: Cluster) -> Cluster:
+def cluster(started):
     """They run."""
     if started.scheduler.poll() is not None:
         started.restart()
     return started
 
 
-def test_the_same_numbers_and_a_killed_worker(
-    tmp_path: Path, cluster: Cluster, undisturbed: Numbers
-) -> None:
+def test_the_same_numbers_and_a_killed_worker(tmp_path, cluster, undisturbed):
     where = tmp_path / "study.db"
     main = start("--store", where, "--scheduler", cluster.address)
     wait_for(where, 5, main)
@@ -50,9 +44,7 @@ def test_the_same_numbers_and_a_killed_worker(
     assert numbers(where) == undisturbed
 
 
-def test_killed_scheduler_that_comes_back(
-    tmp_path: Path, cluster: Cluster, undisturbed: Numbers
-) -> None:
+def test_killed_scheduler_that_comes_back(tmp_path, cluster, undisturbed):
     where = tmp_path / "study.db"
     main = start("--store", where, "--scheduler", cluster.address)
     wait_for(where, 5, main)
@@ -62,9 +54,7 @@ def test_killed_scheduler_that_comes_back(
     assert numbers(where) == undisturbed
 
 
-def test_workers_with_several_threads_are_refused(
-    ematwin: Callable[..., Answer], tmp_path: Path
-) -> None:
+def test_workers_with_several_threads_are_refused(ematwin, tmp_path):
     with LocalCluster(
         n_workers=1, threads_per_worker=2, processes=False, protocol="tcp://",
         dashboard_address=None,
@@ -77,7 +67,7 @@ def test_workers_with_several_threads_are_refused(
     assert not (tmp_path / "study.db").exists()
 
 
-def test_killed_scheduler(tmp_path: Path, cluster: Cluster, undisturbed: Numbers) -> None:
+def test_killed_scheduler(tmp_path, cluster, undisturbed):
     where = tmp_path / "study.db"
     main = start("--store", where, "--scheduler", cluster.address, "--patience", 4)
     wait_for(where, 5, main)
@@ -94,7 +84,7 @@ def test_killed_scheduler(tmp_path: Path, cluster: Cluster, undisturbed: Numbers
     assert numbers(where) == undisturbed
 
 
-def test_a_run_that_never_returns(tmp_path: Path, saboteurs: dict[str, str]) -> None:
+def test_a_run_that_never_returns(tmp_path, saboteurs):
     """On a cluster of this machine, which the command starts and ends itself."""
     where = tmp_path / "study.db"
     cases = tmp_path / "cases.toml"

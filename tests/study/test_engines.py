@@ -1,7 +1,6 @@
 """Processes of the local engine."""
 
 import os
-from pathlib import Path
 
 import pytest
 
@@ -9,9 +8,7 @@ from ematwin.benchmarking.engines.base import EngineError
 from ematwin.benchmarking.engines.local import LocalEngine
 
 
-def test_workers_that_die_as_soon_as_they_start_are_started_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_workers_that_die_as_soon_as_they_start_are_started_again(tmp_path, monkeypatch):
     """Four deaths in a row, then one that lives."""
     left = _deadly(tmp_path, monkeypatch, deaths=4)
     engine = LocalEngine(1, patience=20.0)
@@ -22,16 +19,14 @@ def test_workers_that_die_as_soon_as_they_start_are_started_again(
         engine.close()
 
 
-def test_workers_that_go_on_dying_are_given_up_after_the_stated_time(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_workers_that_go_on_dying_are_given_up_after_the_stated_time(tmp_path, monkeypatch):
     _deadly(tmp_path, monkeypatch, deaths=1000)
     engine = LocalEngine(1, patience=1.0)
     with pytest.raises(EngineError, match=r"die as soon as they start.*Finished runs are kept"):
         engine.start()
 
 
-def _deadly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, deaths: int) -> Path:
+def _deadly(tmp_path, monkeypatch, deaths):
     """Processes of loky that die when they start, as many as there are letters in a file."""
     left = tmp_path / "left"
     left.write_text("x" * deaths)

@@ -8,7 +8,6 @@ import subprocess
 import sys
 import threading
 import time
-from pathlib import Path
 from typing import Any
 
 import psutil
@@ -17,7 +16,7 @@ from processes import RUNS, SMALL, finish, numbers, start, study, wait_for
 Numbers = dict[str, tuple[Any, ...]]
 
 
-def loky_workers(main: "subprocess.Popen[str]") -> list[psutil.Process]:
+def loky_workers(main):
     """Worker processes of a study."""
     found = []
     for child in psutil.Process(main.pid).children(recursive=True):
@@ -29,9 +28,7 @@ def loky_workers(main: "subprocess.Popen[str]") -> list[psutil.Process]:
     return found
 
 
-def test_main_process_interrupted_and_then_killed(
-    tmp_path: Path, undisturbed: Numbers, unhurried: dict[str, str]
-) -> None:
+def test_main_process_interrupted_and_then_killed(tmp_path, undisturbed, unhurried):
     where = tmp_path / "study.db"
     main = start("--store", where, "--workers", 2, **unhurried)
     wait_for(where, 3, main)
@@ -54,9 +51,7 @@ def test_main_process_interrupted_and_then_killed(
     assert numbers(where) == undisturbed
 
 
-def test_killed_workers_and_a_file_locked_for_ten_seconds(
-    tmp_path: Path, undisturbed: Numbers, unhurried: dict[str, str]
-) -> None:
+def test_killed_workers_and_a_file_locked_for_ten_seconds(tmp_path, undisturbed, unhurried):
     where = tmp_path / "study.db"
     main = start("--store", where, "--workers", 2, **unhurried)
     for stored in (4, 12):
@@ -76,8 +71,8 @@ def test_killed_workers_and_a_file_locked_for_ten_seconds(
 
 
 def test_two_commands_share_postgres_one_is_killed_and_the_server_is_gone_for_ten_seconds(
-    postgres: Any, postgres_url: str, undisturbed: Numbers, unhurried: dict[str, str]
-) -> None:
+    postgres, postgres_url, undisturbed, unhurried
+):
     both = [start("--store", postgres_url, "--workers", 1, **unhurried) for _ in range(2)]
     wait_for(postgres_url, 5, both[0])
     both[0].kill()
@@ -92,7 +87,7 @@ def test_two_commands_share_postgres_one_is_killed_and_the_server_is_gone_for_te
     assert numbers(postgres_url) == undisturbed
 
 
-def test_full_disk(tmp_path: Path, undisturbed: Numbers) -> None:
+def test_full_disk(tmp_path, undisturbed):
     """On a small file system of memory, mounted for this process only, that is enlarged later."""
     disk, kept = tmp_path / "disk", tmp_path / "kept.db"
     disk.mkdir()
@@ -119,7 +114,7 @@ def test_full_disk(tmp_path: Path, undisturbed: Numbers) -> None:
     assert numbers(kept) == undisturbed
 
 
-def test_runs_that_misbehave(tmp_path: Path, saboteurs: dict[str, str]) -> None:
+def test_runs_that_misbehave(tmp_path, saboteurs):
     where, alone = tmp_path / "study.db", tmp_path / "alone.db"
     shape = ("--runs", 1, "--population", 8, "--iterations", 4, "--seed", 7)
     cases = tmp_path / "cases.toml"

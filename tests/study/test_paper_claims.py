@@ -4,7 +4,6 @@ import importlib.util
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +18,7 @@ SCRIPT = Path(__file__).parents[2] / "examples" / "paper-study-published" / "cla
 
 
 @pytest.fixture(scope="module")
-def script() -> Any:
+def script():
     found = importlib.util.spec_from_file_location("paper_claims", SCRIPT)
     assert found is not None
     assert found.loader is not None
@@ -29,11 +28,11 @@ def script() -> Any:
     return module
 
 
-def verdicts(script: Any, runs: Any) -> dict[str, str]:
+def verdicts(script, runs):
     return {claim.text: claim.verdict for claim in script.check_claims(analyse(runs))}
 
 
-def test_table_2_adds_up_to_500_in_each_case_within_its_rounding(script: Any) -> None:
+def test_table_2_adds_up_to_500_in_each_case_within_its_rounding(script):
     assert set(script.TABLE_2) == set(PAPER_CASES)
     table = np.array(list(script.TABLE_2.values()), dtype=float)
     assert np.abs(table.sum(axis=1) - 500.0).max() <= 6 * 0.5
@@ -42,14 +41,14 @@ def test_table_2_adds_up_to_500_in_each_case_within_its_rounding(script: Any) ->
     assert np.abs(again - table).max() < 1.0
 
 
-def test_claims_are_decided_from_the_numbers(script: Any) -> None:
+def test_claims_are_decided_from_the_numbers(script):
     found = verdicts(script, study(6))
     assert found["PSO, DE and GWO are the best of the six"] == "holds"
     assert found["WOA is poor on High Z (among the two worst)"] == "holds"
     assert found["GWO errs by more than 4 % on High Z"] == "does not hold"
 
 
-def test_an_order_of_means_is_decided_only_where_their_intervals_tell(script: Any) -> None:
+def test_an_order_of_means_is_decided_only_where_their_intervals_tell(script):
     err = {"ga": 0.10, "pso": 0.10, "de": 0.11, "gwo": 0.20, "da": 0.30, "woa": 0.101}
     rng = np.random.default_rng(2)
     runs = []
@@ -67,13 +66,13 @@ def test_an_order_of_means_is_decided_only_where_their_intervals_tell(script: An
     assert said["WOA is poor on High Z (among the two worst)"] == "does not hold"
 
 
-def test_nothing_is_claimed_with_too_few_runs_or_of_another_study(script: Any) -> None:
+def test_nothing_is_claimed_with_too_few_runs_or_of_another_study(script):
     assert set(verdicts(script, study(2)).values()) == {"cannot be told"}
     assert verdicts(script, study(1, algorithms=("random",))) == {}
     assert verdicts(script, study(1, cases=("mine",))) == {}
 
 
-def test_claims_are_judged_with_the_forms_as_published(script: Any) -> None:
+def test_claims_are_judged_with_the_forms_as_published(script):
     published = ("ga-holland", "pso-inertia", "de-rand", "gwo", "da", "woa")
     found = script.PaperStudy(analyse(study(1, algorithms=(*published, "pso", "cma"))))
     assert tuple(found.forms.values()) == published
@@ -82,7 +81,7 @@ def test_claims_are_judged_with_the_forms_as_published(script: Any) -> None:
     assert own.forms == {"ga": "ga", "gwo": "gwo"}
 
 
-def test_the_script_runs(tmp_path: Path) -> None:
+def test_the_script_runs(tmp_path):
     runs = list(study(1, cases=("Low F", "High Z"), history_points=20))
     with Store(tmp_path / "paper.db") as store:
         store.begin(settings_of(runs[0].spec))

@@ -4,15 +4,13 @@ import csv
 import json
 import re
 import sys
-from pathlib import Path
-from typing import Any
 
 import pandas as pd
 import pytest
 from synthetic import done, failed, settings_of, spec, study, vector
 
 from ematwin.benchmarking import page
-from ematwin.benchmarking.analysis import StudyAnalysis, analyse
+from ematwin.benchmarking.analysis import analyse
 from ematwin.benchmarking.page import number, write_report
 from ematwin.benchmarking.store import Store
 from ematwin.errors import FileError
@@ -24,26 +22,26 @@ FILES = {
 
 
 @pytest.fixture(scope="module")
-def small() -> StudyAnalysis:
+def small():
     runs = list(study(3, cases=("Low F", "High Z")))
     runs[7] = failed(runs[7].spec, "timeout", "=no end after 60 s <b>")
     return analyse(runs)
 
 
 @pytest.fixture(scope="module")
-def report(small: StudyAnalysis, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def report(small, tmp_path_factory):
     folder = tmp_path_factory.mktemp("study") / "report"
     assert set(write_report(small, folder)) == FILES
     return folder
 
 
-def test_the_page_loads_nothing_and_what_an_algorithm_says_is_no_markup(report: Path) -> None:
+def test_the_page_loads_nothing_and_what_an_algorithm_says_is_no_markup(report):
     body = re.sub(r"<script.*?</script>", "", (report / "index.html").read_text(), flags=re.S)
     assert re.findall(r'(?:src|href)="(?!#)[^"]*"', body) == []
     assert "&lt;b&gt;" in body
 
 
-def test_figures_hold_the_numbers_of_the_analysis(small: StudyAnalysis) -> None:
+def test_figures_hold_the_numbers_of_the_analysis(small):
     bars = plot_study(small)["Mean Err%"].data
     cells = small.cells[small.cells["case"] == "Low F"].set_index("algorithm")
     assert [trace.name for trace in bars] == small.table.algorithms
@@ -54,7 +52,7 @@ def test_figures_hold_the_numbers_of_the_analysis(small: StudyAnalysis) -> None:
         assert whisker == pytest.approx(cell["err_mean_low_95"], rel=1e-2)
 
 
-def test_tables_hold_every_run_and_can_be_read_again(report: Path, small: StudyAnalysis) -> None:
+def test_tables_hold_every_run_and_can_be_read_again(report, small):
     with (report / "results.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == len(small.table) == 36
@@ -66,8 +64,8 @@ def test_tables_hold_every_run_and_can_be_read_again(report: Path, small: StudyA
 
 
 def test_a_report_is_the_same_whatever_the_order_of_runs_and_replaces_only_its_own_files(
-    small: StudyAnalysis, report: Path, tmp_path: Path
-) -> None:
+    small, report, tmp_path
+):
     runs = list(study(3, cases=("Low F", "High Z")))
     runs[7] = failed(runs[7].spec, "timeout", "=no end after 60 s <b>")
     (tmp_path / "notes.txt").write_text("mine")
@@ -78,10 +76,8 @@ def test_a_report_is_the_same_whatever_the_order_of_runs_and_replaces_only_its_o
         assert (tmp_path / name).read_bytes() == (report / name).read_bytes(), name
 
 
-def test_a_report_that_fails_leaves_nothing(
-    small: StudyAnalysis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def full_disk(*_: object) -> str:
+def test_a_report_that_fails_leaves_nothing(small, tmp_path, monkeypatch):
+    def full_disk(*_):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(page, "study_page", full_disk)
@@ -100,7 +96,7 @@ def test_a_report_that_fails_leaves_nothing(
     ],
     ids=["one run", "all failed", "one algorithm", "many cases"],
 )
-def test_a_report_of_little_is_written_all_the_same(runs: Any, tmp_path: Path) -> None:
+def test_a_report_of_little_is_written_all_the_same(runs, tmp_path):
     analysis = analyse(runs)
     write_report(analysis, tmp_path / "report")
     text = (tmp_path / "report/index.html").read_text()
@@ -109,7 +105,7 @@ def test_a_report_of_little_is_written_all_the_same(runs: Any, tmp_path: Path) -
     assert ("The first 12 of 14 cases are drawn" in text) == many
 
 
-def test_numbers_keep_their_digits() -> None:
+def test_numbers_keep_their_digits():
     assert [number(value) for value in (4.0, 0.6, 100.0, 1234.5, 0.0, 99.95)] == [
         "4.00", "0.600", "100", "1234", "0", "100",
     ]  # fmt: skip
@@ -117,7 +113,7 @@ def test_numbers_keep_their_digits() -> None:
 
 
 @pytest.fixture
-def store(tmp_path: Path) -> Path:
+def store(tmp_path):
     path = tmp_path / "study.db"
     runs = list(study(2, cases=("Low F", "High Z"), history_points=20))
     with Store(path) as opened:
@@ -126,7 +122,7 @@ def store(tmp_path: Path) -> Path:
     return path
 
 
-def test_the_command_prints_for_people_or_answers_as_json(store: Path, ematwin: Any) -> None:
+def test_the_command_prints_for_people_or_answers_as_json(store, ematwin):
     assert "Average rank" in ematwin("report", store).out
     told = json.loads(ematwin("report", store, "--out", "report", "--json").out)
     assert told["runs"] == 24
@@ -138,16 +134,14 @@ def test_the_command_prints_for_people_or_answers_as_json(store: Path, ematwin: 
     )
 
 
-def test_pages_do_not_depend_on_the_hashes_of_a_process(
-    store: Path, ematwin: Any, ematwin_process: Any
-) -> None:
+def test_pages_do_not_depend_on_the_hashes_of_a_process(store, ematwin, ematwin_process):
     ematwin("report", store, "--out", "here")
     ematwin_process("report", store, "--out", "there", PYTHONHASHSEED="1")
     here, there = ((store.parent / name / "index.html").read_bytes() for name in ("here", "there"))
     assert here == there
 
 
-def test_the_command_refuses_in_one_sentence(store: Path, tmp_path: Path, ematwin: Any) -> None:
+def test_the_command_refuses_in_one_sentence(store, tmp_path, ematwin):
     empty = tmp_path / "empty.db"
     with Store(empty) as opened:
         opened.begin(settings_of(spec()))
@@ -169,8 +163,8 @@ def test_the_command_refuses_in_one_sentence(store: Path, tmp_path: Path, ematwi
 
 
 def test_without_pandas_a_study_is_done_and_its_report_names_the_extra(
-    store: Path, tmp_path: Path, ematwin: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    store, tmp_path, ematwin, monkeypatch
+):
     monkeypatch.setitem(sys.modules, "pandas", None)
     refused = ematwin("report", store)
     assert 'pip install "ematwin[study]"' in refused.err

@@ -6,29 +6,27 @@ import random
 import shutil
 import signal
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import pytest
 from sqlalchemy import text
 from synthetic import small_plan, some_run
 
-from ematwin.benchmarking.cases import cases_of
 from ematwin.benchmarking.database import Database
 from ematwin.benchmarking.execute import execute
 from ematwin.benchmarking.plan import Plan
-from ematwin.benchmarking.run import RunResult, RunSpec, StoredRun
+from ematwin.benchmarking.run import RunResult, StoredRun
 from ematwin.benchmarking.store import LEASE, Store, metadata, open_store
+from ematwin.benchmarking.subject import cases_of
 from ematwin.errors import EmatwinError, FileError
 
 DATA = Path(__file__).parents[1] / "data"
 
 
 @pytest.fixture(params=["sqlite", "postgres"])
-def where(request: pytest.FixtureRequest, tmp_path: Path) -> Any:
+def where(request, tmp_path):
     """Path or URL of nothing yet."""
     if request.param == "sqlite":
         return tmp_path / "study.db"
@@ -36,18 +34,18 @@ def where(request: pytest.FixtureRequest, tmp_path: Path) -> Any:
 
 
 @pytest.fixture
-def specs() -> list[RunSpec]:
+def specs():
     return small_plan().specs()
 
 
 @pytest.fixture
-def store(where: str | Path) -> Iterator[Store]:
+def store(where):
     with Store(where) as store:
         store.begin(small_plan().settings())
         yield store
 
 
-def test_a_run_comes_back_as_it_was(store: Store, specs: list[RunSpec]) -> None:
+def test_a_run_comes_back_as_it_was(store, specs):
     one = some_run(specs[0])
     store.save([one])
     (back,) = store.runs()
@@ -56,7 +54,7 @@ def test_a_run_comes_back_as_it_was(store: Store, specs: list[RunSpec]) -> None:
     assert back.spec.id == one.spec.id
 
 
-def test_nan_comes_back_as_nan(store: Store, specs: list[RunSpec]) -> None:
+def test_nan_comes_back_as_nan(store, specs):
     store.save([StoredRun(specs[0], RunResult(specs[0].id, "failed", stopped="why \0 'so'"))])
     (back,) = store.runs()
     assert math.isnan(back.result.cost)
@@ -64,7 +62,7 @@ def test_nan_comes_back_as_nan(store: Store, specs: list[RunSpec]) -> None:
     assert back.result.history == b""
 
 
-def test_a_done_run_is_never_overwritten(store: Store, specs: list[RunSpec]) -> None:
+def test_a_done_run_is_never_overwritten(store, specs):
     one = some_run(specs[0])
     assert store.save([one]) == 1
     other = StoredRun(one.spec, replace(one.result, cost=2.0))
@@ -72,24 +70,22 @@ def test_a_done_run_is_never_overwritten(store: Store, specs: list[RunSpec]) -> 
     assert [run.result.cost for run in store.runs()] == [one.result.cost]
 
 
-def test_a_failed_run_gives_way_to_a_done_one(store: Store, specs: list[RunSpec]) -> None:
+def test_a_failed_run_gives_way_to_a_done_one(store, specs):
     store.save([some_run(specs[0], "failed")])
     assert store.save([some_run(specs[0])]) == 1
     assert store.statuses() == {specs[0].id: "done"}
 
 
-def test_a_run_is_claimed_by_one_only(
-    store: Store, where: str | Path, specs: list[RunSpec]
-) -> None:
+def test_a_run_is_claimed_by_one_only(store, where, specs):
     ids = [spec.id for spec in specs]
-    with Store(where, owner="elsewhere 1 x") as other:
+    with Store(where) as other:
         assert store.claim(ids[:4]) == set(ids[:4])
         assert other.claim(ids) == set(ids[4:])
         store.release()
         assert other.claim(ids[:2]) == set(ids[:2])
 
 
-def test_what_is_finished_cannot_be_claimed(store: Store, specs: list[RunSpec]) -> None:
+def test_what_is_finished_cannot_be_claimed(store, specs):
     store.save([some_run(specs[0]), some_run(specs[1], "timeout")])
     ids = [spec.id for spec in specs]
     assert store.claim(ids) == set(ids[2:])
@@ -97,13 +93,10 @@ def test_what_is_finished_cannot_be_claimed(store: Store, specs: list[RunSpec]) 
 
 
 @pytest.mark.parametrize("by", [2.0, -86400.0], ids=["ours is late", "theirs was a day ahead"])
-def test_a_claim_that_is_not_renewed_lapses(
-    store: Store, where: str | Path, specs: list[RunSpec], by: float,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
+def test_a_claim_that_is_not_renewed_lapses(store, where, specs, by, monkeypatch):
     """One of tomorrow is not waited for, either: the clock that made it was wrong."""
     ids = [spec.id for spec in specs]
-    with Store(where, owner="elsewhere 1 x") as other:
+    with Store(where) as other:
         other.claim(ids)
         assert not store.claim(ids)
         later = time.time() + (by * LEASE if by > 0.0 else by)
@@ -111,7 +104,7 @@ def test_a_claim_that_is_not_renewed_lapses(
         assert store.claim(ids) == set(ids)
 
 
-def test_another_study_is_refused(store: Store, where: str | Path) -> None:
+def test_another_study_is_refused(store, where):
     for changed in (
         small_plan(population=40),
         small_plan(iterations=3),
@@ -125,13 +118,13 @@ def test_another_study_is_refused(store: Store, where: str | Path) -> None:
             again.begin(changed.settings())
 
 
-def test_more_runs_and_algorithms_are_the_same_study(store: Store, where: str | Path) -> None:
+def test_more_runs_and_algorithms_are_the_same_study(store, where):
     with Store(where) as again:
         again.begin(small_plan(runs=9, algorithms=("ga", "de")).settings())
 
 
 @pytest.mark.parametrize("schema", ["99", "1", "2"])
-def test_another_schema_is_refused(store: Store, where: str | Path, schema: str) -> None:
+def test_another_schema_is_refused(store, where, schema):
     """A store of a newer ematwin is not touched, nor is one without checksums."""
     _execute(where, f"UPDATE ematwin_study SET value = '{schema}' WHERE key = 'schema'")
     with pytest.raises(FileError, match=f"has schema {schema}"):
@@ -142,18 +135,14 @@ def test_another_schema_is_refused(store: Store, where: str | Path, schema: str)
     "change",
     ["status = 'failed'", "body = replace(body, '350', '351')", "id = 'other'"],
 )
-def test_a_changed_run_is_named(
-    store: Store, where: str | Path, specs: list[RunSpec], change: str
-) -> None:
+def test_a_changed_run_is_named(store, where, specs, change):
     store.save([some_run(spec) for spec in specs])
     _execute(where, f"UPDATE ematwin_runs SET {change} WHERE id = '{specs[2].id}'")
     with pytest.raises(FileError, match=rf"damaged: run ({specs[2].id}|other) differs"):
         list(store.runs())
 
 
-def test_changed_settings_are_noticed(
-    store: Store, where: str | Path, specs: list[RunSpec]
-) -> None:
+def test_changed_settings_are_noticed(store, where, specs):
     store.save([some_run(specs[0])])
     store.close()
     _execute(where, "UPDATE ematwin_study SET value = replace(value, '200', '300')")
@@ -161,7 +150,7 @@ def test_changed_settings_are_noticed(
         open_store(where)
 
 
-def test_other_tables_are_left_alone(store: Store, where: str | Path) -> None:
+def test_other_tables_are_left_alone(store, where):
     names = [table.name for table in metadata.sorted_tables]
     for name in names:
         _execute(where, f"DROP TABLE {name}")
@@ -171,9 +160,7 @@ def test_other_tables_are_left_alone(store: Store, where: str | Path) -> None:
     _execute(where, "DROP TABLE customers")
 
 
-def test_runs_can_be_saved_while_others_are_read(
-    store: Store, where: str | Path, specs: list[RunSpec]
-) -> None:
+def test_runs_can_be_saved_while_others_are_read(store, where, specs):
     store.save([some_run(spec) for spec in specs[:3]])
     with Store(where) as reader:
         reading = reader.runs()
@@ -182,7 +169,7 @@ def test_runs_can_be_saved_while_others_are_read(
         assert len(list(reading)) >= 2
 
 
-def _execute(where: str | Path, statement: str) -> None:
+def _execute(where, statement):
     """Change the database behind the store's back."""
     database = Database(where)
     try:
@@ -191,18 +178,18 @@ def _execute(where: str | Path, statement: str) -> None:
         database.close()
 
 
-def content(path: Path) -> tuple[Any, ...]:
+def content(path):
     with open_store(path, patience=0.0) as store:
         return store.settings(), store.statuses(), list(store.runs())
 
 
-def test_an_interrupted_transaction_locks_nobody_out(tmp_path: Path) -> None:
+def test_an_interrupted_transaction_locks_nobody_out(tmp_path):
     """Ctrl-C within a statement that returns rows: the next transaction need not wait."""
     where = tmp_path / "some.db"
     database = Database(where, patience=0.0)
     database.write(lambda connection: connection.exec_driver_sql("CREATE TABLE t (x INTEGER)"))
 
-    def interrupted(connection: Any) -> None:
+    def interrupted(connection):
         driver = connection.connection.driver_connection
         # a signal that Python sees once the driver is back, as it is with the user's
         strike = partial(ctypes.CDLL(None)["raise"], int(signal.SIGINT))
@@ -218,7 +205,7 @@ def test_an_interrupted_transaction_locks_nobody_out(tmp_path: Path) -> None:
     database.close()
 
 
-def test_no_flipped_bit_goes_unseen(tmp_path: Path) -> None:
+def test_no_flipped_bit_goes_unseen(tmp_path):
     """Such a store is read as it was, where the bit was in free space, or refused."""
     path = tmp_path / "study.db"
     plan = small_plan(runs=20)
@@ -241,7 +228,7 @@ def test_no_flipped_bit_goes_unseen(tmp_path: Path) -> None:
     assert all("is damaged" in one or "another kind of file" in one for one in said)
 
 
-def test_check_tells_whether_a_store_is_whole(tmp_path: Path, ematwin: Any) -> None:
+def test_check_tells_whether_a_store_is_whole(tmp_path, ematwin):
     path = tmp_path / "study.db"
     with Store(path) as store:
         store.begin(small_plan().settings())
@@ -257,9 +244,7 @@ def test_check_tells_whether_a_store_is_whole(tmp_path: Path, ematwin: Any) -> N
 
 
 @pytest.mark.parametrize(("version", "schema"), [("0.1", 1), ("0.2", 2)])
-def test_stores_of_earlier_versions_are_refused_in_a_sentence(
-    version: str, schema: int, tmp_path: Path, ematwin: Any
-) -> None:
+def test_stores_of_earlier_versions_are_refused_in_a_sentence(version, schema, tmp_path, ematwin):
     path = Path(shutil.copy(DATA / version / "study.db", tmp_path / "study.db"))
     whole = path.read_bytes()
     told = ematwin("report", path)
@@ -279,7 +264,7 @@ FOUND_BY_0_2 = {
 }  # fmt: skip
 
 
-def test_runs_of_0_2_come_out_alike_when_done_again() -> None:
+def test_runs_of_0_2_come_out_alike_when_done_again():
     plan = Plan(
         cases_of("paper"), ("multistart", "random"), runs=1, population=10, iterations=30,
         scenario="step",

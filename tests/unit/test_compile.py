@@ -8,7 +8,6 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -94,7 +93,7 @@ for line in sys.stdin:
 
 
 @pytest.fixture(scope="module")
-def server() -> Iterator["subprocess.Popen[str]"]:
+def server():
     """Starts processes; numba is loaded once."""
     with subprocess.Popen(
         [sys.executable, "-c", SERVER],
@@ -108,11 +107,11 @@ def server() -> Iterator["subprocess.Popen[str]"]:
 class Package:
     """A folder with the package, and an empty cache beside it."""
 
-    def __init__(self, folder: Path, server: "subprocess.Popen[str]") -> None:
+    def __init__(self, folder, server):
         self.folder, self._server = folder, server
         self.cache = folder / "cache"
 
-    def start(self, *codes: str, **changed: str) -> list[tuple[str, list[str]]]:
+    def start(self, *codes, **changed):
         """The answer of each of some processes, and what was done with machine code.
 
         They run at the same time. Machine code is saved or loaded.
@@ -136,7 +135,7 @@ class Package:
 
 
 @pytest.fixture
-def package(tmp_path: Path, server: "subprocess.Popen[str]") -> Package:
+def package(tmp_path, server):
     folder = tmp_path / "theirs"
     folder.mkdir()
     for name, source in PACKAGE.items():
@@ -144,15 +143,15 @@ def package(tmp_path: Path, server: "subprocess.Popen[str]") -> Package:
     return Package(tmp_path, server)
 
 
-def run(package: Package, code: str = USE, **changed: str) -> tuple[str, list[str]]:
+def run(package, code=USE, **changed):
     return package.start(code, **changed)[0]
 
 
-def kept(package: Package) -> list[Path]:
+def kept(package):
     return sorted(package.cache.rglob("*.nbc"))
 
 
-def edit(path: Path, old: str, new: str) -> None:
+def edit(path, old, new):
     """Replace text of the same length and keep the time of change: only the content tells."""
     before = path.stat()
     assert old in path.read_text()
@@ -229,7 +228,7 @@ print(theirs.loops.distance(c, (10, 0.5)) + 0.0)
 """
 
 
-def meeting(code: str, word: str, count: int) -> str:
+def meeting(code, word, count):
     """The code, which then waits until so many processes have come as far; gives how many have."""
     return f"""
 import glob, os, time

@@ -8,12 +8,13 @@ from typing import Any
 
 from ematwin.benchmarking.conclusions import conclude, lead_of
 from ematwin.benchmarking.convergence import STATED_MISFITS, bands, evaluations_to_target
-from ematwin.benchmarking.diagnosis import THRESHOLD, diagnose
 from ematwin.benchmarking.run import StoredRun
 from ematwin.benchmarking.statistics import (
     TARGETS,
+    THRESHOLD,
     RankComparison,
     compare_ranks,
+    diagnose,
     effect_sizes,
     matrix,
     summarise,
@@ -70,8 +71,7 @@ class StudyAnalysis:
 
     def plot(self) -> dict[str, Any]:
         """Draw all its figures, of plotly, by heading."""
-        found: dict[str, Any] = drawn(self, "all", {"all": "plot_study"})
-        return found
+        return drawn(self, "all", {"all": "plot_study"})
 
     def to_frame(self, each: str = "cell") -> Any:
         """Give a pandas DataFrame with a row for each "cell" (case and algorithm) or "run".
@@ -155,13 +155,6 @@ def analyse(
     misfits : relative misfits whose expected running times are given
     threshold : deviation from healthy, as a share of the range, that counts as a fault
     seed : of the bootstrap
-
-    Raises
-    ------
-    InputError
-        If there is no run, a target or misfit is not positive, or the threshold not in (0, 0.5).
-    MissingExtraError
-        If pandas is not installed.
     """
     if not (targets and all(target > 0.0 and math.isfinite(target) for target in targets)):
         raise InputError(f"Targets of Err% must be positive, received {targets}.")

@@ -15,27 +15,16 @@ a rotation, without any cliff.
 """
 
 import math
-from collections.abc import Iterator, Sequence
-from itertools import chain, count, islice
+from collections.abc import Sequence
 
 import numpy as np
 
-from ematwin.errors import InputError
 from ematwin.estimation.problem import Problem
 from ematwin.models.unknown import Unknown
-
-BOXES = ("plain", "remapped")
 
 # where the first eight healthy values come to lie: not in a corner, nor in the centre, nor on a
 # diagonal
 _FIRST = (0.31, 0.64, 0.42, 0.73, 0.27, 0.58, 0.69, 0.37)
-
-
-def check_box(box: str) -> str:
-    """Give ``box`` back, or raise `InputError` if there is none of that name."""
-    if box not in BOXES:
-        raise InputError(f"There is no box {box!r}; choose {' or '.join(BOXES)}.")
-    return box
 
 
 def places(dimension: int) -> np.ndarray:
@@ -44,10 +33,9 @@ def places(dimension: int) -> np.ndarray:
     Eight are given. Any further one, the n-th, is the fractional part g of n golden ratios, brought
     into 0.25 to 0.45 (g < 0.5) or 0.55 to 0.75.
     """
-    ratio = 0.5 * (math.sqrt(5.0) - 1.0)
-    golden = ((n * ratio) % 1.0 for n in count(len(_FIRST) + 1))
-    further: Iterator[float] = (0.25 + 0.4 * g + (0.1 if g >= 0.5 else 0.0) for g in golden)
-    return np.array(list(islice(chain(_FIRST, further), dimension)))
+    golden = np.arange(len(_FIRST) + 1, dimension + 1) * 0.5 * (math.sqrt(5.0) - 1.0) % 1.0
+    further = 0.25 + 0.4 * golden + 0.1 * (golden >= 0.5)
+    return np.append(_FIRST, further)[:dimension]
 
 
 def shifts(unknowns: Sequence[Unknown]) -> np.ndarray:
@@ -57,14 +45,10 @@ def shifts(unknowns: Sequence[Unknown]) -> np.ndarray:
 
 
 class RemappedProblem(Problem):
-    """A problem in the remapped box.
+    """A problem, without unknowns that each recording has for itself, in the remapped box.
 
     Methods of the box see it turned round. Methods that follow slopes know no box and use the
     variables of the problem; but they start in the middle of the remapped box, not at healthy.
-
-    Parameters
-    ----------
-    problem : without unknowns that each recording has for itself
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -86,8 +70,3 @@ class RemappedProblem(Problem):
         lower, upper = self.lower, self.upper
         share = np.mod((points - lower) / (upper - lower) + by, 1.0)
         return np.clip(lower + share * (upper - lower), lower, upper)
-
-
-def boxed(problem: Problem, box: str) -> Problem:
-    """The problem in a box."""
-    return problem if box == "plain" else RemappedProblem(problem)

@@ -1,20 +1,17 @@
 """`compare`: algorithms compared fairly, from Python: runs, store and analysis in one call."""
 
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from ematwin.benchmarking.analysis import StudyAnalysis, analyse
-from ematwin.benchmarking.cases import cases_of
-from ematwin.benchmarking.diagnosis import THRESHOLD
 from ematwin.benchmarking.engines.local import LocalEngine
 from ematwin.benchmarking.plan import Plan
-from ematwin.benchmarking.statistics import TARGETS
+from ematwin.benchmarking.statistics import TARGETS, THRESHOLD
 from ematwin.benchmarking.store import Store
 from ematwin.benchmarking.study import Tally, run_study
-from ematwin.benchmarking.subject import Subject
+from ematwin.benchmarking.subject import Subject, cases_of
 from ematwin.benchmarking.table import check_extra
 from ematwin.errors import InputError
 from ematwin.models.scenario import Scenario
@@ -99,22 +96,15 @@ def compare(
         scenario=scenario,
     )
     engine = LocalEngine(workers or cores(), time_limit)
-    with _kept(store) as opened, told(progress, "runs", _shown) as tell:
+
+    def shown(tally: Tally) -> tuple[float, str]:
+        share = tally.complete / max(tally.planned, 1)
+        return share, f"{tally.complete} of {tally.planned}"
+
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        Store(Path(folder, "study.db") if store is None else store) as opened,
+        told(progress, "runs", shown) as tell,
+    ):
         run_study(plan, opened, engine, retry_failed=retry_failed, progress=tell)
         return analyse(opened.runs(), targets=targets, threshold=threshold)
-
-
-@contextmanager
-def _kept(store: str | Path | None) -> Iterator[Store]:
-    """The store; one that goes with the call if none is given."""
-    if store is not None:
-        with Store(store) as opened:
-            yield opened
-        return
-    with tempfile.TemporaryDirectory() as folder, Store(Path(folder) / "study.db") as opened:
-        yield opened
-
-
-def _shown(tally: Tally) -> tuple[float, str]:
-    """The share done of a study, and words beside it."""
-    return tally.complete / max(tally.planned, 1), f"{tally.complete} of {tally.planned}"

@@ -46,12 +46,7 @@ def bands(table: RunTable) -> Any:
 def evaluations_to_target(
     table: RunTable, misfits: Sequence[float] = STATED_MISFITS, seed: int = 1
 ) -> tuple[Any, Any]:
-    """Give the distribution of the evaluations to target, and expected running times.
-
-    Parameters
-    ----------
-    misfits : relative misfits to state expected running times for
-    seed : of the bootstrap
+    """Give the distribution of the evaluations to target, and expected running times to misfits.
 
     Returns
     -------

@@ -23,7 +23,6 @@ Answer = TypeVar("Answer")
 
 _LOG = logging.getLogger("ematwin")
 _MAGIC = b"SQLite format 3\0"
-_PASSING = ("locked", "busy")  # words of SQLite for what another moment may change
 _DAMAGE = ("malformed", "not a database", "decode", "unsupported file", "no such column", "corrupt")
 
 
@@ -32,21 +31,12 @@ class DamagedError(FileError):
 
 
 class Database:
-    """Transactions on a SQLite file or a PostgreSQL database.
+    """Transactions on a SQLite file or a PostgreSQL database; anything else is refused.
 
     Parameters
     ----------
     where : path of a file, or URL such as postgresql://user@host/name
-    patience : float, s, for which a database that does not answer is tried again
-
-    Raises
-    ------
-    InputError
-        If it is another kind of URL.
-    MissingExtraError
-        If the driver of PostgreSQL is not installed.
-    FileError
-        If the file is no SQLite database.
+    patience : s, for which a database that does not answer is tried again
     """
 
     def __init__(self, where: str | Path, patience: float = 120.0) -> None:
@@ -88,14 +78,10 @@ class Database:
         The whole check and not the quick one: only it compares the indexes, from which ids and
         statuses are read, with the rows. It reads 270 MB in a second.
         """
-
-        def check(connection: Connection) -> None:
-            found = connection.exec_driver_sql("PRAGMA integrity_check(1)").scalar()
-            if found != "ok":
-                raise DamagedError(found)
-
         if self.path is not None and self.exists:
-            self.read(check)
+            found = self.read(lambda c: c.exec_driver_sql("PRAGMA integrity_check(1)").scalar())
+            if found != "ok":
+                raise self._damaged(found)
 
     def read(self, work: Callable[[Connection], Answer], patient: bool = True) -> Answer:
         """Do ``work`` in a transaction that only reads; it may be done more than once."""
@@ -160,7 +146,7 @@ def _is_passing(error: DBAPIError) -> bool:
     """Whether another moment may bring another answer."""
     cause = error.orig
     if isinstance(cause, sqlite3.Error):
-        return any(word in str(cause) for word in _PASSING)
+        return "locked" in str(cause) or "busy" in str(cause)
     state = str(getattr(cause, "sqlstate", None) or "")
     if not state:
         return type(cause).__name__ in {"OperationalError", "InterfaceError"}
@@ -208,12 +194,8 @@ def _check_file(path: Path) -> None:
 
 def _engine(url: URL) -> Engine:
     if url.get_backend_name() == "postgresql":
-        return create_engine(
-            url,
-            pool_size=1,
-            pool_pre_ping=True,
-            connect_args={"connect_timeout": 10},  # s
-        )
+        settings = {"connect_timeout": 10}  # s
+        return create_engine(url, pool_size=1, pool_pre_ping=True, connect_args=settings)
     # SQLite itself waits so many seconds for a lock
     engine = create_engine(url, connect_args={"timeout": 5.0})
 

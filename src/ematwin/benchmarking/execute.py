@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from ematwin import __version__
-from ematwin.benchmarking.box import boxed
+from ematwin.benchmarking.box import RemappedProblem
 from ematwin.benchmarking.run import RunResult, RunSpec, pack
 from ematwin.benchmarking.subject import Subject
 from ematwin.errors import EmatwinError
@@ -31,8 +31,6 @@ from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import find, named
 from ematwin.models.scenario import Scenario
 from ematwin.recordings.noise import Noise
-
-_RECORDS = 16  # kept in a worker; runs that share one are neighbours in a plan
 
 
 class _TimeUpError(Exception):
@@ -45,56 +43,50 @@ def hard_limit(time_limit: float) -> float:
 
 
 def execute(spec: RunSpec, time_limit: float | None = None, engine: str = "none") -> RunResult:
-    """Do a run.
+    """Do a run; ``status`` and ``stopped`` say how one ended that failed.
 
     Parameters
     ----------
-    spec : RunSpec
-    time_limit : float, s, for the search alone, or None
+    time_limit : s, for the search alone, or None
     engine : name of what carries it, for the provenance
-
-    Returns
-    -------
-    RunResult, also of a run that failed; ``status`` and ``stopped`` then say how
     """
-    origin = provenance(engine)
     clock = _Clock(time_limit)
+
+    def result(status: str, stopped: str, **found: Any) -> RunResult:
+        return RunResult(
+            spec.id, status, evaluations=clock.evaluations, seconds=clock.seconds,
+            cpu_seconds=clock.cpu_seconds, stopped=stopped, provenance=provenance(engine), **found,
+        )  # fmt: skip
+
     try:
         subject, problem = _prepared(spec)
         with clock.running(), _watchdog(time_limit):
             search = named(spec.algorithm, population=spec.population, iterations=spec.iterations)
             found = find(
-                boxed(problem, spec.box),
+                problem if spec.box == "plain" else RemappedProblem(problem),
                 search,
                 budget=spec.population * spec.iterations,
                 seed=spec.seed,
                 progress=clock.look,
             )
     except _TimeUpError:
-        return _ended(
-            spec, "timeout", f"ran past its time limit of {time_limit:g} s", clock, origin
-        )
+        return result("timeout", f"ran past its time limit of {time_limit:g} s")
     except Exception as error:
         if clock.evaluations and not clock.any_finite:
-            stopped = f"no finite cost in {clock.evaluations} evaluations"
-            return _ended(spec, "not finite", stopped, clock, origin)
+            return result("not finite", f"no finite cost in {clock.evaluations} evaluations")
         kind = "" if isinstance(error, EmatwinError) else f"{type(error).__name__}: "
-        return _ended(spec, "failed", f"{kind}{error}" or kind, clock, origin)
+        return result("failed", f"{kind}{error}")
     pair = subject.values(found.point), subject.values(spec.faults)
-    return RunResult(
-        id=spec.id,
-        status="done",
+    clock.evaluations = found.evaluations
+    return result(
+        "done",
+        str(found.stopped),
         faults=tuple(found.point.tolist()),
         cost=float(found.cost),
         relative_misfit=problem.relative_misfit(found.cost),
         err=subject.error_percent(*pair),
         err_wrapped=subject.error_percent(*pair, wrapped=True),
-        evaluations=found.evaluations,
-        seconds=clock.seconds,
-        cpu_seconds=clock.cpu_seconds,
         history=pack(*found.history.T),
-        stopped=str(found.stopped),
-        provenance=origin,
     )
 
 
@@ -107,21 +99,14 @@ def warm_up() -> None:
 
 
 class _Clock:
-    """Time and evaluations of a search, and its limit.
-
-    Attributes
-    ----------
-    seconds, cpu_seconds : float, NaN before it ran
-    evaluations : int, so far
-    any_finite : bool, some candidate had a finite cost
-    """
+    """Time and evaluations of a search, and its limit."""
 
     def __init__(self, limit: float | None) -> None:
         self._limit = limit
         self._wall = 0.0
-        self.seconds = self.cpu_seconds = math.nan
+        self.seconds = self.cpu_seconds = math.nan  # before it ran
         self.evaluations = 0
-        self.any_finite = False
+        self.any_finite = False  # some candidate had a finite cost
 
     @contextmanager
     def running(self) -> Iterator[None]:
@@ -141,20 +126,6 @@ class _Clock:
             raise _TimeUpError
 
 
-def _ended(
-    spec: RunSpec, status: str, stopped: str, clock: _Clock, origin: dict[str, Any]
-) -> RunResult:
-    return RunResult(
-        spec.id,
-        status,
-        evaluations=clock.evaluations,
-        seconds=clock.seconds,
-        cpu_seconds=clock.cpu_seconds,
-        stopped=stopped,
-        provenance=origin,
-    )
-
-
 @contextmanager
 def _watchdog(time_limit: float | None) -> Iterator[None]:
     """End this process if the block takes much longer than the limit.
@@ -162,11 +133,9 @@ def _watchdog(time_limit: float | None) -> Iterator[None]:
     faulthandler's timer runs outside the interpreter, so that neither a held lock nor compiled
     code keeps it from acting.
     """
-    if time_limit is None:
-        yield
-        return
     with open(os.devnull, "w") as sink:
-        faulthandler.dump_traceback_later(hard_limit(time_limit), exit=True, file=sink)
+        if time_limit is not None:
+            faulthandler.dump_traceback_later(hard_limit(time_limit), exit=True, file=sink)
         try:
             yield
         finally:
@@ -182,7 +151,7 @@ def _prepared(spec: RunSpec) -> tuple[Subject, Problem]:
     return _simulated(json.dumps(inputs))
 
 
-@lru_cache(maxsize=_RECORDS)
+@lru_cache(maxsize=16)  # runs that share a recording are neighbours in a plan
 def _simulated(inputs: str) -> tuple[Subject, Problem]:
     actuator, scenario, faults, fidelity, noise, seed = json.loads(inputs)
     subject = _subject(json.dumps(actuator))
@@ -199,7 +168,7 @@ def _simulated(inputs: str) -> tuple[Subject, Problem]:
     return subject, problem
 
 
-@lru_cache(maxsize=_RECORDS)
+@lru_cache(maxsize=16)
 def _subject(actuator: str) -> Subject:
     return Subject.stored(json.loads(actuator))
 

@@ -34,13 +34,7 @@ def check_folder(folder: Path) -> None:
 
 
 def write_report(analysis: StudyAnalysis, folder: str | Path) -> list[str]:
-    """Write page and tables whole or not at all; give the names of the files.
-
-    Raises
-    ------
-    FileError
-        If the folder cannot be written; it is left as it was.
-    """
+    """Write page and tables whole or not at all; give the names of the files."""
     target = Path(folder)
     check_folder(target)
     frames = {

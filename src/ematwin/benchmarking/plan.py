@@ -11,10 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.benchmarking.box import check_box
-from ematwin.benchmarking.cases import Cases
 from ematwin.benchmarking.run import RunSpec
-from ematwin.benchmarking.subject import Subject
+from ematwin.benchmarking.subject import Cases, Subject
 from ematwin.errors import InputError
 from ematwin.estimation.search import expanded, named
 from ematwin.models.parameter_set import ParameterSet
@@ -25,48 +23,28 @@ from ematwin.recordings.noise import Noise
 
 @dataclass(frozen=True)
 class Plan:
-    """Cases, methods and settings of a study.
+    """Cases, methods and settings of a study, checked and completed."""
 
-    Parameters
-    ----------
-    cases : mapping of names to vectors (d,) of the actuator's faults and nuisances
-    algorithms : names of ``ematwin algorithms``, or presets: paper, improved, best; aliases
-        become names
-    runs : int, repetitions of each case with each algorithm
-    population, iterations : int; their product is the budget of each run
-    seed : int
-    noise : of the current sensor, or None
-    box : "plain" or "remapped", see `ematwin.benchmarking.box`
-    actuator : of any kind, or the name of one; None takes the default brushless actuator
-    scenario : of the recordings; None takes the default of the kind
-
-    Raises
-    ------
-    InputError
-        If an algorithm is unknown, a case is of another kind, or a number cannot be used.
-    MissingExtraError
-        If an algorithm's library is not installed.
-    """
-
-    cases: Cases
+    cases: Cases  # vectors (d,) of the actuator's faults and nuisances, by name
+    # names of ``ematwin algorithms``, or presets: paper, improved, best; aliases become names
     algorithms: tuple[str, ...] = ("paper",)
-    runs: int = 10
-    population: int = 50
+    runs: int = 10  # repetitions of each case with each algorithm
+    population: int = 50  # times iterations it is the budget of each run
     iterations: int = 200
     seed: int = 1
-    noise: Noise | None = None
-    box: str = "plain"
+    noise: Noise | None = None  # of the current sensor
+    box: str = "plain"  # "plain" or "remapped", see `ematwin.benchmarking.box`
+    # of any kind, or the name of one; None takes the default brushless actuator
     actuator: ParameterSet | str | None = None
-    scenario: Scenario | str | None = None
+    scenario: Scenario | str | None = None  # of the recordings; None takes the default of the kind
 
     def __post_init__(self) -> None:
-        for name, value in [
-            ("runs", self.runs), ("population", self.population), ("iterations", self.iterations)
-        ]:  # fmt: skip
-            if value < 1:
+        for name in ("runs", "population", "iterations"):
+            if (value := getattr(self, name)) < 1:
                 raise InputError(f"The number of {name} must be at least 1, received {value}.")
         check_seed(self.seed)
-        check_box(self.box)
+        if self.box not in ("plain", "remapped"):
+            raise InputError(f"There is no box {self.box!r}; choose plain or remapped.")
         subject = Subject.of(self.actuator)
         scenario = subject.model.load_scenario(self.scenario)
         subject.model.check_scenario(scenario, subject.actuator)
@@ -105,18 +83,12 @@ class Plan:
             "scenario": self.scenario.model_dump(mode="json"),
             "model": subject.model.fidelities[0],
         }
-        plain: dict[str, Any] = json.loads(json.dumps(values))
-        return plain
+        return json.loads(json.dumps(values))
 
     def specs(self) -> list[RunSpec]:
         """All runs; those that share a record stand together, so that workers simulate it once."""
         shared = self.settings()
         seed = shared.pop("seed")
-        records = {
-            (case, run): derived_seed(seed, "record", case, run)
-            for case in self.cases
-            for run in range(self.runs)
-        }
         return [
             RunSpec(
                 case=case,
@@ -124,7 +96,7 @@ class Plan:
                 algorithm=algorithm,
                 run=run,
                 seed=derived_seed(seed, "search", case, algorithm, run),
-                record_seed=records[case, run],
+                record_seed=derived_seed(seed, "record", case, run),
                 **shared,
             )
             for case, faults in self.cases.items()

@@ -21,36 +21,22 @@ SHARED = ("population", "iterations", "noise", "actuator", "scenario", "box", "m
 
 @dataclass(frozen=True)
 class RunSpec:
-    """Everything that determines the numbers of a run.
+    """Everything that determines the numbers of a run."""
 
-    Parameters
-    ----------
-    case : str, name of the case, e.g. "Low F"
-    faults : (d,) tuple, injected values of the actuator's faults and nuisances
-    algorithm : str, a name of ``ematwin algorithms``
-    run : int, repetition within case and algorithm, from 0
-    seed : int, of the search
-    population, iterations : int
-    noise : mapping of `Noise` fields, or None
-    record_seed : int, of the sensor noise: the same for all algorithms of a case and repetition
-    actuator : mapping, all parameters in SI (`ematwin.benchmarking.subject.Subject.plain`)
-    scenario : mapping (`Scenario.model_dump`)
-    box : "plain", or "remapped": the search box moved so that healthy lies nowhere special
-    model : the model of its kind that makes the recording, "reference" for the brushless actuator
-    """
-
-    case: str
-    faults: tuple[float, ...]
-    algorithm: str
-    run: int
-    seed: int
+    case: str  # name of the case, e.g. "Low F"
+    faults: tuple[float, ...]  # (d,), injected values of the actuator's faults and nuisances
+    algorithm: str  # a name of ``ematwin algorithms``
+    run: int  # repetition within case and algorithm, from 0
+    seed: int  # of the search
     population: int
     iterations: int
-    noise: dict[str, Any] | None
-    record_seed: int
-    actuator: dict[str, Any]
-    scenario: dict[str, Any]
+    noise: dict[str, Any] | None  # fields of `Noise`
+    record_seed: int  # of the sensor noise: the same for all algorithms of a case and repetition
+    actuator: dict[str, Any]  # all parameters in SI (`ematwin.benchmarking.subject.Subject.plain`)
+    scenario: dict[str, Any]  # `Scenario.model_dump`
+    # "plain", or "remapped": the search box moved so that healthy lies nowhere special
     box: str = "plain"
+    # the model of its kind that makes the recording, "reference" for the brushless actuator
     model: str = "reference"
 
     @cached_property
@@ -68,35 +54,22 @@ def settings_of(spec: RunSpec) -> tuple[Any, ...]:
 
 @dataclass(frozen=True)
 class RunResult:
-    """The outcome of a run.
+    """The outcome of a run."""
 
-    Attributes
-    ----------
-    id : of its `RunSpec`
-    status : "done", "failed" (raised), "timeout" or "not finite"
-    faults : (d,) tuple found, empty unless done
-    cost, relative_misfit : float, NaN unless done
-    err, err_wrapped : float, Err% of the kind, and with directions taken as angles; NaN unless done
-    evaluations : int
-    seconds, cpu_seconds : float, wall and CPU time of the search alone
-    history : bytes, evaluations and best cost after each batch, as `pack` gives them
-    stopped : reason of the search, or the message of the failure
-    provenance : versions, machine, engine
-    """
-
-    id: str
-    status: str
-    faults: tuple[float, ...] = ()
-    cost: float = math.nan
+    id: str  # of its `RunSpec`
+    status: str  # "done", "failed" (raised), "timeout" or "not finite"
+    faults: tuple[float, ...] = ()  # (d,), found, empty unless done
+    cost: float = math.nan  # cost, relative_misfit: NaN unless done
     relative_misfit: float = math.nan
+    # err, err_wrapped: Err% of the kind, and with directions taken as angles; NaN unless done
     err: float = math.nan
     err_wrapped: float = math.nan
     evaluations: int = 0
-    seconds: float = math.nan
+    seconds: float = math.nan  # seconds, cpu_seconds: wall and CPU time of the search alone
     cpu_seconds: float = math.nan
-    history: bytes = b""
-    stopped: str = ""
-    provenance: dict[str, Any] = field(default_factory=dict)
+    history: bytes = b""  # evaluations and best cost after each batch, as `pack` gives them
+    stopped: str = ""  # reason of the search, or the message of the failure
+    provenance: dict[str, Any] = field(default_factory=dict)  # versions, machine, engine
 
 
 @dataclass(frozen=True)
@@ -110,13 +83,8 @@ class StoredRun:
 def pack(evaluations: Any, costs: Any) -> bytes:
     """Compress a convergence history, exact to the last bit.
 
-    A store of 100,000 runs holds some twenty million pairs. Differences of the evaluations and the
-    bytes of one rank side by side pack three times as well as the plain arrays.
-
-    Parameters
-    ----------
-    evaluations : (B,) whole numbers, rising
-    costs : (B,) numbers, best cost so far
+    A store of 100,000 runs holds some twenty million pairs. Differences of the (B,) evaluations
+    and the bytes of one rank side by side pack three times as well as the plain arrays.
     """
     steps = np.diff(np.asarray(evaluations, "<i8"), prepend=0)
     words = np.concatenate([steps.view("<u8"), np.asarray(costs, "<f8").view("<u8")])

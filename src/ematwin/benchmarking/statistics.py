@@ -9,9 +9,16 @@ block, and each algorithm's mean Err% of a case one number. Runs of one case are
 own: they share the fault, so counting them would make a case ten times as sure as it is.
 Correction: Holm (1979), Scand. J. Statist. 6, 65-70. A12: Vargha and Delaney (2000), J. Educ.
 Behav. Stat. 25, 101-132.
+
+Diagnosis is measured as diagnosis (`diagnose`). A fault is present from ``threshold`` of its range
+away from healthy, in the injected vector as in the one found. An injected deviation below the
+threshold, but not zero, is neither: reporting it is no false alarm, and passing over it is no miss.
+The direction of a fault is not a fault; where the fault was injected and found, directions with an
+error of ``threshold`` of a turn or more are counted separately.
 """
 
 import math
+from collections import Counter
 from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Any, NamedTuple
@@ -25,6 +32,7 @@ from ematwin.showing.results import frame
 ALPHA = 0.05
 METRICS = ("err", "err_wrapped", "evaluations", "seconds", "cpu_seconds")
 TARGETS = (0.5, 1.0, 2.0, 5.0)  # Err%
+THRESHOLD = 0.05  # of a diagnosis
 RESAMPLES = 999
 _SPREAD = (
     "mean", "median", "q1", "q3", "mean_low_95", "mean_high_95", "median_low_95", "median_high_95",
@@ -92,21 +100,14 @@ def spreads(samples: list[np.ndarray], seed: int = 1) -> np.ndarray:
 
 
 def performance_coefficients(spent: np.ndarray, errors: np.ndarray) -> np.ndarray:
-    """Give the performance coefficient (paper, eq. 3) of the algorithms of each case.
+    """Give the performance coefficient (paper, eq. 3) of the A algorithms of each case, per cent.
 
         PC_i = 100 (1 - t_i err_i / sum_j t_j err_j),    j over all algorithms compared
 
-    With A algorithms the coefficients of a case add up to 100 (A - 1): 500 with six, as the paper's
-    Table 2 does. The "4" over the sum in its eq. 3 is a slip.
-
-    Parameters
-    ----------
-    spent, errors : (..., A) arrays, mean time (s) or evaluations, and mean Err%
-
-    Returns
-    -------
-    (..., A) array, per cent; NaN for an algorithm without a result, which is left out of the sum,
-        and where fewer than two algorithms remain or all products are zero
+    of mean time (s) or evaluations and mean Err%, (..., A) arrays. The coefficients of a case add
+    up to 100 (A - 1): 500 with six, as the paper's Table 2 does. The "4" over the sum in its eq. 3
+    is a slip. NaN for an algorithm without a result, which is left out of the sum, and where fewer
+    than two algorithms remain or all products are zero.
     """
     product = np.asarray(spent, dtype=float) * np.asarray(errors, dtype=float)
     known = np.isfinite(product)
@@ -149,45 +150,29 @@ def vargha_delaney(x: np.ndarray, y: np.ndarray) -> float:
 
 
 class Pair(NamedTuple):
-    """Two algorithms compared.
-
-    Attributes
-    ----------
-    first, second : names
-    p, p_holm : Wilcoxon signed-rank over the case means, two-sided; plain and corrected
-    a12 : chance that a run of ``first`` has the lower Err% than one of ``second``, ties counting
-        half, averaged over the cases; 0.5 is no difference. A failed run loses to any other.
-    """
+    """Two algorithms compared."""
 
     first: str
     second: str
-    p: float
+    p: float  # p, p_holm: Wilcoxon signed-rank over the case means, two-sided; plain and corrected
     p_holm: float
+    # chance that a run of ``first`` has the lower Err% than one of ``second``, ties counting
+    # half, averaged over the cases; 0.5 is no difference. A failed run loses to any other.
     a12: float
 
 
 @dataclass(frozen=True)
 class RankComparison:
-    """Outcome of the tests.
+    """Outcome of the tests."""
 
-    Attributes
-    ----------
-    average : average rank by algorithm, 1 is best, NaN where no case has all
-    blocks : cases used; left_out : cases in which an algorithm has no result
-    friedman : statistic, friedman_p : NaN where the test could not be made
-    pairs : every two algorithms
-    smallest_holm : float, the least corrected p that so many cases and pairs allow
-    notes : what could not be computed, as sentences
-    """
-
-    average: dict[str, float]
-    blocks: list[str]
+    average: dict[str, float]  # average rank by algorithm, 1 is best, NaN where no case has all
+    blocks: list[str]  # cases used, and cases in which an algorithm has no result
     left_out: list[str]
-    friedman: float
+    friedman: float  # statistic and p; NaN where the test could not be made
     friedman_p: float
-    pairs: list[Pair]
-    smallest_holm: float = math.nan
-    notes: list[str] = field(default_factory=list)
+    pairs: list[Pair]  # every two algorithms
+    smallest_holm: float = math.nan  # the least corrected p that so many cases and pairs allow
+    notes: list[str] = field(default_factory=list)  # what could not be computed, as sentences
 
     @property
     def order(self) -> list[str]:
@@ -205,13 +190,7 @@ class RankComparison:
 
 
 def compare_ranks(means: Any, effects: Any) -> RankComparison:
-    """Test whether algorithms differ.
-
-    Parameters
-    ----------
-    means : DataFrame of cases by algorithms, mean Err%, NaN where there is none
-    effects : DataFrame of `effect_sizes`
-    """
+    """Test whether algorithms differ, by mean Err% of cases by algorithms and `effect_sizes`."""
     names = [str(name) for name in means.columns]
     whole = means.notna().all(axis=1)
     blocks = means[whole].to_numpy(dtype=float)
@@ -273,3 +252,56 @@ def holm(p: np.ndarray) -> np.ndarray:
     corrected = np.empty(p.shape)
     corrected[order] = np.maximum.accumulate(p[order] * (len(p) - np.arange(len(p))))
     return np.minimum(corrected, 1.0)
+
+
+def diagnose(table: RunTable, threshold: float = THRESHOLD) -> Any:
+    """Count the faults that each algorithm would have named, in a row of a DataFrame.
+
+    Over its runs that ended well:
+
+        runs, without : runs that ended well, and failed runs, which diagnosed nothing
+        exact : runs that named the faults exactly: none missed, none false
+        faults, missed : injected faults, and how many of them were passed over
+        chances, false_alarms : healthy components, and how many of them were called faulty
+        confused : runs that missed a fault and named a healthy component instead
+        directions, direction_wrong : faults found that have a direction, and those with it turned
+        confusions : dict, (missed, named instead) -> runs
+    """
+    done, subject = table.done, table.subject
+    injected, found = (
+        table.frame.reindex(columns=[f"{which}_{name}" for name in subject.names]).to_numpy(float)
+        for which in ("injected", "found")
+    )
+    width, slack = subject.upper - subject.lower, 1e-12  # 0.55 - 0.5 is less than 0.05
+    least = threshold - slack
+    deviation = np.abs(injected - subject.healthy) / width
+    faulty = (deviation >= least) & done[:, None]
+    called = (np.abs(found - subject.healthy) / width >= least) & done[:, None]
+    present, named = (part[:, subject.magnitudes] for part in (faulty, called))
+    absent = (deviation[:, subject.magnitudes] <= slack) & done[:, None]
+    missed, false = present & ~named, absent & named
+    confused = missed.any(axis=1) & false.any(axis=1)
+    directed, turned = np.zeros((2, len(table)), dtype=int)
+    for magnitude, direction in subject.directions:
+        both = faulty[:, magnitude] & called[:, magnitude]
+        turn = (found - injected)[:, direction] / width[direction]
+        directed += both
+        turned += both & (np.abs(turn - np.round(turn)) >= least)
+    algorithm = table.frame["algorithm"]
+    counts = frame({
+        "runs": done, "without": ~done,
+        "exact": done & ~missed.any(axis=1) & ~false.any(axis=1),
+        "faults": present.sum(axis=1), "missed": missed.sum(axis=1),
+        "chances": absent.sum(axis=1), "false_alarms": false.sum(axis=1), "confused": confused,
+        "directions": directed, "direction_wrong": turned,
+    }).groupby(algorithm).sum().reindex(table.algorithms)  # fmt: skip
+    names = np.array(subject.names)[subject.magnitudes].tolist()
+    confusions = {name: Counter[tuple[str, str]]() for name in table.algorithms}
+    for run in np.flatnonzero(confused):
+        confusions[algorithm[run]].update(
+            (names[i], names[j])
+            for i in np.flatnonzero(missed[run])
+            for j in np.flatnonzero(false[run])
+        )
+    counts["confusions"] = [dict(one.most_common()) for one in confusions.values()]
+    return counts.reset_index()

@@ -16,9 +16,10 @@ import os
 import socket
 import time
 import uuid
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from sqlalchemy import (
     Column,
@@ -45,7 +46,6 @@ from ematwin.errors import FileError
 LEASE = 30.0  # s for which a claim holds without being renewed
 FORMAT = "ematwin study"
 SCHEMA = 3  # of the tables below
-_LOCK = 0x656D6174  # of PostgreSQL, for making the tables
 
 metadata = MetaData()
 _study = Table(
@@ -72,22 +72,24 @@ _claims = Table(
     Column("until", Double, nullable=False),  # s since 1970; after it the claim is void
 )
 
-_OWN_COLUMNS = ("id", "status", "history")
+Given = ParamSpec("Given")
+Answer = TypeVar("Answer")
+
+
+def _writes(
+    work: Callable[Concatenate["Store", Connection, Given], Answer],
+) -> Callable[Concatenate["Store", Given], Answer]:
+    """Do a method of a store in one transaction that writes; it may be done more than once."""
+
+    @wraps(work)
+    def done(store: "Store", *given: Given.args, **more: Given.kwargs) -> Answer:
+        return store._database.write(lambda connection: work(store, connection, *given, **more))
+
+    return done
 
 
 def open_store(where: str | Path, *, patience: float = 120.0) -> "Store":
-    """Open the store of a study that was begun.
-
-    Parameters
-    ----------
-    where : path of a SQLite file, or a URL such as postgresql://user@host/name
-    patience : float, s, for which a database that does not answer is tried again
-
-    Raises
-    ------
-    FileError
-        If there is none, it is damaged, another kind of database, or of another schema.
-    """
+    """Open the store of a study, or raise `FileError` if none was begun there."""
     store = Store(where, patience=patience)
     if not store.begun:
         store.close()
@@ -100,26 +102,20 @@ def open_store(where: str | Path, *, patience: float = 120.0) -> "Store":
 class Store:
     """A study in a SQLite file or a PostgreSQL database.
 
-    Opening looks but does not touch; `begin` makes the tables where there are none.
+    Opening looks but does not touch; `begin` makes the tables where there are none. One that is
+    damaged, another kind of database or of another schema is refused with a `FileError`.
 
     Parameters
     ----------
-    where : path or URL
-    patience : float, s
-    owner : name of this process among the claims; None takes one that no other has
-
-    Raises
-    ------
-    FileError
-        If it is damaged, another kind of database, or of another schema.
+    where : path of a SQLite file, or a URL such as postgresql://user@host/name
+    patience : s, for which a database that does not answer is tried again
     """
 
-    def __init__(
-        self, where: str | Path, *, patience: float = 120.0, owner: str | None = None
-    ) -> None:
+    def __init__(self, where: str | Path, *, patience: float = 120.0) -> None:
         self._database = Database(where, patience)
         self.name = self._database.name
-        self.owner = owner or f"{socket.gethostname()} {os.getpid()} {uuid.uuid4().hex[:12]}"
+        # of this process among the claims
+        self.owner = f"{socket.gethostname()} {os.getpid()} {uuid.uuid4().hex[:12]}"
         self._database.check_whole()
         self.begun = self._database.exists and self._database.read(self._look, patient=False)
 
@@ -133,12 +129,9 @@ class Store:
         """Let go of the database."""
         self._database.close()
 
-    # --- the study -----------------------------------------------------------------------------
-
     def settings(self) -> dict[str, Any]:
         """Give what all runs share, see `ematwin.benchmarking.plan.Plan.settings`."""
-        found: dict[str, Any] = json.loads(self._database.read(self._said)["settings"])
-        return found
+        return json.loads(self._database.read(self._said)["settings"])
 
     def check(self, settings: Mapping[str, Any]) -> None:
         """Raise `FileError` if this cannot be the store of a study with these settings."""
@@ -147,18 +140,27 @@ class Store:
             _check_same(self.settings(), settings, self.name)
 
     def begin(self, settings: Mapping[str, Any]) -> None:
-        """Make the tables, or check that the study in them is this one.
-
-        Raises
-        ------
-        FileError
-            If the store holds another study, or cannot be written.
-        """
+        """Make the tables, or check that the study in them is this one."""
         self.check(settings)
-        self._database.write(lambda connection: self._begin(connection, settings))
+        self._begin(settings)
         self.begun = True
 
-    # --- runs ----------------------------------------------------------------------------------
+    @_writes
+    def _begin(self, connection: Connection, settings: Mapping[str, Any]) -> None:
+        if self._database.is_server:
+            connection.exec_driver_sql("SELECT pg_advisory_xact_lock(1701667188)")
+        if self._look(connection):
+            _check_same(json.loads(self._said(connection)["settings"]), settings, self.name)
+            return
+        metadata.create_all(connection)
+        said = {
+            "format": FORMAT,
+            "schema": str(SCHEMA),
+            "settings": json.dumps(settings, sort_keys=True),
+        }
+        said["checksum"] = _study_checksum(said)
+        pairs = [{"key": key, "value": value} for key, value in said.items()]
+        connection.execute(_study.insert(), pairs)
 
     def statuses(self) -> dict[str, str]:
         """Give ids of the finished runs and how they ended; histories stay where they are."""
@@ -168,13 +170,7 @@ class Store:
         )
 
     def runs(self) -> Iterator[StoredRun]:
-        """Yield all finished runs, by id.
-
-        Raises
-        ------
-        FileError
-            If a run is not as it was written; the message names it.
-        """
+        """Yield all finished runs, by id; one that is not as it was written is refused by name."""
         settings = self.settings()
         shared = {name: settings[name] for name in SHARED}
         # by pages: between them others may write
@@ -191,45 +187,59 @@ class Store:
             yield from page
             last = page[-1].spec.id if page else "none"
 
-    def save(self, finished: Sequence[StoredRun]) -> int:
+    @_writes
+    def save(self, connection: Connection, finished: Sequence[StoredRun]) -> int:
         """Keep runs and give up their claims; a run that is done already stays as it was.
 
-        Returns
-        -------
-        int, how many were new, or took the place of one that had not been done
+        Gives how many were new, or took the place of one that had not been done.
         """
         if not finished:
             return 0
-        return self._database.write(lambda connection: self._save(connection, finished))
+        query = self._insert(_runs)
+        query = query.on_conflict_do_update(
+            index_elements=["id"],
+            set_={column.name: query.excluded[column.name] for column in _runs.c},
+            where=_runs.c.status != "done",
+        ).returning(_runs.c.id)
+        kept = connection.execute(query, [_row_of(one) for one in finished]).all()
+        ours = _claims.c.id.in_([one.spec.id for one in finished]), _claims.c.owner == self.owner
+        connection.execute(delete(_claims).where(*ours))
+        return len(kept)
 
-    # --- claims --------------------------------------------------------------------------------
+    @_writes
+    def claim(self, connection: Connection, ids: Sequence[str], retry: bool = False) -> set[str]:
+        """Claim runs for this process; ``retry``: also those that ended otherwise than done.
 
-    def claim(self, ids: Sequence[str], retry: bool = False) -> set[str]:
-        """Claim runs for this process.
-
-        Parameters
-        ----------
-        ids : of the wanted runs
-        retry : also those that ended otherwise than done
-
-        Returns
-        -------
-        set of str, those that are ours now; neither finished, nor claimed by another process
+        Gives those that are ours now: neither finished, nor claimed by another process.
         """
-        return self._database.write(lambda connection: self._claim(connection, ids, retry))
+        held, now = _claims.c, time.time()
+        query = self._insert(_claims)
+        query = query.on_conflict_do_update(
+            index_elements=["id"],
+            set_={"owner": query.excluded.owner, "until": query.excluded.until},
+            # a claim of far in the future was made by a clock that is wrong
+            where=or_(held.owner == self.owner, held.until < now, held.until > now + 2.0 * LEASE),
+        ).returning(held.id)
+        asked = [{"id": id, "owner": self.owner, "until": now + LEASE} for id in ids]
+        won = set(connection.execute(query, asked).scalars())
+        # asked after the claims stand: a run may have been saved meanwhile
+        finished = select(_runs.c.id).where(_runs.c.id.in_(ids))
+        if retry:
+            finished = finished.where(_runs.c.status == "done")
+        done = set(connection.execute(finished).scalars())
+        connection.execute(delete(_claims).where(held.id.in_(done), held.owner == self.owner))
+        return won - done
 
-    def renew(self) -> None:
+    @_writes
+    def renew(self, connection: Connection) -> None:
         """Make the claims of this process hold for another while."""
         query = update(_claims).where(_claims.c.owner == self.owner)
-        query = query.values(until=time.time() + LEASE)
-        self._database.write(lambda connection: connection.execute(query))
+        connection.execute(query.values(until=time.time() + LEASE))
 
-    def release(self) -> None:
+    @_writes
+    def release(self, connection: Connection) -> None:
         """Give up all claims of this process."""
-        query = delete(_claims).where(_claims.c.owner == self.owner)
-        self._database.write(lambda connection: connection.execute(query))
-
-    # --- within transactions -------------------------------------------------------------------
+        connection.execute(delete(_claims).where(_claims.c.owner == self.owner))
 
     def _look(self, connection: Connection) -> bool:
         """Whether a study has been begun here; raise unless it is ours to read."""
@@ -259,67 +269,16 @@ class Store:
             raise DamagedError("the row of the study's settings differs from its checksum")
         return found
 
-    def _begin(self, connection: Connection, settings: Mapping[str, Any]) -> None:
-        if self._database.is_server:
-            connection.exec_driver_sql(f"SELECT pg_advisory_xact_lock({_LOCK})")
-        if self._look(connection):
-            _check_same(json.loads(self._said(connection)["settings"]), settings, self.name)
-            return
-        metadata.create_all(connection)
-        said = {
-            "format": FORMAT,
-            "schema": str(SCHEMA),
-            "settings": json.dumps(settings, sort_keys=True),
-        }
-        said["checksum"] = _study_checksum(said)
-        pairs = [{"key": key, "value": value} for key, value in said.items()]
-        connection.execute(_study.insert(), pairs)
-
-    def _save(self, connection: Connection, finished: Sequence[StoredRun]) -> int:
-        query = self._insert(_runs)
-        query = query.on_conflict_do_update(
-            index_elements=["id"],
-            set_={column.name: query.excluded[column.name] for column in _runs.c},
-            where=_runs.c.status != "done",
-        ).returning(_runs.c.id)
-        kept = connection.execute(query, [_row_of(one) for one in finished]).all()
-        ours = _claims.c.id.in_([one.spec.id for one in finished]), _claims.c.owner == self.owner
-        connection.execute(delete(_claims).where(*ours))
-        return len(kept)
-
-    def _claim(self, connection: Connection, ids: Sequence[str], retry: bool) -> set[str]:
-        held, now = _claims.c, time.time()
-        query = self._insert(_claims)
-        query = query.on_conflict_do_update(
-            index_elements=["id"],
-            set_={"owner": query.excluded.owner, "until": query.excluded.until},
-            # a claim of far in the future was made by a clock that is wrong
-            where=or_(held.owner == self.owner, held.until < now, held.until > now + 2.0 * LEASE),
-        ).returning(held.id)
-        asked = [{"id": id, "owner": self.owner, "until": now + LEASE} for id in ids]
-        won = set(connection.execute(query, asked).scalars())
-        # asked after the claims stand: a run may have been saved meanwhile
-        finished = select(_runs.c.id).where(_runs.c.id.in_(ids))
-        if retry:
-            finished = finished.where(_runs.c.status == "done")
-        done = set(connection.execute(finished).scalars())
-        connection.execute(delete(_claims).where(held.id.in_(done), held.owner == self.owner))
-        return won - done
-
     def _insert(self, table: Table) -> Any:
         return (postgresql if self._database.is_server else sqlite).insert(table)
 
 
 def _row_of(one: StoredRun) -> dict[str, Any]:
     """Make the row of a run, with its checksum."""
-    spec, result = vars(one.spec), vars(one.result)
-    body = {
-        "inputs": {name: spec[name] for name in RunSpec.__match_args__ if name not in SHARED},
-        "outcome": {
-            name: result[name] for name in RunResult.__match_args__ if name not in _OWN_COLUMNS
-        },
-    }
-    values = one.spec.id, one.result.status, json.dumps(body), one.result.history
+    spec = {name: getattr(one.spec, name) for name in RunSpec.__match_args__ if name not in SHARED}
+    outcome = vars(one.result).copy()
+    id, status, history = (outcome.pop(name) for name in ("id", "status", "history"))
+    values = id, status, json.dumps({"inputs": spec, "outcome": outcome}), history
     return dict(zip(_runs.c.keys(), (*values, _checksum(*values)), strict=True))
 
 

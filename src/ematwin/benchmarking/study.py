@@ -19,24 +19,15 @@ from ematwin.errors import EmatwinError
 
 @dataclass
 class Tally:
-    """Progress of a study.
+    """Progress of a study."""
 
-    Attributes
-    ----------
-    planned : int, runs of the plan
-    found : int, of those, in the store before
-    finished : int, by this process
-    elsewhere : int, by other processes meanwhile
-    counts : statuses and how many of the plan's runs ended so
-    seconds : float, since the start
-    """
-
-    planned: int
-    found: int = 0
-    finished: int = 0
-    elsewhere: int = 0
+    planned: int  # runs of the plan
+    found: int = 0  # of those, in the store before
+    finished: int = 0  # by this process
+    elsewhere: int = 0  # by other processes meanwhile
+    # statuses and how many of the plan's runs ended so
     counts: dict[str, int] = field(default_factory=dict)
-    seconds: float = 0.0
+    seconds: float = 0.0  # since the start
 
     @property
     def complete(self) -> int:
@@ -55,26 +46,11 @@ def run_study(
     retry_failed: bool = False,
     progress: Progress | None = None,
 ) -> Tally:
-    """Do all runs of a plan that its store does not hold.
+    """Do all runs of a plan that its store, new or of the same study, does not hold.
 
-    Parameters
-    ----------
-    plan : Plan
-    store : Store, new, or of the same study
-    engine : Engine, not started
-    retry_failed : also do again what ended otherwise than done
-    progress : called after each change
-
-    Returns
-    -------
-    Tally
-
-    Raises
-    ------
-    FileError
-        If the store holds another study, or cannot be written.
-    EngineError
-        If the engine cannot be reached or was lost; finished runs are in the store.
+    ``engine`` is not started; ``retry_failed``: also do again what ended otherwise than done;
+    ``progress`` is called after each change. Where the engine is lost (`EngineError`), finished
+    runs are in the store.
     """
     settings = plan.settings()
     store.check(settings)

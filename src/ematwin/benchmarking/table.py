@@ -38,28 +38,21 @@ def check_extra() -> None:
 
 @dataclass(frozen=True)
 class RunTable:
-    """Runs of a study.
+    """Runs of a study."""
 
-    Attributes
-    ----------
-    subject : the actuator and its d searched unknowns
-    cases, algorithms : names; first those that the kind and ``ematwin algorithms`` know, in
-        their order
-    frame : DataFrame, a row for each run, ordered by case, algorithm and repetition: id, case,
-        algorithm, run, seeds, budget, status, err and other numbers (NaN unless done), stopped,
-        injected_ and found_ of each unknown
-    histories : evaluations and best cost of each row, thinned; both empty if it kept none
-    settings : of the study, in words
-    provenance : how many runs have which value, by name
-    """
-
-    subject: Subject
+    subject: Subject  # the actuator and its d searched unknowns
+    # cases, algorithms: names; first those that the kind and ``ematwin algorithms`` know, in
+    # their order
     cases: list[str]
     algorithms: list[str]
+    # DataFrame, a row for each run, ordered by case, algorithm and repetition: id, case,
+    # algorithm, run, seeds, budget, status, err and other numbers (NaN unless done), stopped,
+    # injected_ and found_ of each unknown
     frame: Any
+    # evaluations and best cost of each row, thinned; both empty if it kept none
     histories: list[History]
-    settings: dict[str, str]
-    provenance: dict[str, Counter[str]]
+    settings: dict[str, str]  # of the study, in words
+    provenance: dict[str, Counter[str]]  # how many runs have which value, by name
 
     def __len__(self) -> int:
         return len(self.frame)
@@ -78,13 +71,7 @@ class RunTable:
 
 
 def collect(runs: Iterable[StoredRun]) -> RunTable:
-    """Gather runs, in any order, into a table.
-
-    Raises
-    ------
-    InputError
-        If there is no run, or they are of different studies.
-    """
+    """Gather runs of one study, in any order, into a table."""
     first: RunSpec | None = None
     rows: list[dict[str, Any]] = []
     histories: list[History] = []

@@ -56,10 +56,10 @@ def compare(
     json: bool = options.JSON,
 ) -> None:
     """Compare search algorithms over fault cases; continue where an earlier call stopped."""
-    from ematwin.benchmarking.cases import cases_of
     from ematwin.benchmarking.plan import Plan
     from ematwin.benchmarking.store import Store
     from ematwin.benchmarking.study import run_study
+    from ematwin.benchmarking.subject import cases_of
 
     chosen = ematwin.load_actuator(actuator)
     plan = Plan(

@@ -56,7 +56,7 @@ def watch(
     Each recording is judged once, and its estimate is kept in the folder of the fleet. Ctrl-C
     or a crash loses nothing: the same command goes on.
     """
-    from ematwin.fleet.paths import Hashes, Paths
+    from ematwin.fleet.paths import Paths
 
     check_step(fail_on)
     if every is not None and not every > 0.0:
@@ -66,12 +66,12 @@ def watch(
     if column or map_file:
         columns = map_of(column, map_file, ematwin.load_actuator(actuator))
     Paths(recordings, serial_number)  # refuses what is not there before a fleet is made
-    known, hashes = ematwin.Fleet(fleet), Hashes()
+    known = ematwin.Fleet(fleet)
     while True:
         with options.progress_bar("Judging", not json) as progress:
             found = known.watch(
                 recordings, actuator=actuator, columns=columns, progress=progress,
-                pattern=serial_number, scheduler=scheduler, hashes=hashes,
+                pattern=serial_number, scheduler=scheduler,
             )  # fmt: skip
         if table is not None and len(known):
             known.export(table, "advisory")

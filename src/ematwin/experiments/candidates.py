@@ -35,20 +35,12 @@ Progress = Callable[[int, float, int], object]
 
 @dataclass
 class Ranking:
-    """Commands within limits, the best first.
+    """Commands within limits, the best first."""
 
-    Attributes
-    ----------
-    costs, commands : of those that are worth recording
-    evaluations : how many were looked at
-    stopped : why it ended: "complete", "budget", "time" or "interrupted"
-    nearest : demands of the command next to the limits, of those beyond them
-    """
-
-    costs: list[float] = field(default_factory=list)
-    commands: list[Scenario] = field(default_factory=list)
-    evaluations: int = 0
-    stopped: str = "complete"
+    commands: list[Scenario] = field(default_factory=list)  # that are worth recording
+    evaluations: int = 0  # how many were looked at
+    stopped: str = "complete"  # why it ended: "complete", "budget", "time" or "interrupted"
+    # demands of the command next to the limits, of those beyond them
     nearest: RefusedError | None = None
 
     def refusal(self, actuator: str, asked: Mapping[str, float]) -> InputError:
@@ -118,18 +110,14 @@ def ranked(
                     )
         except KeyboardInterrupt:
             interrupts.pressed, found.stopped = False, "interrupted"
-    found.costs, found.commands = [cost for cost, _ in seen], [commands[n] for _, n in seen]
+    found.commands = [commands[n] for _, n in seen]
     return found
 
 
 def candidates(model: Model, given: Scenario, limits: Mapping[str, float]) -> Iterator[Scenario]:
     """Yield test commands in the duration of a given one.
 
-    Parameters
-    ----------
-    model : of the kind
-    given : Scenario
-    limits : largest demands by name, SI; the command's limit bounds sizes, "load" the load
+    ``limits`` are largest demands by name, SI: that of the command bounds sizes, "load" the load.
     """
     duration, unit = given.duration, model.channel(model.command).unit
     size = next(

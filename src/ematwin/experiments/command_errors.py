@@ -34,32 +34,23 @@ Faults = Mapping[str, float]
 
 @dataclass(frozen=True)
 class CommandErrors:
-    """Errors of a command.
-
-    Attributes
-    ----------
-    scenario : Scenario
-    errors : expected standard error of each magnitude, by name; infinite where ``obstacle`` says
-        why nothing is known
-    ranges : of the magnitudes, by name
-    demands : its demands on a healthy actuator, by name, SI
-    faulty : the most that it demanded of one with faults
-    obstacle : why no verdict would be given on such a recording, or ""
-    told : Identifiability, at faults that are only just ones; None where it was not asked for
-    observed : root mean square of the errors that `identify` made on ``checks`` simulated
-        recordings, by name; empty if none were made
-    checks : how many
-    """
+    """Errors of a command."""
 
     scenario: Scenario
+    # expected standard error of each magnitude, by name; infinite where ``obstacle`` says why
+    # nothing is known
     errors: dict[str, float]
-    ranges: dict[str, float]
-    demands: dict[str, float]
+    ranges: dict[str, float]  # of the magnitudes, by name
+    demands: dict[str, float]  # its demands on a healthy actuator, by name, SI
+    # the most that it demanded of one with faults
     faulty: dict[str, float] = field(default_factory=dict)
-    obstacle: str = ""
+    obstacle: str = ""  # why no verdict would be given on such a recording, or ""
+    # at faults that are only just ones; None where it was not asked for
     told: Identifiability | None = None
+    # root mean square of the errors that `identify` made on ``checks`` simulated recordings, by
+    # name; empty if none were made
     observed: dict[str, float] = field(default_factory=dict)
-    checks: int = 0
+    checks: int = 0  # how many
 
     @classmethod
     def none(
@@ -95,7 +86,7 @@ class CommandErrors:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values; infinite ones are null."""
-        found: dict[str, Any] = plain({
+        return plain({
             "scenario": self.scenario,
             "errors": self.errors,
             "weakest": self.weakest,
@@ -105,7 +96,6 @@ class CommandErrors:
             "observed": self.observed or None,
             "checks": self.checks,
         })  # fmt: skip
-        return found
 
 
 def fault_vectors(
@@ -148,22 +138,15 @@ def expected_errors(
     fault: str | None = None,
     enough: float = math.inf,
 ) -> CommandErrors:
-    """Expected errors of a command.
+    """Expected errors of a command; raises `UNANSWERED` where it would get no verdict.
 
     Parameters
     ----------
-    experiment : with the prior of the actuator
-    scenario : the command
     vectors : of the faults; slopes are taken at each
     demands : of the command on a healthy actuator, by name, SI
     fast : simulate with the fast model alone, for the many commands of a search
     fault, enough : the error of that fault, or the largest, as a share of the range, above which
         the command is worse than another: further vectors only add to it
-
-    Raises
-    ------
-    DivergedError, ParameterError, RecordError
-        If it cannot be simulated with a fault, or would get no verdict.
     """
     ranges = {one.name: one.width for one in experiment.magnitudes}
     threads = experiment.threads or cores()
@@ -227,12 +210,11 @@ def identified_errors(
 
     Parameters
     ----------
-    experiment : the actuator, its uncertainty, noise and sample rate
     scenarios : the commands, (C,); each actuator answers all of them
     recordings : N of each, every one of another actuator
     seed : of faults, parameters and noise
-    step : float, s, of the model that is recorded; None takes the actuator's
-    seconds : float, s, after which no further recording is begun
+    step : s, of the model that is recorded; None takes the actuator's
+    seconds : after which no further recording is begun
     progress : called with the share done
 
     Returns

@@ -38,7 +38,7 @@ from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Scenario
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
-from ematwin.showing.results import drawn
+from ematwin.showing.results import drawn, plain
 
 DRAWS = 6
 CLEARLY = 1.1  # ratio of errors, expected and of `identify`, from which another command is chosen
@@ -188,23 +188,14 @@ class Design:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values."""
-        return {
-            "actuator": self.actuator.name,
-            "fault": self.fault,
-            "sentence": self.sentence,
-            "gain": self.gain if math.isfinite(self.gain) else None,
-            "observed_gain": self.observed_gain,
-            "limits": self.limits,
-            "held": list(self.held),
-            "fault_vectors": self.draws,
-            "left_out": self.left_out,
-            "promised": self.promised.as_dict(),
-            "default": self.default.as_dict(),
-            "evaluations": self.evaluations,
-            "seconds": self.seconds,
-            "stopped": self.stopped,
+        return plain({
+            "actuator": self.actuator.name, "fault": self.fault, "sentence": self.sentence,
+            "gain": self.gain, "observed_gain": self.observed_gain, "limits": self.limits,
+            "held": self.held, "fault_vectors": self.draws, "left_out": self.left_out,
+            "promised": self.promised.as_dict(), "default": self.default.as_dict(),
+            "evaluations": self.evaluations, "seconds": self.seconds, "stopped": self.stopped,
             "seed": self.seed,
-        }
+        })  # fmt: skip
 
 
 def design(

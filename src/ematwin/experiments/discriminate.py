@@ -36,8 +36,7 @@ from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 from ematwin.showing.results import plain
 
-_ITERATIONS = 4  # of the fit of an explanation to the other: they start near
-_WHOLE = 16  # of a fit that is followed to its end
+_NEAR, _WHOLE = 4, 16  # iterations of a fit: they start near; of one that is followed to its end
 
 Explanation = Mapping[str, float]
 """Values by name: faults, load and sensors, parameters by place; what is not named is healthy."""
@@ -99,14 +98,10 @@ class Discrimination:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values."""
-        told = {
-            "actuator": self.actuator.name,
-            "sentence": self.sentence,
-            "told": self.told,
-            "default": self.default.name,
-        }
-        found: dict[str, Any] = plain({**vars(self), **told})
-        return found
+        return plain({
+            **vars(self), "actuator": self.actuator.name, "default": self.default.name,
+            "sentence": self.sentence, "told": self.told,
+        })  # fmt: skip
 
 
 def discriminate(
@@ -153,7 +148,7 @@ def discriminate(
     before = experiment.record(given, fast=True)
     within = experiment.model.demanded(before) | limits
     ranking = ranked(
-        experiment, given, within, lambda _, healthy, __: -pair.distance(healthy, _ITERATIONS),
+        experiment, given, within, lambda _, healthy, __: -pair.distance(healthy, _NEAR),
         budget=budget, seed=seed,
         progress=lambda n, cost, total: progress and progress(n, -cost, total),
     )  # fmt: skip
@@ -204,7 +199,7 @@ class Pair:
                 "The two explanations are one and the same; give values in which they differ."
             )
 
-    def distance(self, recording: Recording, iterations: int = _ITERATIONS) -> float:
+    def distance(self, recording: Recording, iterations: int = _NEAR) -> float:
         """Standard deviations between the two, each fitted to the other; the smaller counts.
 
         The recording of a healthy actuator weighs the residuals.
@@ -221,13 +216,9 @@ class Pair:
         )
 
     def _distance(
-        self,
-        comparison: Comparison,
-        truth: Explanation,
-        other: Explanation,
-        own: Collection[str],
+        self, comparison: Comparison, truth: Explanation, other: Explanation, own: Collection[str],
         iterations: int,
-    ) -> float:
+    ) -> float:  # fmt: skip
         """Standard deviations from ``truth`` to the best fit of ``other``, with ``own`` free."""
         model, actuator = self.experiment.model, self.experiment.actuator
         named = [replace(self._named[name], spread=None) for name in sorted(own)]

@@ -53,17 +53,12 @@ BEYOND = "The command is beyond its limits."
 
 
 class RefusedError(RecordError):
-    """A command exceeds a limit on the healthy actuator, or moves it too little for a verdict.
-
-    Attributes
-    ----------
-    demands : of the motion, by name, SI
-    excess : shares by which they exceed their limits, added up
-    """
+    """A command exceeds a limit on the healthy actuator, or moves it too little for a verdict."""
 
     def __init__(self, why: str, demands: dict[str, float], excess: float = 0.0) -> None:
         super().__init__(why)
-        self.demands, self.excess = demands, excess
+        self.demands = demands  # of the motion, by name, SI
+        self.excess = excess  # shares by which they exceed their limits, added up
 
 
 UNANSWERED = (DivergedError, ParameterError, RecordError)
@@ -72,15 +67,10 @@ UNANSWERED = (DivergedError, ParameterError, RecordError)
 
 @dataclass(frozen=True)
 class Expected:
-    """Expected posterior at the true values of a simulated recording.
-
-    Attributes
-    ----------
-    peak : Laplace
-    model_error : (d, d) array, covariance from the model error elsewhere within the width
-    """
+    """Expected posterior at the true values of a simulated recording."""
 
     peak: Laplace
+    # (d, d) array, covariance from the model error elsewhere within the width
     model_error: np.ndarray | float = 0.0
 
     @property
@@ -124,25 +114,15 @@ class Expected:
 
 @dataclass(frozen=True)
 class Experiment:
-    """Actuator, prior knowledge of it, and settings of the recording.
+    """Actuator, prior knowledge of it, and settings of the recording."""
 
-    Attributes
-    ----------
-    model, actuator : of the twin
-    baseline : prior knowledge of the actuator
-    noise : of the sensors; None for that which the kind simulates by itself
-    sample_rate : float, Hz; None takes the kind's
-    seed : of the noise
-    threads : that share a batch; None takes one for each core
-    """
-
-    model: Model
+    model: Model  # of the twin, as the actuator
     actuator: ParameterSet
-    baseline: Baseline
-    noise: Noise | None = None
-    sample_rate: float | None = None
-    seed: int = 1
-    threads: int | None = None
+    baseline: Baseline  # prior knowledge of the actuator
+    noise: Noise | None = None  # of the sensors; None for that which the kind simulates by itself
+    sample_rate: float | None = None  # Hz; None takes the kind's
+    seed: int = 1  # of the noise
+    threads: int | None = None  # that share a batch; None takes one for each core
 
     @classmethod
     def of(cls, actuator: Any, *, exact: bool = False, **settings: Any) -> "Experiment":
@@ -167,13 +147,7 @@ class Experiment:
             )
 
     def started(self, scenario: Any, duration: float | None) -> Scenario:
-        """The command to begin from, in the duration that is asked for.
-
-        Raises
-        ------
-        InputError
-            If it cannot be used, or the duration is none.
-        """
+        """The command to begin from, checked, in the duration (s) that is asked for."""
         given = self.model.load_scenario(scenario)
         if duration is not None:
             if not (math.isfinite(duration) and duration > 0.0):
@@ -197,12 +171,7 @@ class Experiment:
     ) -> Recording:
         """Recording of the healthy actuator under a command that is worth recording.
 
-        Raises
-        ------
-        RefusedError
-            If it exceeds a limit, or moves too little for a verdict.
-        DivergedError, ParameterError, RecordError
-            If it cannot be simulated.
+        Raises `RefusedError` or another one of `UNANSWERED` under one that is not.
         """
         self.model.check_scenario(scenario, self.actuator)
         recording = self.record(scenario, fast=fast)
@@ -236,13 +205,7 @@ class Experiment:
 
     @cached_property
     def parameters(self) -> tuple[Unknown, ...]:
-        """Parameters that a calibration fits, with the spreads of their tolerances.
-
-        Raises
-        ------
-        InputError
-            If nothing of the actuator is uncertain.
-        """
+        """Parameters that a calibration fits, with the spreads of their tolerances."""
         tolerated = {one.name: one for one in uncertain(self.model, self.actuator)}
         fitted = tolerated if frees_parameters(self.model) else self.model.nominal
         names = [n for n in self.baseline.prior.names if n in fitted and n in tolerated]
@@ -285,13 +248,7 @@ class Experiment:
         return width_at(problem, point, aliases=aliases, least_noise=least_noise)
 
     def limits(self, given: Mapping[str, float]) -> dict[str, float]:
-        """Given limits, as numbers.
-
-        Raises
-        ------
-        InputError
-            If a name or a value cannot be used.
-        """
+        """Given limits, checked, as numbers."""
         known = [one.name for one in self.model.limited]
         for name, value in given.items():
             if name not in known:

@@ -42,19 +42,13 @@ def numbered(path: str | Path, count: int) -> list[Path]:
 
 @dataclass(frozen=True)
 class HealthyTest:
-    """A healthy test and the errors expected after it.
+    """A healthy test and the errors expected after it."""
 
-    Attributes
-    ----------
-    scenario : the command, with a description
-    errors : expected standard error of the logarithm of each parameter after this test and those
-        before it, by place
-    demands : of the motion, by name, SI
-    """
-
-    scenario: Scenario
+    scenario: Scenario  # the command, with a description
+    # expected standard error of the logarithm of each parameter after this test and those
+    # before it, by place
     errors: dict[str, float]
-    demands: dict[str, float]
+    demands: dict[str, float]  # of the motion, by name, SI
 
 
 @dataclass(frozen=True)
@@ -181,13 +175,10 @@ class HealthyTests:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values."""
-        told = {
-            "actuator": self.actuator.name,
-            "sentence": self.sentence,
-            "open": self.open_after(self.after),
-        }
-        found: dict[str, Any] = plain({**vars(self), **told, "given": self.given.name})
-        return found
+        told = {"actuator": self.actuator.name, "given": self.given.name}
+        return plain({
+            **vars(self), **told, "sentence": self.sentence, "open": self.open_after(self.after)
+        })  # fmt: skip
 
 
 def healthy_tests(
@@ -290,19 +281,14 @@ class _Usable(NamedTuple):
 
 
 class _Known:
-    """The d parameters as they are known; (d, d) matrices of their logarithms.
-
-    Attributes
-    ----------
-    tolerances : standard deviation of each by its tolerance, by place
-    precision : inverse covariance of the prior
-    """
+    """The d parameters as they are known; (d, d) matrices of their logarithms."""
 
     def __init__(self, experiment: Experiment) -> None:
         prior = experiment.baseline.prior.of(one.name for one in experiment.parameters)
+        # standard deviation of each by its tolerance, by place
         self.tolerances = {one.name: one.spread or 0.0 for one in experiment.parameters}
         self._root = np.linalg.cholesky(prior.covariance)
-        self.precision = np.linalg.inv(prior.covariance)
+        self.precision = np.linalg.inv(prior.covariance)  # of the prior
 
     def information(self, expected: Expected) -> np.ndarray:
         """Information of a recording.

@@ -26,36 +26,27 @@ FALSE_ALARM, MISS = 1.0 - NormalDist().cdf(SIGMAS), 0.1
 HEADINGS = (
     "fault", "standard error", "all else known", "smallest found", "that is", "",
 )  # fmt: skip
-_PARTNER = 0.5  # correlation from which another is named
 
 
 @dataclass(frozen=True)
 class FaultIdentifiability:
-    """Identifiability of one fault.
-
-    Attributes
-    ----------
-    name, meaning : of the fault
-    value, range : where slopes were taken, and upper less lower bound
-    error : standard error, with parameters, load and sensors as uncertain as they are
-    sharp_error : standard error if all of them were known exactly
-    smallest : float, least deviation from healthy that is found with the rates that were asked for;
-        infinite if none within the range is
-    physical : the value that deviates so much, in physical units; None if there is none
-    how : "pinned"; "traded" (others widen its error `TRADED` times or more); "open" (it may be
-        anything); "dead" (it hardly shows, even if all else is known)
-    partners : what widens it, with the correlation, the strongest first
-    """
+    """Identifiability of one fault."""
 
     name: str
     meaning: str
-    value: float
+    value: float  # value, range: where slopes were taken, and upper less lower bound
     range: float
-    error: float
-    sharp_error: float
+    error: float  # standard error, with parameters, load and sensors as uncertain as they are
+    sharp_error: float  # standard error if all of them were known exactly
+    # least deviation from healthy that is found with the rates that were asked for; infinite if
+    # none within the range is
     smallest: float
+    # the value that deviates so much, in physical units; None if there is none
     physical: PhysicalValue | None
+    # "pinned"; "traded" (others widen its error `TRADED` times or more); "open" (it may be
+    # anything); "dead" (it hardly shows, even if all else is known)
     how: str
+    # what widens it, with the correlation, the strongest first
     partners: tuple[tuple[str, float], ...]
 
     @property
@@ -91,13 +82,12 @@ class FaultIdentifiability:
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values; infinite ones are null."""
         shown = self.physical
-        found: dict[str, Any] = plain({
+        return plain({
             "name": self.name, "meaning": self.meaning, "value": self.value, "error": self.error,
             "sharp_error": self.sharp_error, "smallest": self.smallest,
             "smallest_physical": shown and {"value": shown.value, "unit": shown.unit},
             "how": self.how, "sentence": self.sentence, "partners": dict(self.partners),
         })  # fmt: skip
-        return found
 
 
 @dataclass(frozen=True)
@@ -179,21 +169,12 @@ class Identifiability:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values; infinite ones are null."""
-        return {
-            "scenario": self.scenario.name,
-            "duration": self.scenario.duration,
-            "actuator": self.actuator.name,
-            "faults": self.faults,
-            "noise": self.noise,
-            "obstacles": list(self.obstacles),
-            "false_alarm": self.false_alarm,
-            "miss": self.miss,
-            "weakest": self.weakest.name,
+        told = {
+            "scenario": self.scenario.name, "duration": self.scenario.duration,
+            "actuator": self.actuator.name, "weakest": self.weakest.name,
             "told": [one.as_dict() for one in self.told],
-            "contrasts": self.contrasts,
-            "names": list(self.names),
-            "correlation": self.correlation.tolist(),
-        }
+        }  # fmt: skip
+        return plain({**vars(self), **told})
 
 
 def identifiability(
@@ -253,8 +234,7 @@ def identifiability(
         faults={one.name: values[one.name] for one in problem.unknowns if one.role == "fault"},
         told=tuple(
             _identifiability(chosen, one, values[one.name], expected, needed)
-            for one in problem.unknowns
-            if one.role == "fault" and one.direction_of is None
+            for one in experiment.magnitudes
         ),
         contrasts={
             one.name: expected.error_of(one.weights)
@@ -317,6 +297,6 @@ def _partners(expected: Expected, name: str) -> tuple[tuple[str, float], ...]:
     problem = expected.problem
     n = problem.names.index(name)
     row = expected.correlation[n]
-    along = [k for k in range(len(row)) if k != n and abs(row[k]) >= _PARTNER]
+    along = [k for k in range(len(row)) if k != n and abs(row[k]) >= 0.5]
     along.sort(key=lambda k: (problem.unknowns[k].role == "fault", -abs(row[k])))
     return tuple((problem.chart.names[k], float(row[k])) for k in along[:PARTNERS])

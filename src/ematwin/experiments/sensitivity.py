@@ -16,7 +16,7 @@ mean((f(A) - f(AB_i))^2)/2 with all interactions.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -78,8 +78,7 @@ class Sensitivity:
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values."""
         left_out = ("scenario", "actuator", "captions")
-        found: dict[str, Any] = plain({n: x for n, x in vars(self).items() if n not in left_out})
-        return found
+        return plain({n: x for n, x in vars(self).items() if n not in left_out})
 
 
 def sensitivity(
@@ -116,9 +115,8 @@ def sensitivity(
     chosen = experiment.actuator
     asked = experiment.model.load_scenario(scenario)
     full = experiment.problem(experiment.record(asked))
-    unknowns = [_drawn_from(full, one) for one in full.unknowns]
-    bounds = np.array([_ends(one) for one in unknowns])
-    points = sampled(bounds, samples, seed)
+    unknowns = full.unknowns
+    points = sampled(np.array([_range(full, one) for one in unknowns]), samples, seed)
     logarithmic = np.array([one.logarithmic for one in unknowns])
     points[..., logarithmic] = np.exp(points[..., logarithmic])
     rng = np.random.default_rng(seed)
@@ -181,24 +179,16 @@ def indices(answers: np.ndarray) -> np.ndarray:
     return np.asarray([first / variance, total / variance])
 
 
-def _drawn_from(full: Problem, one: Unknown) -> Unknown:
-    """The unknown with the range from which it is drawn."""
-    names = full.prior.names
-    if one.name not in names and one.direction_of is not None:
-        return one
-    if one.name not in names:
-        low = one.healthy - SEVEREST * (one.healthy - one.lower)
-        return replace(one, lower=low, upper=one.healthy + SEVEREST * (one.upper - one.healthy))
-    n = names.index(one.name)
-    mean, reach = full.prior.mean[n], TWO_SIGMA * math.sqrt(full.prior.covariance[n, n])
-    low, high = mean - reach, mean + reach
-    if one.logarithmic:
-        low, high = math.exp(low), math.exp(high)
-    low, high = max(low, one.lower), min(high, one.upper)
-    return replace(one, lower=low, upper=high, healthy=min(max(one.healthy, low), high))
-
-
-def _ends(one: Unknown) -> list[float]:
-    if one.logarithmic:
-        return [math.log(one.lower), math.log(one.upper)]
-    return [one.lower, one.upper]
+def _range(full: Problem, one: Unknown) -> tuple[float, float]:
+    """Bounds between which an unknown is drawn; of its logarithm, if that has the prior."""
+    low, high = one.lower, one.upper
+    if one.name in full.prior.names:
+        n = full.prior.names.index(one.name)
+        mean, reach = full.prior.mean[n], TWO_SIGMA * math.sqrt(full.prior.covariance[n, n])
+        ends = (mean - reach, mean + reach)
+        ends = (math.exp(ends[0]), math.exp(ends[1])) if one.logarithmic else ends
+        low, high = max(ends[0], low), min(ends[1], high)
+    elif one.direction_of is None:
+        low = one.healthy - SEVEREST * (one.healthy - low)
+        high = one.healthy + SEVEREST * (high - one.healthy)
+    return (math.log(low), math.log(high)) if one.logarithmic else (low, high)

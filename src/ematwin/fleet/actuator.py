@@ -29,17 +29,12 @@ if TYPE_CHECKING:
 ENTRIES = ("overhaul", "acknowledged", "silenced")  # of maintainers, who may withdraw them
 
 
-def shortened(entry: str) -> str:
-    """As much of the ``id`` of an entry as people need."""
-    return entry[:8]
-
-
 class FleetActuator:
     """One actuator of a fleet. `Fleet` makes it.
 
     Attributes
     ----------
-    serial_number : str
+    serial_number, kind : str
     rows : its judged recordings, by time
     history : all events, by time: alarms, and what maintainers entered and withdrew
     events : those that are not withdrawn
@@ -62,13 +57,9 @@ class FleetActuator:
                 steps.clear()
             self.history.append(one)
         self.events = [one for one in self.history if one["id"] not in self._withdrawn]
+        self.kind = str(self.rows[-1]["kind"])  # of its latest twin
         self._trends: dict[str, Trend] = {}
         self._lives: dict[str, Life] = {}
-
-    @property
-    def kind(self) -> str:
-        """Kind of its latest twin."""
-        return str(self.rows[-1]["kind"])
 
     @cached_property
     def twin(self) -> Calibration:
@@ -91,13 +82,7 @@ class FleetActuator:
         return columns_of(self.rows)
 
     def unknown(self, name: str) -> Unknown:
-        """A magnitude as the table of its kind has it.
-
-        Raises
-        ------
-        InputError
-            If there is no estimate of it.
-        """
+        """A magnitude as the table of its kind has it; `InputError` without an estimate of it."""
         if name not in self.magnitudes:
             raise InputError(
                 f"There is no estimate of {name!r} of {self.serial_number}; there are some of "
@@ -136,10 +121,7 @@ class FleetActuator:
     def limit(self, name: str) -> float | None:
         """The limit of a magnitude in the unit in which it is searched; None where none is stated.
 
-        Raises
-        ------
-        InputError
-            If ``fleet.toml`` states one outside its range.
+        `InputError` where ``fleet.toml`` states one outside its range.
         """
         given = self.fleet.limits_given.get(name)
         if given is None:
@@ -162,11 +144,8 @@ class FleetActuator:
     ) -> Life | None:
         """Life until a magnitude passes its limit; of all of them where none is named.
 
-        With a requirement: until the twin at the states to come no longer fulfils it.
-
-        Returns
-        -------
-        Life; None where no limit is stated
+        None where no limit is stated. With a requirement: until the twin at the states to come no
+        longer fulfils it.
         """
         moment = years(self.fleet.now)
         if requirement is not None:
@@ -189,8 +168,6 @@ class FleetActuator:
                 seed=1 + self.magnitudes.index(name),
             )  # fmt: skip
         return self._lives[name]
-
-    # --- alarms ----------------------------------------------------------------------------------
 
     def before(self, name: str) -> Before | None:
         """The step that the alarm of a magnitude had when it was last looked at."""
@@ -226,10 +203,7 @@ class FleetActuator:
     def overhaul(self, when: str | datetime, note: str = "") -> None:
         """State that it was repaired or exchanged: from then on it begins as the fleet does.
 
-        Raises
-        ------
-        InputError
-            If that is to come.
+        `InputError` for one that is to come.
         """
         at = moment_of(when)
         if at > self.fleet.now:
@@ -242,12 +216,7 @@ class FleetActuator:
     def acknowledge(self, magnitude: str | None = None, note: str = "") -> tuple[str, ...]:
         """State that an alarm, or all of them, were seen; gives the magnitudes.
 
-        It is shown as acknowledged until its step changes.
-
-        Raises
-        ------
-        InputError
-            If there is no such alarm.
+        It is shown as acknowledged until its step changes. `InputError` without such an alarm.
         """
         alarmed = [name for name, one in self.alarms().items() if one.step != "none"]
         names = [one for one in alarmed if magnitude in (None, one)]
@@ -272,20 +241,10 @@ class FleetActuator:
         return self._note("silenced", self.fleet.now, names, until=end, note=note)
 
     def withdraw(self, *entries: str, note: str = "") -> list[dict[str, Any]]:
-        """Withdraw overhauls, acknowledgements or silences; the history shows both.
+        """Withdraw overhauls, acknowledgements or silences, and give them; the history shows both.
 
-        Parameters
-        ----------
-        entries : each the ``id`` in `history`, or the beginning of it
-
-        Returns
-        -------
-        list of dict, the entries
-
-        Raises
-        ------
-        InputError
-            If there is no such entry, or more than one, or it is withdrawn already.
+        Each entry is the ``id`` in `history`, or the beginning of it. `InputError` for one that is
+        not there, stands for several, or is withdrawn already.
         """
         held = [one for one in self.events if one["what"] in ENTRIES]
         found = [[one for one in held if one["id"].startswith(entry)] for entry in entries]
@@ -295,7 +254,7 @@ class FleetActuator:
                 why = "stands for several" if several else "is withdrawn" if gone else "is unknown"
                 raise InputError(
                     f"The entry {entry!r} of {self.serial_number} {why}; those that can be "
-                    f"withdrawn: {', '.join(shortened(one['id']) for one in held) or 'none'}."
+                    f"withdrawn: {', '.join(one['id'][:8] for one in held) or 'none'}."
                 )
         for (one,) in found:
             self._note("withdrawn", self.fleet.now, entry=one["id"], note=note)
@@ -315,8 +274,6 @@ class FleetActuator:
         self.fleet.refresh()
         self.__dict__ = vars(self.fleet[self.serial_number])  # this one knows it as well
         return tuple(names)
-
-    # --- tables and pages ------------------------------------------------------------------------
 
     def row(self) -> dict[str, Any]:
         """State of the actuator as a row of `Fleet.table`."""

@@ -26,25 +26,18 @@ from ematwin.fleet.trend import Trend
 
 Step = Literal["none", "watch", "plan", "act"]
 STEPS: tuple[Step, ...] = ("none", "watch", "plan", "act")
-_SOON = 0.5 - LEVEL / 2.0  # probability of passing the limit that asks for action
 _AGAIN = 1.0  # years after an alarm has cleared in which it is not raised again
 
 
 @dataclass(frozen=True)
 class Policy:
-    """When alarms are raised.
+    """When alarms are raised."""
 
-    Attributes
-    ----------
-    false_alarms : per actuator and year, at most
-    plan, act : years before its limit by which a magnitude asks for a plan, or for action
-    look : years between two looks at the alarms
-    """
-
-    false_alarms: float = 0.1
+    false_alarms: float = 0.1  # per actuator and year, at most
+    # plan, act: years before its limit by which a magnitude asks for a plan, or for action
     plan: float = 0.5
     act: float = 1.0 / 12.0
-    look: float = 0.0
+    look: float = 0.0  # years between two looks at the alarms
 
     def __post_init__(self) -> None:
         if not 0.0 < self.false_alarms < 1.0:
@@ -61,27 +54,16 @@ class Policy:
 
 @dataclass(frozen=True)
 class Alarm:
-    """An alarm on one magnitude of an actuator.
-
-    Attributes
-    ----------
-    magnitude : its name
-    step : "none", "watch", "plan" or "act"
-    probability : that the magnitude is larger than matters
-    ends : years, the lower end of the life until its limit; infinite where none is stated
-    why : a sentence, and what to check
-    since : years, when this step was reached
-    acknowledged, silenced : whether somebody has seen it, or wants to hear no more of it for now
-    """
+    """An alarm on one magnitude of an actuator."""
 
     magnitude: str
     step: Step
-    probability: float
-    ends: float
-    why: str
-    since: float = math.nan
-    acknowledged: bool = False
-    silenced: bool = False
+    probability: float  # that the magnitude is larger than matters
+    ends: float  # years, the lower end of the life until its limit; infinite where none is stated
+    why: str  # a sentence, and what to check
+    since: float = math.nan  # years, when this step was reached
+    acknowledged: bool = False  # somebody has seen it
+    silenced: bool = False  # somebody wants to hear no more of it for now
 
     @property
     def urgency(self) -> int:
@@ -89,15 +71,13 @@ class Alarm:
         return 0 if self.silenced else STEPS.index(self.step)
 
 
-def exceeding(one: Trend, healthy: float, width: float, sides: bool) -> float:
-    """Probability that a magnitude was further from healthy than matters when last recorded.
-
-    ``sides``: it may be off to both sides, such as a gain.
-    """
+def exceeding(one: Trend, unknown: Any) -> float:
+    """Probability that a magnitude was further from healthy than matters when last recorded."""
     level, error, _ = one.at(one.time)
-    beyond = float(norm.sf(healthy + SMALLEST * width, level, error))
-    if sides:
-        beyond += float(norm.cdf(healthy - SMALLEST * width, level, error))
+    least = SMALLEST * unknown.width
+    beyond = float(norm.sf(unknown.healthy + least, level, error))
+    if unknown.lower < unknown.healthy:  # it may be off to both sides, such as a gain
+        beyond += float(norm.cdf(unknown.healthy - least, level, error))
     return beyond
 
 
@@ -105,20 +85,16 @@ def judge(
     one: Trend, life: Life | None, moment: float, policy: Policy, *, unknown: Any, count: int,
     before: "Before | None" = None,
 ) -> Alarm:  # fmt: skip
-    """The alarm of one magnitude at a moment.
+    """The alarm of one magnitude at a moment, years.
 
     Parameters
     ----------
-    one, life : its trend, and the life until its limit; None where no limit is stated
-    moment : years
-    policy : Policy
+    life : until its limit; None where no limit is stated
     unknown : the magnitude's entry in the table of its kind
     count : magnitudes that are watched on the actuator
     before : the step it had
     """
-    width, healthy = unknown.width, unknown.healthy
-    sides = unknown.lower < healthy
-    probability = exceeding(one, healthy, width, sides)
+    probability = exceeding(one, unknown)
     held = before or Before("none", moment, -math.inf)
     certain = 1.0 - policy.false_alarms / count
     present = probability >= certain or (held.step != "none" and probability >= 0.5)
@@ -133,7 +109,8 @@ def judge(
             ahead = policy.look + time
             soon = life.within(ahead)
             kept = STEPS.index(held.step) >= STEPS.index(name)
-            if soon >= (0.5 * _SOON if kept else _SOON):
+            enough = 0.5 - LEVEL / 2.0  # the lower end of the interval of life left
+            if soon >= (0.5 * enough if kept else enough):
                 step = name  # type: ignore[assignment]
                 near = f"passes its limit within {spoken(ahead)} (probability {100 * soon:.0f} %)"
                 limit = "; it " + ("is beyond its limit" if life.interval[1] == 0.0 else near)

@@ -39,12 +39,7 @@ class Fleet:
         known; None takes the present
     create : False refuses a folder that holds no fleet
 
-    Raises
-    ------
-    FileError
-        If the folder cannot be used.
-    InputError
-        If its ``fleet.toml`` holds something else than settings.
+    `FileError` if the folder cannot be used, `InputError` if its ``fleet.toml`` is none.
     """
 
     def __init__(
@@ -95,8 +90,6 @@ class Fleet:
         self._units: dict[str, FleetActuator] = {}
         self.version = latest
 
-    # --- actuators -----------------------------------------------------------------------------
-
     def __len__(self) -> int:
         return len(self._rows)
 
@@ -119,8 +112,6 @@ class Fleet:
                 [one for one in self._events if one["serial_number"] == serial_number],
             )  # fmt: skip
         return self._units[serial_number]
-
-    # --- what the whole fleet says ---------------------------------------------------------------
 
     def _alike(self, kind: str, name: str) -> list[FleetActuator]:
         return [one for one in self if one.kind == kind and name in one.magnitudes]
@@ -159,12 +150,8 @@ class Fleet:
         """A row for each actuator, the most urgent first; names of fields as in ISO 13374.
 
         State detection (grade, faults), health assessment (the magnitude that matters most),
-        prognostic assessment (life left, days), advisory (what to do, and why).
-
-        Raises
-        ------
-        InputError
-            If there is a limit of what no actuator has.
+        prognostic assessment (life left, days), advisory (what to do, and why). `InputError` with a
+        limit of what no actuator has.
         """
         known = sorted({name for one in self for name in one.unknowns})
         wrong = [name for name in self.limits_given if name not in known]
@@ -177,18 +164,9 @@ class Fleet:
         return sorted(rows, key=lambda row: (-row["advisory_level"], row["life_left_low_days"]))
 
     def query(self, sql: str) -> Any:
-        """Ask DuckDB of the table ``fleet``, a row for each recording.
+        """Ask DuckDB of the table ``fleet``, a row for each recording; ``.df()`` is a DataFrame.
 
-        Gives a relation, of which ``.df()`` is a DataFrame.
-
-            fleet.query("select serial_number, count(*) from fleet group by all")
-
-        Raises
-        ------
-        MissingExtraError
-            If duckdb is not installed.
-        InputError
-            If the question cannot be answered.
+        fleet.query("select serial_number, count(*) from fleet group by all")
         """
         try:
             import duckdb
@@ -227,13 +205,7 @@ class Fleet:
 def settings_of(
     table: Mapping[str, Any], path: Path
 ) -> tuple[dict[str, Any], Policy, Requirement | None, str | None]:
-    """Limits, alarms, requirement and pattern of serial numbers of a ``fleet.toml``.
-
-    Raises
-    ------
-    InputError
-        If it holds something else.
-    """
+    """Limits, alarms, requirement and pattern of serial numbers of a ``fleet.toml``."""
     unknown = [name for name in table if name not in _SETTINGS]
     if unknown:
         raise InputError(f"{path} has {unknown[0]!r}; it may have {', '.join(_SETTINGS)}.")

@@ -17,8 +17,6 @@ from ematwin.errors import FileError
 from ematwin.files import written_whole
 from ematwin.numerics.content import digest
 
-_PARTS = 64  # files of an actuator beyond which they are merged into one
-
 
 class FolderRows:
     """Rows and events of a fleet in its folder; `ematwin.fleet.tables.TableRows` is alike."""
@@ -45,7 +43,7 @@ class FolderRows:
         """Merge the files of actuators that have many; what another process moves is left."""
         for folder in (self.folder / "rows").iterdir():
             files = sorted(folder.glob("[!.]*.parquet"))  # not what a killed process left
-            if len(files) <= _PARTS:
+            if len(files) <= 64:
                 continue
             parts = [self._read(path) for path in files]
             # by their ids: a merger that was killed has left rows in two parts

@@ -16,94 +16,24 @@ import numpy as np
 from ematwin.numerics.compile import loop
 from ematwin.numerics.lanes import lane_loop
 
-
-@loop
-def filtered(time, value, variance, covariates, start, spread, after, q_level, q_slope, lasting,
-             jump, reset, mean, cov, gain, innovation, power):  # fmt: skip
-    """Kalman filter; fills predicted states (n, 5), covariances (n, 5, 5), gains, innovations.
-
-    ``jump`` (n,) is variance added to the level before an estimate; where it is positive slope and
-    acceleration start anew, the slope with the mean and spread ``after``. ``reset`` (n,) starts
-    all but the effects anew. Gives the log likelihood. After the last estimate the filtered state
-    stands in row n.
-    """
-    n = time.size
-    a = start.copy()
-    p = np.zeros((5, 5))
-    for j in range(5):
-        p[j, j] = spread[j] ** 2
-    told = 0.0
-    for i in range(n):
-        if i > 0:
-            dt = time[i] - time[i - 1]
-            rise = -lasting * math.expm1(-dt / lasting)  # of the slope, for an acceleration of 1
-            climb, left = lasting * (dt - rise), math.exp(-dt / lasting)
-            a[0] += dt * a[1] + climb * a[2]
-            a[1] += rise * a[2]
-            a[2] *= left
-            for j in range(5):  # P <- T P T', rows and then columns
-                p[0, j] += dt * p[1, j] + climb * p[2, j]
-                p[1, j] += rise * p[2, j]
-                p[2, j] *= left
-            for j in range(5):
-                p[j, 0] += dt * p[j, 1] + climb * p[j, 2]
-                p[j, 1] += rise * p[j, 2]
-                p[j, 2] *= left
-            p[0, 0] += q_level * dt
-            p[1, 1] += q_slope * dt
-        if reset[i] or jump[i] > 0.0:
-            for j in range(0 if reset[i] else 1, 3):
-                a[j] = start[j]
-                for k in range(5):
-                    p[j, k] = 0.0
-                    p[k, j] = 0.0
-                p[j, j] = spread[j] ** 2
-        if jump[i] > 0.0:
-            p[0, 0] += jump[i]
-            a[1] = after[0]
-            p[1, 1] = after[1] ** 2
-        for j in range(5):
-            mean[i, j] = a[j]
-            for k in range(5):
-                cov[i, j, k] = p[j, k]
-        x1, x2 = covariates[i, 0], covariates[i, 1]
-        seen = a[0] + x1 * a[3] + x2 * a[4]
-        innovation[i] = value[i] - seen
-        if math.isinf(variance[i]):
-            power[i] = math.inf
-            for j in range(5):
-                gain[i, j] = 0.0
-            continue
-        f = variance[i]
-        for j in range(5):
-            gain[i, j] = p[j, 0] + x1 * p[j, 3] + x2 * p[j, 4]
-        f += gain[i, 0] + x1 * gain[i, 3] + x2 * gain[i, 4]
-        power[i] = f
-        for j in range(5):
-            gain[i, j] /= f
-        for j in range(5):
-            a[j] += gain[i, j] * innovation[i]
-            for k in range(5):
-                p[j, k] -= gain[i, j] * gain[i, k] * f
-        told -= 0.5 * (math.log(2.0 * math.pi * f) + innovation[i] ** 2 / f)
-    for j in range(5):
-        mean[n, j] = a[j]
-        for k in range(5):
-            cov[n, j, k] = p[j, k]
-    return told
-
-
 _LANES = 64  # draws side by side: their states stay in the first cache
 
 
 @lane_loop
-def ended(time, value, error, covariates, used, after, jump, reset, draws, mean, cov, told):
-    """Filtered level, slope and acceleration after the last estimate, for N draws of the wear.
+def filtered(time, value, error, covariates, used, after, jump, reset, draws, mean, cov, told,
+             states, covariances, gain, innovation, power):  # fmt: skip
+    """Kalman filter for N draws of the wear (`ematwin.fleet.trend.Draws`), side by side.
 
-    As `filtered`, with the draws side by side. Fills ``mean`` (N, 3), ``cov`` (N, 3, 3) and the
-    log likelihoods ``told`` (N,); ``used`` (n,) says which estimates count, ``draws`` is
-    `ematwin.fleet.trend.Draws`.
+    ``jump`` (n,) is variance added to the level before an estimate; where it is positive slope and
+    acceleration start anew, the slope with the mean and spread ``after``. ``reset`` (n,) starts
+    all but the effects anew; ``used`` (n,) says which estimates count. Fills the level, slope and
+    acceleration after the last estimate, ``mean`` (N, 3) and ``cov`` (N, 3, 3), and the log
+    likelihoods ``told`` (N,).
+
+    For one draw the predicted ``states`` (n, 5), ``covariances`` (n, 5, 5), gains (n, 5),
+    innovations and their variances (n,) are filled as well; for several these have no rows.
     """
+    keeps = len(power) > 0
     s = np.empty((5, 6, _LANES))  # covariance, and the mean in the last column
     g = np.empty((6, _LANES))  # covariances with an estimate, less its innovation
     q_level, q_slope = np.empty(_LANES), np.empty(_LANES)
@@ -152,9 +82,17 @@ def ended(time, value, error, covariates, used, after, jump, reset, draws, mean,
                 for m in range(lanes):
                     told[begin + m] -= 0.5 * math.log(product[m])
                     product[m] = 1.0
+            x1, x2 = covariates[i, 0], covariates[i, 1]
+            if keeps:
+                innovation[i] = value[i] - s[0, 5, 0] - x1 * s[3, 5, 0] - x2 * s[4, 5, 0]
+                power[i] = math.inf
+                for j in range(5):
+                    states[i, j] = s[j, 5, 0]
+                    gain[i, j] = 0.0
+                    for k in range(5):
+                        covariances[i, j, k] = s[j, k, 0]
             if not used[i]:
                 continue
-            x1, x2 = covariates[i, 0], covariates[i, 1]
             for k in range(6):
                 for m in range(lanes):
                     g[k, m] = s[0, k, m] + x1 * s[3, k, m] + x2 * s[4, k, m]
@@ -164,6 +102,10 @@ def ended(time, value, error, covariates, used, after, jump, reset, draws, mean,
                 f[m] += g[0, m] + x1 * g[3, m] + x2 * g[4, m]
                 told[begin + m] -= 0.5 * g[5, m] ** 2 / f[m]
                 product[m] *= 2.0 * math.pi * f[m]
+            if keeps:
+                power[i] = f[0]
+                for j in range(5):
+                    gain[i, j] = g[j, 0] / f[0]
             for j in range(5):
                 for m in range(lanes):
                     share[m] = g[j, m] / f[m]

@@ -2,47 +2,39 @@
 
 Means and spreads by expectation and maximisation (Shumway and Stoffer 1982, J. Time Ser. Anal. 3,
 253-264), the four variances by the slope of the likelihood, both with weak priors. Other
-plausible values are drawn from their posterior (`ematwin.fleet.sampling`), of variances their
-logarithms. A forecast averages over the draws, so that few estimates, or few actuators, give a wide
-one.
+plausible values are drawn from their posterior (`weighted_draws`), of variances their logarithms.
+A forecast averages over the draws, so that few estimates, or few actuators, give a wide one.
 
 All that for two laws of wear, an acceleration that fades and one that grows, as powers of time and
 exponentials have them. Each has draws in proportion to its evidence, of the whole fleet.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 from scipy.linalg import block_diag
 from scipy.optimize import minimize
-from scipy.special import wrightomega
+from scipy.special import logsumexp, wrightomega
+from scipy.stats import multivariate_t
 
-from ematwin.fleet.sampling import shares, weighted_draws
 from ematwin.fleet.trend import Draws, Pass, Series, Trend, Wear, again, trend
 
-_ROUNDS, _CLIMB, _EM = 3, 12, 3  # iterations: variances by slopes, then means by EM
 _FACTOR = 2.0  # standard deviation of the logarithm of a variance beforehand: of few estimates
 # the likelihood alone makes variances nothing, and life left too certain
 _DRAWS = 1000  # of means, spreads and variances: one for each path of a forecast
-# By how many factors of e an acceleration falls over the record: of a power p of time, 2 - p, in
-# the middle of powers between 0 and 2; or of an exponential, in the middle of growth up to e^4.
-_FADES, _GROWS = 1.0, -2.0
-_SHORTEST = 0.1  # years: exponentials of shorter records are no numbers ten years ahead
 
 
 def learn(fleet: Sequence[Series], healthy: float, size: float) -> Wear:
-    """Priors and variances of a magnitude from all actuators, by maximum likelihood.
+    """Priors and variances of a magnitude from the series of all actuators, by maximum likelihood.
 
-    Parameters
-    ----------
-    fleet : one series for each actuator
-    healthy : value of a healthy one
-    size : range of the unknown
+    ``healthy`` is the value of a healthy one, ``size`` the range of the unknown.
     """
     known = [one.thinned() for one in fleet if one.time.size]
-    starts = [_first(fleet, healthy, size, falls) for falls in (_FADES, _GROWS)]
+    # factors of e by which an acceleration falls over the record: of a power p of time 2 - p, in
+    # the middle of powers between 0 and 2; or of an exponential, in the middle of growth up to e^4
+    starts = [_first(fleet, healthy, size, falls) for falls in (1.0, -2.0)]
     if not known:
         return starts[0]
     wears, draws, weights = zip(*(_learnt(known, one) for one in starts), strict=True)
@@ -57,10 +49,10 @@ def learn(fleet: Sequence[Series], healthy: float, size: float) -> Wear:
 def _learnt(known: Sequence[Series], before: Wear) -> tuple[Wear, Draws, np.ndarray]:
     """The wear of greatest likelihood with one law, from a start; draws of others, and weights."""
     wear = before
-    for _ in range(_ROUNDS):
+    for _ in range(3):
         shocks = [trend(one, wear) for one in known]
         wear = _Likelihood(known, shocks, wear, before).climbed()
-        for _ in range(_EM):
+        for _ in range(3):
             passes = [again(s, t, wear) for s, t in zip(known, shocks, strict=True)]
             wear = _maximised(passes, wear, before)
     likelihood = _Likelihood(known, shocks, wear, before)
@@ -99,7 +91,7 @@ def _first(fleet: Sequence[Series], healthy: float, size: float, falls: float) -
     span = float(np.median([np.ptp(one.time) for one in lines])) if lines else 1.0
     seen = [float(np.polyfit(one.time - one.time[0], one.value, 1)[0]) for one in lines]
     slope = math.sqrt((0.1 * size) ** 2 + float(np.mean(np.square(seen or [0.0]))))
-    lasting = max(span, _SHORTEST) / falls
+    lasting = max(span, 0.1) / falls  # years: shorter exponentials are no numbers in ten years
     bend = slope / (-lasting * math.expm1(-span / lasting))
     return Wear(
         np.array([healthy, 0.0, 0.0, 0.0, 0.0]),
@@ -130,7 +122,7 @@ class _Likelihood:
         """The variances at the maximum."""
         end = minimize(
             self._told, np.clip(self._begin, *self._bounds.T), jac=True, method="L-BFGS-B",
-            bounds=self._bounds, options={"maxiter": _CLIMB},
+            bounds=self._bounds, options={"maxiter": 12},
         )  # fmt: skip
         return self._with(end.x)
 
@@ -228,3 +220,42 @@ def _moments(
     x = x0 - weight + wrightomega(np.log(weight * np.maximum(square, 1e-300)) - x0 + weight).real
     share = spread**2 / (spread**2 + np.exp(x) / count)
     return usual + share * (found - usual), np.exp(0.5 * x)
+
+
+def weighted_draws(
+    density: Callable[[np.ndarray], np.ndarray], center: np.ndarray, root: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Draws (N, D) of a density, and logarithms of their weights (N,), whose mean is the integral.
+
+    Adaptive importance sampling (Cornuet, Marin, Mira and Robert 2012, Scand. J. Stat. 39,
+    798-812). Draws come from t distributions; each next one has the mean and covariance of all
+    draws so far. Departure: while few draws have all the weight, mean and covariance are those of
+    the density to a power below 1.
+
+    ``density`` gives logarithms (N,) at points (N, D); ``center`` (D,) and ``root`` (D, D) are mean
+    and root of the covariance to begin with.
+    """
+    tail = 8.0  # degrees of freedom: further out than the density reaches
+    random = np.random.default_rng(1)
+    points, logs = np.zeros((0, center.size)), np.zeros(0)
+    known: list[tuple[np.ndarray, np.ndarray]] = []
+    for _ in range(6):
+        known.append((center, root))
+        z = random.standard_normal((500, center.size))
+        new = center + z / np.sqrt(random.chisquare(tail, (500, 1)) / tail) @ root.T
+        points, logs = np.concatenate([points, new]), np.concatenate([logs, density(new)])
+        parts = [multivariate_t.logpdf(points, at, r @ r.T, df=tail) for at, r in known]
+        drawn = logsumexp(parts, axis=0) - np.log(len(known))
+        weight = logs - drawn
+        power = 1.0
+        while 1.0 / ((part := shares(power * weight)) ** 2).sum() < 100.0:
+            power *= 0.7  # until a mean and a covariance have enough effective draws
+        center = part @ points
+        root = np.linalg.cholesky((part[:, None] * (points - center)).T @ (points - center))
+    return points, weight
+
+
+def shares(weight: np.ndarray) -> np.ndarray:
+    """Shares (N,) of draws, which sum to 1, by the logarithms of their weights."""
+    found = np.exp(weight - weight.max())
+    return np.asarray(found / found.sum())

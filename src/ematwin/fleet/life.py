@@ -23,27 +23,18 @@ from ematwin.models.simulating import simulate
 HORIZON = 10.0  # years; what lives longer is said to live longer than this
 DRAWS = 1000
 LEVEL = 0.8  # probability of the interval of life left, as prognostics states it
-_STEPS = 60  # moments of a path, closer at its start
-_BLOCKS = 12  # blocks of a series whose increments choose the process
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(15)
 
 
 @dataclass(frozen=True)
 class Life:
-    """A distribution of the life that is left.
+    """A distribution of the life that is left."""
 
-    Attributes
-    ----------
-    name : the magnitude, or the requirement, that ends it
-    draws : (N,) array, years from ``moment``; infinite where it lasts longer than ``horizon``
-    moment : years, when it is asked
-    horizon : years
-    """
-
-    name: str
+    name: str  # the magnitude, or the requirement, that ends it
+    # (N,) array, years from ``moment``; infinite where it lasts longer than ``horizon``
     draws: np.ndarray
-    moment: float
-    horizon: float = HORIZON
+    moment: float  # years, when it is asked
+    horizon: float = HORIZON  # years
 
     def within(self, years: float) -> float:
         """Probability that it ends within a time."""
@@ -62,6 +53,11 @@ class Life:
     def interval(self) -> tuple[float, float]:
         """Years, between which it ends with a probability of 80 %."""
         return self.quantile(0.5 - LEVEL / 2.0), self.quantile(0.5 + LEVEL / 2.0)
+
+    def holds(self, life: float) -> bool:
+        """Whether the interval holds a life."""
+        low, high = self.interval
+        return low <= life <= high
 
     def __str__(self) -> str:
         low, high = self.interval
@@ -87,18 +83,11 @@ def spoken(years: float) -> str:
 
 
 class Paths(NamedTuple):
-    """Levels to come.
+    """Levels to come."""
 
-    Attributes
-    ----------
-    ahead : (K,) array, years after the moment, the first 0
-    level : (draws, K) array
-    variance : (draws, 1) array, of the increments per year
-    """
-
-    ahead: np.ndarray
-    level: np.ndarray
-    variance: np.ndarray
+    ahead: np.ndarray  # (K,) array, years after the moment, the first 0
+    level: np.ndarray  # (draws, K) array
+    variance: np.ndarray  # (draws, 1) array, of the increments per year
 
 
 def paths(
@@ -113,7 +102,7 @@ def paths(
     """Levels to come after a moment, years, with each draw of the fleet's variances."""
     generator = np.random.default_rng(seed)
     states = one.later(max(0.0, moment - one.time))
-    ahead = np.concatenate([[0.0], np.geomspace(1.0 / 365.25, horizon, _STEPS)])
+    ahead = np.concatenate([[0.0], np.geomspace(1.0 / 365.25, horizon, 60)])
     q_level, q_slope, mean, cov, climb = map(
         np.concatenate,
         zip(
@@ -142,8 +131,7 @@ def paths(
             scale = np.where(speed > 0.0, variance / (speed * dt), 0.0)
         steps = direction * generator.standard_gamma(np.maximum(shape, 1e-12)) * scale
     elif process == "wiener":
-        noise = generator.standard_normal((draws, dt.size))
-        steps = drift * dt + np.sqrt(variance) * noise
+        steps = drift * dt + np.sqrt(variance) * generator.standard_normal((draws, dt.size))
     else:
         raise InputError(f"A process is wiener or gamma, received {process!r}.")
     steps = np.concatenate([np.zeros((draws, 1)), np.cumsum(steps, axis=1)], axis=1)
@@ -166,13 +154,10 @@ def life_left(
 
     Parameters
     ----------
-    name : of the magnitude
-    one : its trend
-    limit : value that must not be passed
     moment : years, from when on life is counted
     process : "wiener" or "gamma"
     upwards : whether values above the limit are beyond it
-    horizon, draws, seed : of the simulated paths
+    horizon, draws, seed : of the simulated `paths`
     """
     ahead, level, q = paths(one, moment, process, horizon=horizon, draws=draws, seed=seed)
     sign = 1.0 if upwards else -1.0
@@ -222,7 +207,7 @@ def process_of(fleet: Sequence[Trend]) -> str:
     """
     told = 0.0
     for one in fleet:
-        size = max(2, one.series.time.size // _BLOCKS)
+        size = max(2, one.series.time.size // 12)  # estimates of a block
         kept = np.setdiff1d(np.arange(one.series.time.size), one.outliers)
         edges = [*one.jumps, *np.searchsorted(one.series.time, one.series.overhauls)]
         for part in np.split(kept, np.searchsorted(kept, sorted(edges))):
@@ -260,19 +245,13 @@ def _gamma_over_wiener(
 
 @dataclass(frozen=True)
 class Requirement:
-    """What an actuator has to do: a measure of its motion in a scenario, and the worst value.
+    """What an actuator has to do: a measure of its motion in a scenario, and the worst value."""
 
-    Attributes
-    ----------
-    measure : "following_error_peak", "following_error_rms", "settling_time", "rise_time", or a
-        number of the kind's summary, such as "current_peak"
-    limit : SI, the largest value with which it does its job
-    scenario : name or file; None takes the kind's default
-    """
-
+    # "following_error_peak", "following_error_rms", "settling_time", "rise_time", or a number
+    # of the kind's summary, such as "current_peak"
     measure: str
-    limit: float
-    scenario: str | None = None
+    limit: float  # SI, the largest value with which it does its job
+    scenario: str | None = None  # name or file; None takes the kind's default
 
     def value(self, actuator: Any, faults: dict[str, float]) -> float:
         """The measure, as the twin of an actuator with some faults shows it."""
@@ -321,8 +300,6 @@ def job_left(
     process: dict[str, str],
     bounds: Callable[[str], tuple[float, float]],
     draws: int = 15,
-    horizon: float = HORIZON,
-    seed: int = 1,
 ) -> Life:
     """Time until the actuator no longer does its job, by its twin at the states to come.
 
@@ -331,17 +308,13 @@ def job_left(
 
     Parameters
     ----------
-    trends : by magnitude
+    trends, process, bounds : by magnitude; within the bounds the twin answers
     moment : years
-    actuator : parameters of the twin
-    requirement : Requirement
-    process : by magnitude
-    bounds : lower and upper bound of a magnitude, within which the twin answers
     draws : paths; each costs about eight simulations
     """
     drawn = {
-        name: paths(one, moment, process[name], horizon=horizon, draws=draws, seed=seed + n)
-        for n, (name, one) in enumerate(trends.items())
+        name: paths(one, moment, process[name], draws=draws, seed=seed)
+        for seed, (name, one) in enumerate(trends.items(), 1)
     }
     ahead = next(iter(drawn.values())).ahead
 
@@ -362,4 +335,4 @@ def job_left(
                 middle = (low + high) // 2
                 low, high = (low, middle) if fails(draw, middle) else (middle, high)
             ends[draw] = 0.5 * (ahead[low] + ahead[high])
-    return Life(requirement.measure, ends, moment, horizon)
+    return Life(requirement.measure, ends, moment)

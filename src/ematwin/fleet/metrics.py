@@ -1,49 +1,21 @@
 """Metrics of prognoses, and of quantities that prognoses could rest on, by the names of the field.
 
-Of predictions: prognostic horizon, alpha-lambda, relative accuracy and its cumulative form,
-convergence (Saxena et al. 2010, Int. J. Progn. Health Manag. 1(1)). Of quantities: monotonicity,
-trendability, prognosability (Coble and Hines 2009, Annual Conf. PHM Society).
+Of predictions, each a `Life` at its moment: prognostic horizon, alpha-lambda, relative accuracy and
+its cumulative form, convergence (Saxena et al. 2010, Int. J. Progn. Health Manag. 1(1)). Of
+quantities: monotonicity, trendability, prognosability (Coble and Hines 2009, Annual Conf. PHM
+Society).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
 from ematwin.errors import InputError
+from ematwin.fleet.life import Life
 
 
-@dataclass(frozen=True)
-class Prediction:
-    """A life left, predicted at some moment.
-
-    Attributes
-    ----------
-    moment : when it was made
-    draws : (N,) array, the life left from then on; infinite where it is longer than can be said
-    """
-
-    moment: float
-    draws: np.ndarray
-
-    @property
-    def median(self) -> float:
-        """Of the draws."""
-        return float(np.quantile(self.draws, 0.5, method="inverted_cdf"))
-
-    def within(self, low: float, high: float) -> float:
-        """Probability of a life between two."""
-        return float(np.mean((self.draws >= low) & (self.draws <= high)))
-
-    def holds(self, life: float, level: float = 0.8) -> bool:
-        """Whether its central interval holds a life."""
-        ends = [0.5 - level / 2.0, 0.5 + level / 2.0]
-        low, high = np.quantile(self.draws, ends, method="inverted_cdf")
-        return bool(low <= life <= high)
-
-
-def _ordered(predictions: Sequence[Prediction], end: float) -> list[Prediction]:
+def _ordered(predictions: Sequence[Life], end: float) -> list[Life]:
     if not predictions:
         raise InputError("Metrics need at least one prediction; none was given.")
     found = sorted(predictions, key=lambda one: one.moment)
@@ -55,14 +27,19 @@ def _ordered(predictions: Sequence[Prediction], end: float) -> list[Prediction]:
     return found
 
 
-def is_accurate(one: Prediction, end: float, alpha: float = 0.2, beta: float = 0.5) -> bool:
+def is_accurate(one: Life, end: float, alpha: float = 0.2, beta: float = 0.5) -> bool:
     """Whether a share ``beta`` of the draws lies within ``alpha`` of the actual life left."""
     left = end - one.moment
-    return one.within((1.0 - alpha) * left, (1.0 + alpha) * left) >= beta
+    return _near(one, left, alpha * left) >= beta
+
+
+def _near(one: Life, life: float, reach: float) -> float:
+    """Probability of a life left within ``reach`` of another one."""
+    return float(np.mean(np.abs(one.draws - life) <= reach))
 
 
 def prognostic_horizon(
-    predictions: Sequence[Prediction], end: float, alpha: float = 0.2, beta: float = 0.5,
+    predictions: Sequence[Life], end: float, alpha: float = 0.2, beta: float = 0.5,
     begin: float = 0.0,
 ) -> float:  # fmt: skip
     """Life left when predictions first are good enough, and stay so until the end; 0 if never.
@@ -71,15 +48,14 @@ def prognostic_horizon(
     """
     reach, horizon = alpha * (end - begin), 0.0
     for one in reversed(_ordered(predictions, end)):
-        left = end - one.moment
-        if one.within(left - reach, left + reach) < beta:
+        if _near(one, end - one.moment, reach) < beta:
             break
-        horizon = left
+        horizon = end - one.moment
     return horizon
 
 
 def alpha_lambda(
-    predictions: Sequence[Prediction], end: float, share: float = 0.5, alpha: float = 0.2,
+    predictions: Sequence[Life], end: float, share: float = 0.5, alpha: float = 0.2,
     beta: float = 0.5, begin: float = 0.0,
 ) -> bool:  # fmt: skip
     """Whether the prediction closest to a share lambda of the whole life is accurate."""
@@ -88,19 +64,19 @@ def alpha_lambda(
     return is_accurate(nearest, end, alpha, beta)
 
 
-def relative_accuracy(one: Prediction, end: float) -> float:
+def relative_accuracy(one: Life, end: float) -> float:
     """One less the relative error of the median; 0 where that is larger than the life left."""
     left = end - one.moment
     error = abs(one.median - left) / left
     return max(0.0, 1.0 - error) if np.isfinite(error) else 0.0
 
 
-def cumulative_relative_accuracy(predictions: Sequence[Prediction], end: float) -> float:
+def cumulative_relative_accuracy(predictions: Sequence[Life], end: float) -> float:
     """Mean of the relative accuracy of all predictions."""
     return float(np.mean([relative_accuracy(one, end) for one in _ordered(predictions, end)]))
 
 
-def convergence(predictions: Sequence[Prediction], end: float) -> float:
+def convergence(predictions: Sequence[Life], end: float) -> float:
     """Distance from the origin to the centre below the curve of the error of the median.
 
     In units of time and error; the smaller, the faster errors fall. Predictions without a median

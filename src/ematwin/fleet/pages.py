@@ -1,28 +1,29 @@
 """Pages of a fleet: all actuators by urgency, and the history of one. Each is one file."""
 
 from dataclasses import replace
+from functools import cache
 from html import escape
+from importlib import resources
 from typing import Any
 from urllib.parse import quote
 
 import numpy as np
 from markupsafe import Markup
 
-from ematwin.fleet.actuator import ENTRIES, FleetActuator, shortened
+from ematwin.fleet.actuator import ENTRIES, FleetActuator
 from ematwin.fleet.alarms import Alarm, by_urgency
 from ematwin.fleet.fleet import Fleet
 from ematwin.fleet.life import LEVEL, paths, spoken
 from ematwin.fleet.store import moment_at, years
-from ematwin.fleet.trend import Trend
 from ematwin.plots.style import AMBER, BLUE, GREEN, GREY, ORANGE
 from ematwin.quantities import preferred
 from ematwin.report.page import Row, Section, Table, render
+from ematwin.showing.text import capital
 
 _COLORS = {"act": ORANGE, "plan": AMBER, "watch": BLUE, "none": GREEN}
 _ADVICE = {
     "act": "act now", "plan": "plan maintenance", "watch": "watch", "none": "nothing to do",
 }  # fmt: skip
-_POINTS = 150  # of a panel, and of a line in it
 _AHEAD = 1.0  # years of forecast that are drawn
 _RECORDINGS = 200  # in the table of an actuator; the export has all
 
@@ -45,12 +46,11 @@ def fleet_page(fleet: Fleet, link: str = "#{serial}") -> str:
     sections = [Section("Actuators", table=Table(header, rows, texts=(1, 2, 4, 5)))]
     if link.startswith("#"):
         sections += [_history(fleet[row["serial_number"]], row["advisory"]) for row in table]
-    if fleet.set_aside:
-        aside = [Row([str(r["source"]), str(r["reason"])]) for r in fleet.set_aside[-_RECORDINGS:]]
-        sections.append(
-            Section("Set aside", table=Table(["recording", "why"], aside, texts=(0, 1)))
-        )
-    sections.append(Section("How it is judged", facts=_rules(fleet)))
+    aside = [Row([str(r["source"]), str(r["reason"])]) for r in fleet.set_aside[-_RECORDINGS:]]
+    sections += [
+        Section("Set aside", table=Table(["recording", "why"], aside, texts=(0, 1))),
+        Section("How it is judged", facts=_rules(fleet)),
+    ]
     grade = "fault" if count["act"] else "changed" if count["plan"] else "healthy"
     return render("Fleet", lead, sections, grade=grade)
 
@@ -60,7 +60,7 @@ def actuator_page(unit: FleetActuator) -> str:
     row, alarms, life = unit.row(), by_urgency(unit.alarms()), unit.life_left()
     why = row["advisory_reason"] or "No magnitude is larger than matters."
     left = "no limit is stated" if life is None else str(life)
-    lead = f"{unit.serial_number}: {_ADVICE[row['advisory']]}. {_upper(why)} Life left: {left}."
+    lead = f"{unit.serial_number}: {_ADVICE[row['advisory']]}. {capital(why)} Life left: {left}."
     events = history(unit)
     known = [
         Row([f"{one['time']:%Y-%m-%d %H:%M}", one["grade"], one["sentence"] or one["reason"],
@@ -68,17 +68,17 @@ def actuator_page(unit: FleetActuator) -> str:
         for one in reversed(unit.rows[-_RECORDINGS:])
     ]  # fmt: skip
     drawn = [panel(unit, one, wide=True) for one in alarms]
-    sections = [Section("History", text=_LEGEND, svg="".join(drawn))]
+    required = {}
     if requirement := unit.fleet.requirement:
-        text = str(unit.life_left(requirement=requirement))
-        sections.append(
-            Section("Until it no longer does its job", facts={requirement.measure: text})
-        )
-    if events.rows:
-        rows = [Row([_whole(day), *rest]) for day, *rest in (one.cells for one in events.rows)]
-        sections.append(Section("Events", table=replace(events, rows=rows)))
+        required = {requirement.measure: str(unit.life_left(requirement=requirement))}
+    rows = [Row([_whole(day), *rest]) for day, *rest in (one.cells for one in events.rows)]
     header = ["recorded", "verdict", "because", "file"]
-    sections.append(Section("Recordings", table=Table(header, known, texts=(1, 2, 3))))
+    sections = [
+        Section("History", text=_LEGEND, svg="".join(drawn)),
+        Section("Until it no longer does its job", facts=required),
+        Section("Events", table=replace(events, rows=rows)),
+        Section("Recordings", table=Table(header, known, texts=(1, 2, 3))),
+    ]
     grade = {"act": "fault", "none": "healthy"}.get(row["advisory"], "changed")
     return render(unit.serial_number, lead, sections, grade=grade)
 
@@ -103,7 +103,7 @@ def _row(unit: FleetActuator, row: dict[str, Any], link: str) -> Row:
     left = str(unit.life_left() or "")
     return Row(
         [Markup(f'<a href="{address}">{name}</a>'), Markup(advice), _shares(left), Markup(spark),
-         _shares(_upper(row["advisory_reason"])),
+         _shares(capital(row["advisory_reason"])),
          _whole(row["last_recording"][:10])],
         marked=level == 3,
     )  # fmt: skip
@@ -117,10 +117,6 @@ def _whole(day: str) -> Markup:
 def _shares(text: str) -> str:
     """A text whose numbers keep their % on one line."""
     return text.replace(" %", "\N{NO-BREAK SPACE}%")
-
-
-def _upper(text: str) -> str:
-    return text[:1].upper() + text[1:]
 
 
 def _spark(unit: FleetActuator, name: str, color: str) -> str:
@@ -156,28 +152,29 @@ def _history(unit: FleetActuator, advice: str) -> Section:
 
 def panel(unit: FleetActuator, alarm: Alarm, wide: bool = False) -> str:
     """A magnitude over time with its forecast, as an SVG of physical values."""
-    name = alarm.magnitude
+    name, now = alarm.magnitude, years(unit.fleet.now)
     one, limit, unknown = unit.trend(name), unit.limit(name), unit.unknown(name)
+    limits = [] if limit is None else [limit]
     width, height = (460, 200) if wide else (340, 170)
-    actuator = unit.twin.actuator
+    left, right, top, bottom = 8, width - 8, 26, height - 20
+    actuator, series = unit.twin.actuator, one.series
     unit_said, factor = preferred(unknown.physical_value(actuator, unknown.healthy).unit)
+    begin, end = float(series.time[0]), now + _AHEAD
+    known = np.setdiff1d(np.arange(series.time.size), one.outliers)
+    ahead, level, _ = paths(
+        one, now, unit.fleet.process(unit.kind, name), horizon=_AHEAD, draws=200
+    )  # fmt: skip
+    every = slice(None, None, 6)  # of 60, to the last
+    share = 0.5 - LEVEL / 2.0
+    forecast = np.quantile(level[:, every], [share, 0.5, 1.0 - share], axis=0)
+    values = [unknown.healthy, *series.value[known], *forecast.ravel(), *limits]
+    least, most = min(values), max(values)
 
     def physical(value: float) -> float:
         clipped = float(np.clip(value, unknown.lower, unknown.upper))
         return factor * unknown.physical_value(actuator, clipped).value
 
-    forecast = _forecast(unit, one, name)
-    unsure = np.hypot(one.level_error, one.constant_variance**0.5)
-    past = _thinned(one.series.time, one.level, 60), _thinned(one.series.time, unsure, 60)
-    begin = float(one.series.time[0])
-    end = years(unit.fleet.now) + _AHEAD
-    known = np.setdiff1d(np.arange(one.series.time.size), one.outliers)
-    values = [unknown.healthy, *one.series.value[known], *forecast[1].ravel()]
-    values += [] if limit is None else [limit]
-    least, most = min(values), max(values)
-    low, high = (physical(float(v)) for v in (least, most))
-    low, high = min(low, high), max(low, high)
-    left, right, top, bottom = 8, width - 8, 26, height - 20
+    low, high = sorted((physical(least), physical(most)))
 
     def x(time: float) -> str:
         return f"{left + (right - left) * (time - begin) / max(end - begin, 1e-9):.0f}"
@@ -185,58 +182,40 @@ def panel(unit: FleetActuator, alarm: Alarm, wide: bool = False) -> str:
     def y(value: float) -> str:
         return f"{bottom - (bottom - top) * (physical(value) - low) / max(high - low, 1e-12):.0f}"
 
-    def area(times: Any, lower: Any, upper: Any, color: str) -> str:
-        there = " ".join(f"{x(t)},{y(v)}" for t, v in zip(times, upper, strict=True))
-        back = " ".join(f"{x(t)},{y(v)}" for t, v in zip(times[::-1], lower[::-1], strict=True))
-        return f'<polygon points="{there} {back}" fill="{color}" opacity=".2"/>'
+    def points(times: Any, levels: Any) -> list[tuple[str, str]]:
+        return [(x(t), y(v)) for t, v in zip(times, levels, strict=True)]
 
-    def line(times: Any, levels: Any, color: str) -> str:
-        points = " ".join(f"{x(t)},{y(v)}" for t, v in zip(times, levels, strict=True))
-        return f'<polyline points="{points}" fill="none" stroke="{color}" stroke-width="2"/>'
+    def curve(times: Any, lower: Any, middle: Any, upper: Any) -> Any:
+        """The outline of a band, and the line in it."""
+        return points([*times, *times[::-1]], [*upper, *lower[::-1]]), points(times, middle)
 
-    color = _COLORS[alarm.step]
-    (times, levels), (_, errors) = past
-    px, py = _thinned(one.series.time[known], one.series.value[known], _POINTS)
-    dots = "".join(f"M{x(t)},{y(v)}h0" for t, v in zip(px, py, strict=True))
-    crosses = "".join(
-        f"M{x(one.series.time[n])},{y(np.clip(one.series.value[n], least, most))}"
-        "m-3,-3l6,6m0,-6l-6,6"
-        for n in one.outliers[-_RECORDINGS:]
-    )
-    marks = "".join(f"M{x(t)},{top}V{bottom}" for t in one.series.overhauls if t >= begin)
-    jumps = "".join(f"M{x(one.series.time[n])},{top}V{bottom}" for n in one.jumps)
-    bound = "" if limit is None else f"M{left},{y(limit)}H{right}"
-    ahead, quantiles = forecast
-    said = f"{name.replace('_', ' ')}, {low:.3g} to {high:.3g} {unit_said}".rstrip()
-    return (
-        f'<svg viewBox="0 0 {width} {height}" width="{width}" height="{height}" role="img" '
-        f'font-family="system-ui,sans-serif" font-size="12" fill="none">'
-        f"<title>{escape(alarm.why)}</title>"
-        f'<text x="{left}" y="16" fill="#1b1f24" font-weight="600">{escape(said)}</text>'
-        f'<path d="M{left},{bottom}H{right}" stroke="{GREY}"/>'
-        f'<path d="{dots}" stroke="{GREY}" stroke-width="3" stroke-linecap="round"/>'
-        f'<path d="{crosses}" stroke="{GREY}"/>'
-        f"{area(times, levels - 1.96 * errors, levels + 1.96 * errors, color)}"
-        f"{line(times, levels, color)}"
-        f"{area(ahead, quantiles[0], quantiles[2], color)}{line(ahead, quantiles[1], color)}"
-        f'<path d="{bound}" stroke="{ORANGE}" stroke-dasharray="6 4"/>'
-        f'<path d="{marks}" stroke="{GREEN}"/>'
-        f'<path d="{jumps}" stroke="{BLUE}" stroke-dasharray="2 3"/>'
-        f'<text x="{left}" y="{height - 5}" fill="#57606a">{moment_at(begin):%Y-%m}</text>'
-        f'<text x="{right}" y="{height - 5}" fill="#57606a" text-anchor="end">'
-        f"{moment_at(end):%Y-%m}</text></svg>"
-    )
-
-
-def _forecast(unit: FleetActuator, one: Trend, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Times and quantiles (3, K) of the level to come: lower end, median, upper end."""
-    now = years(unit.fleet.now)
-    ahead, level, _ = paths(
-        one, now, unit.fleet.process(unit.kind, name), horizon=_AHEAD, draws=200
+    times, past = _thinned(series.time, one.level, 60)
+    _, unsure = _thinned(series.time, np.hypot(one.level_error, one.constant_variance**0.5), 60)
+    odd = list(one.outliers[-_RECORDINGS:])
+    return _drawing().render(
+        width=width, height=height, left=left, right=right, top=top, bottom=bottom,
+        why=alarm.why, color=_COLORS[alarm.step],
+        said=f"{name.replace('_', ' ')}, {low:.3g} to {high:.3g} {unit_said}".rstrip(),
+        begin=f"{moment_at(begin):%Y-%m}", end=f"{moment_at(end):%Y-%m}",
+        estimates=points(*_thinned(series.time[known], series.value[known], 150)),
+        outliers=points(series.time[odd], np.clip(series.value[odd], least, most)),
+        curves=[
+            curve(times, past - 1.96 * unsure, past, past + 1.96 * unsure),
+            curve(now + ahead[every], *forecast),
+        ],
+        limits=map(y, limits), jumps=map(x, series.time[list(one.jumps)]),
+        overhauls=[x(t) for t in series.overhauls if t >= begin],
+        colors={"grey": GREY, "orange": ORANGE, "green": GREEN, "blue": BLUE},
     )  # fmt: skip
-    every = slice(None, None, 6)  # of 60, to the last
-    share = 0.5 - LEVEL / 2.0
-    return now + ahead[every], np.quantile(level[:, every], [share, 0.5, 1.0 - share], axis=0)
+
+
+@cache
+def _drawing() -> Any:
+    """The template of a panel."""
+    from jinja2 import Template
+
+    text = resources.files("ematwin.fleet").joinpath("panel.svg.j2").read_text("utf-8")
+    return Template(text, autoescape=True, trim_blocks=True, lstrip_blocks=True)
 
 
 def _thinned(time: np.ndarray, value: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
@@ -250,7 +229,7 @@ def history(unit: FleetActuator) -> Table:
     held = {one["id"] for one in unit.events}
     rows = []
     for one in reversed(unit.history):
-        entry = shortened(one["id"]) if one["what"] in ENTRIES else ""
+        entry = one["id"][:8] if one["what"] in ENTRIES else ""
         said = _told(one, by) + ("" if one["id"] in held else " \N{EM DASH} withdrawn")
         rows.append(Row([f"{one['time']:%Y-%m-%d}", said, entry]))
     return Table(["day", "what", "entry"], rows, texts=(1, 2))

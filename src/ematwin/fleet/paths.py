@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterable
 from datetime import datetime
+from functools import cache
 from pathlib import Path
 
 from ematwin.errors import InputError
@@ -13,23 +14,18 @@ from ematwin.recordings.formats.base import known_suffixes
 _DATE = re.compile(r"\d{4}-\d{2}-\d{2}(?:[T_ ]\d{2}[-:]?\d{2}(?:[-:]?\d{2})?)?")
 
 
-class Hashes:
-    """Hashes of files, read again only where size or time of a file has changed."""
+def hash_of(path: Path) -> str:
+    """The hash of a file, which is read again only where its size or time has changed."""
+    try:
+        now = path.stat()
+    except OSError:
+        return content_of(path)  # which says why
+    return _hash_of(path, now.st_size, now.st_mtime_ns)
 
-    def __init__(self) -> None:
-        self._known: dict[Path, tuple[int, int, str]] = {}
 
-    def of(self, path: Path) -> str:
-        """The hash of a file, as `ematwin.fleet.store.content_of` gives it."""
-        try:
-            now = path.stat()
-        except OSError:
-            return content_of(path)  # which says why
-        size, time, content = self._known.get(path, (-1, -1, ""))
-        if (size, time) != (now.st_size, now.st_mtime_ns):
-            content = content_of(path)
-            self._known[path] = now.st_size, now.st_mtime_ns, content
-        return content
+@cache
+def _hash_of(path: Path, size: int, time: int) -> str:
+    return content_of(path)
 
 
 class Paths:

@@ -17,18 +17,11 @@ from ematwin.exploring.server import HEADERS, LocalHandler, LocalServer
 from ematwin.fleet.fleet import Fleet
 from ematwin.fleet.pages import actuator_page, fleet_page
 
-_AGAIN = "300"  # s, after which a screen on the wall asks anew
 _SCRIPT = re.compile(r"<script>(.*?)</script>", re.DOTALL)
 
 
 class FleetServer(LocalServer):
-    """Serves a fleet until it is closed.
-
-    Parameters
-    ----------
-    fleet : Fleet
-    port : 0 takes a free one
-    """
+    """Serves a fleet until it is closed; port 0 takes a free one."""
 
     def __init__(self, fleet: Fleet, port: int = 0) -> None:
         self.fleet = fleet
@@ -42,16 +35,12 @@ class FleetServer(LocalServer):
         with self.turn:
             self.fleet.refresh()
             if self.fleet.version != self._version:
-                self._version = self.fleet.version
-                self._pages.clear()
-            if serial_number not in self._pages:
-                if serial_number == "":
-                    self._pages[""] = fleet_page(self.fleet, link="{serial}")
-                elif serial_number in self.fleet:
-                    self._pages[serial_number] = actuator_page(self.fleet[serial_number])
-                else:
-                    return None
-            return self._pages[serial_number]
+                self._version, self._pages = self.fleet.version, {}
+            if serial_number == "" and "" not in self._pages:
+                self._pages[""] = fleet_page(self.fleet, link="{serial}")
+            elif serial_number in self.fleet and serial_number not in self._pages:
+                self._pages[serial_number] = actuator_page(self.fleet[serial_number])
+            return self._pages.get(serial_number)
 
 
 class _Handler(LocalHandler):
@@ -84,4 +73,7 @@ def headers_of(page: str) -> dict[str, str]:
         f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; base-uri 'none'; "
         "form-action 'none'; frame-ancestors 'none'"
     )
-    return HEADERS | {"Content-Security-Policy": policy, "Refresh": _AGAIN}
+    return HEADERS | {
+        "Content-Security-Policy": policy,
+        "Refresh": "300",
+    }  # s, for a screen on the wall

@@ -35,9 +35,6 @@ ERRORS = {
     "demagnetisation": 0.03,
 }  # fmt: skip
 _SAME = 0.7  # share of the variance that is the same in all recordings: parameters and sensors
-_OCCASION = 0.006  # scatter between occasions beside that: lubricant, mounting, run-in
-_OUTLIERS, _WITHOUT = 0.005, 0.02  # shares of recordings that are wrong, and without a verdict
-_WARMTH = -0.0015  # change of the estimated friction per K: a warm lubricant is thin
 
 
 def worn(
@@ -66,23 +63,14 @@ Worn = Callable[[np.random.Generator, int, float, np.ndarray], Mapping[str, np.n
 
 @dataclass(frozen=True)
 class SimulatedFleet:
-    """Truth and estimates of a fleet.
-
-    Parameters
-    ----------
-    actuators : how many
-    years : for how long they are recorded, until ``end``
-    per_year : recordings of each actuator in a year
-    seed : int
-    end : moment of the last day; None takes the present day
-    worn : magnitudes over the days from new on, by generator, days, severity and temperatures
-    """
+    """Truth and estimates of a fleet."""
 
     actuators: int = 60
-    years: float = 3.0
-    per_year: float = 100.0
+    years: float = 3.0  # for how long they are recorded, until ``end``
+    per_year: float = 100.0  # recordings of each actuator in a year
     seed: int = 1
-    end: datetime | None = None
+    end: datetime | None = None  # moment of the last day; None takes the present day
+    # magnitudes over the days from new on, by generator, days, severity and temperatures
     worn: Worn = worn
 
     def __post_init__(self) -> None:
@@ -134,19 +122,20 @@ class SimulatedFleet:
     def _estimates(
         self, generator: np.random.Generator, serial: str, truth: "Truth", twin: str, kind: str
     ) -> list[dict[str, object]]:
-        names = list(LIMITS)
-        error = np.array([ERRORS[name] for name in names])
+        names, error = list(LIMITS), np.array([ERRORS[name] for name in LIMITS])
         constant = np.sqrt(_SAME) * error * generator.standard_normal(len(names))
         rows: list[dict[str, object]] = []
         for day in self._recorded(generator):
             value = np.array([truth.level[name][day] for name in names]) + constant
             value += np.sqrt(1.0 - _SAME) * error * generator.standard_normal(len(names))
-            value += _OCCASION * generator.standard_normal(len(names))
-            value[0] += _WARMTH * (truth.temperature[day] - truth.temperature.mean())
-            if generator.random() < _OUTLIERS:
+            # scatter between occasions: lubricant, mounting, run-in
+            value += 0.006 * generator.standard_normal(len(names))
+            # a warm lubricant is thin: friction per K
+            value[0] -= 0.0015 * (truth.temperature[day] - truth.temperature.mean())
+            if generator.random() < 0.005:  # is wrong
                 value[generator.integers(len(names))] += generator.uniform(0.1, 0.5)
             value = np.clip(value, 0.0, 1.0)  # as identify stays within the bounds
-            without = generator.random() < _WITHOUT
+            without = generator.random() < 0.02  # a verdict
             large = [n for n, v, e in zip(names, value, error, strict=True) if v > 0.02 + 2.0 * e]
             grade = "none" if without else "fault" if large else "healthy"
             reason = "No verdict: the motion is too small." if without else ""
@@ -176,19 +165,12 @@ class SimulatedFleet:
 
 @dataclass(frozen=True)
 class Truth:
-    """What an actuator went through, day by day.
+    """What an actuator went through, day by day."""
 
-    Attributes
-    ----------
-    level : by magnitude, (days,) arrays
-    temperature, load : (days,) arrays, deg C and N m
-    repairs : days, and whether they were recorded
-    """
-
-    level: Mapping[str, np.ndarray]
-    temperature: np.ndarray
+    level: Mapping[str, np.ndarray]  # by magnitude, (days,) arrays
+    temperature: np.ndarray  # temperature, load: (days,) arrays, deg C and N m
     load: np.ndarray
-    repairs: tuple[tuple[int, bool], ...]
+    repairs: tuple[tuple[int, bool], ...]  # days, and whether they were recorded
 
     def passes(self, name: str, day: int = 0) -> int | None:
         """The first day from ``day`` on beyond its limit; None if there is none."""

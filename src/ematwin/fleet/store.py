@@ -27,7 +27,6 @@ from uuid import uuid4
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from ematwin.errors import FileError, InputError
 from ematwin.files import written_whole
@@ -65,18 +64,7 @@ SCHEMA = pa.schema(
 
 
 class FleetStore:
-    """The folder of a fleet.
-
-    Parameters
-    ----------
-    folder : made where it is missing
-    create : False refuses a folder that is no store
-
-    Raises
-    ------
-    FileError
-        If the folder cannot be made, or is none.
-    """
+    """The folder of a fleet, made where it is missing; ``create`` False refuses what is none."""
 
     def __init__(self, folder: str | Path, *, create: bool = True) -> None:
         self.folder = Path(folder)
@@ -112,21 +100,12 @@ class FleetStore:
 
         A recording that several twins have judged has the latest judgement. A file that was judged
         while it was still written counts as it is now.
-
-        Raises
-        ------
-        FileError
-            If a file of the store is damaged; the message names it.
         """
         whole = pa.concat_tables([SCHEMA.empty_table(), *self._held.rows(serial_number)])
-        order = [("content", "ascending"), ("motion", "ascending"), ("judged", "descending")]
-        whole = whole.sort_by(order)
-        if whole.num_rows > 1:
-            keys = [whole[name].combine_chunks() for name in ("content", "motion")]
-            alike = [pc.equal(k.slice(1), k.slice(0, len(k) - 1)) for k in keys]
-            again = pc.and_(*alike)
-            first = pa.concat_arrays([pa.array([True]), pc.invert(again)])
-            whole = whole.filter(first)
+        whole = whole.sort_by("judged")
+        keys = zip(whole["content"].to_pylist(), whole["motion"].to_pylist(), strict=True)
+        latest = {key: n for n, key in enumerate(keys)}  # of several judgements the last
+        whole = whole.take(pa.array(sorted(latest.values()), pa.int64()))
         whole = whole.filter(_as_they_are(whole))
         return whole.sort_by([("serial_number", "ascending"), ("time", "ascending")])
 
@@ -148,7 +127,7 @@ class FleetStore:
 
     def twin(self, fingerprint: str) -> Calibration:
         """A twin that judges or has judged."""
-        return _in_file(self._held.twin(fingerprint))
+        return _read_once(self._held.twin(fingerprint))
 
     def keep_twin(self, given: Calibration | Path) -> str:
         """Keep a calibration, or its file, as a twin that judges; gives its fingerprint."""
@@ -201,48 +180,36 @@ def _event(text: str) -> dict[str, Any]:
     return event
 
 
-@cache
-def _in_file(path: Path) -> Calibration:
-    """The calibration in the file of a twin, which each recording needs and nothing changes."""
-    return Calibration.of(path)
+# the file of a twin, which each recording needs and nothing changes
+_read_once = cache(Calibration.of)
 
 
 def _as_they_are(rows: pa.Table) -> pa.Array:
-    """Which rows, (N,) booleans, are of files as they are now.
+    """Which rows, (N,) booleans, in the order of judgement, are of files as they are now.
 
-    The others have source, actuator and time of a row that was judged later, with other contents;
-    or were set aside, and their source has later contents.
+    The others have source, actuator and time of a later row with other contents; or were set aside,
+    and their source has later contents.
     """
-    names = ("source", "serial_number", "time", "grade", "content", "judged")
+    names = ("source", "serial_number", "time", "grade", "content")
     several = list(zip(*(rows[name].to_pylist() for name in names), strict=True))
-    latest: dict[tuple[Any, ...], tuple[datetime, str]] = {}
-    for *place, _, content, judged in several:
-        for key in (tuple(place), (place[0],)):
-            latest[key] = max(latest.get(key, (judged, content)), (judged, content))
+    latest: dict[tuple[Any, ...], str] = {}
+    for source, serial, time, _, content in several:
+        latest[source,] = latest[source, serial, time] = content
     kept = [
-        place[0] is None
-        or latest[(place[0],) if grade == SET_ASIDE else tuple(place)][1] == content
-        for *place, grade, content, _ in several
+        source is None
+        or content == latest[(source,) if grade == SET_ASIDE else (source, serial, time)]
+        for source, serial, time, grade, content in several
     ]
     return pa.array(kept, pa.bool_())
 
 
 def row_of(
-    serial_number: str,
-    time: datetime | None,
-    *,
-    content: str,
-    motion: int,
-    twin: str,
-    kind: str,
-    grade: str,
-    **more: Any,
+    serial_number: str, time: datetime | None, *, content: str, motion: int, twin: str, **more: Any
 ) -> dict[str, Any]:
     """A row of the store, whose id follows from recording and twin."""
     return {
         "id": id_of(content, motion, twin), "serial_number": serial_number, "time": time,
-        "judged": datetime.now(UTC), "content": content, "motion": motion, "twin": twin,
-        "kind": kind, "grade": grade, **more,
+        "judged": datetime.now(UTC), "content": content, "motion": motion, "twin": twin, **more,
     }  # fmt: skip
 
 
@@ -252,13 +219,7 @@ def id_of(content: str, motion: int, twin: str) -> str:
 
 
 def content_of(path: Path) -> str:
-    """The hash of a file.
-
-    Raises
-    ------
-    FileError
-        If it cannot be read.
-    """
+    """The hash of a file, or `FileError` if it cannot be read."""
     try:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()[:20]
@@ -267,13 +228,7 @@ def content_of(path: Path) -> str:
 
 
 def moment_of(text: str | datetime) -> datetime:
-    """A moment with its zone, UTC where it has none.
-
-    Raises
-    ------
-    InputError
-        If it is not ISO 8601.
-    """
+    """A moment with its zone, UTC where it has none, of ISO 8601; else `InputError`."""
     try:
         found = text if isinstance(text, datetime) else datetime.fromisoformat(text)
     except (ValueError, TypeError):

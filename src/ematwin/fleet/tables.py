@@ -18,7 +18,6 @@ from ematwin.files import written_whole
 from ematwin.numerics.content import digest
 
 PATIENCE = 60.0  # s for which a database that does not answer is tried again
-_LOCK = 0x666C6565  # of PostgreSQL, for making the tables
 
 
 def _type(one: pa.DataType) -> Any:
@@ -36,15 +35,6 @@ class TableRows:
     ----------
     url : postgresql://user@host/name
     folder : of the fleet, for copies of twins
-
-    Raises
-    ------
-    InputError
-        If it is no such address.
-    MissingExtraError
-        If the driver of PostgreSQL is not installed.
-    FileError
-        If the database does not answer.
     """
 
     def __init__(self, url: str, folder: Path, schema: pa.Schema) -> None:
@@ -54,11 +44,7 @@ class TableRows:
                 f"The store of a fleet is postgresql://user@host/name, received {url!r}. Without "
                 "one it is the folder of the fleet."
             )
-        self._database, self._folder, self._schema = (
-            Database(url, patience=PATIENCE),
-            folder,
-            schema,
-        )
+        self._database, self._folder, self._schema = Database(url, PATIENCE), folder, schema
         if not self._database.is_server:
             raise InputError(f"The store of a fleet is a PostgreSQL database, received {url!r}.")
         columns = [Column(one.name, _type(one.type)) for one in schema if one.name != "id"]
@@ -70,7 +56,7 @@ class TableRows:
         )
 
         def make(connection: Any) -> None:
-            connection.exec_driver_sql(f"SELECT pg_advisory_xact_lock({_LOCK})")
+            connection.exec_driver_sql("SELECT pg_advisory_xact_lock(1718379877)")
             held.create_all(connection)
 
         self._database.write(make)

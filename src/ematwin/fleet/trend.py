@@ -29,29 +29,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ematwin.fleet.kalman import ended, filtered, smoothed
+from ematwin.fleet.kalman import filtered, smoothed
 
-_MOST = 30  # shocks in one series
-_TAUGHT = 200  # estimates of an actuator that teach the fleet: all of them teach no more
 _LEVEL, _SLOPE, _EFFECTS = 0, 1, 3
 
 
 @dataclass(frozen=True)
 class Series:
-    """Estimates of one magnitude of one actuator, ordered by time.
+    """Estimates of one magnitude of one actuator, ordered by time."""
 
-    Attributes
-    ----------
-    time : (n,) array, years
-    value, error : (n,) arrays, estimate and its standard error
-    covariates : (n, 2) array, standardised temperature and load; 0 where not recorded
-    overhauls : times, years, from which on the actuator is as another one of the fleet
-    """
-
-    time: np.ndarray
-    value: np.ndarray
+    time: np.ndarray  # (n,) array, years
+    value: np.ndarray  # value, error: (n,) arrays, estimate and its standard error
     error: np.ndarray
-    covariates: np.ndarray
+    covariates: np.ndarray  # (n, 2) array, standardised temperature and load; 0 where not recorded
+    # times, years, from which on the actuator is as another one of the fleet
     overhauls: tuple[float, ...] = ()
 
     def until(self, moment: float) -> "Series":
@@ -69,8 +60,8 @@ class Series:
         return tuple(map(np.ascontiguousarray, several))
 
     def thinned(self) -> "Series":
-        """At most `_TAUGHT` of its estimates, evenly."""
-        every = -(-self.time.size // _TAUGHT) or 1
+        """At most 200 of its estimates, evenly: all of them teach a fleet no more."""
+        every = -(-self.time.size // 200) or 1
         return Series(
             self.time[::every], self.value[::every], self.error[::every],
             self.covariates[::every], self.overhauls,
@@ -79,33 +70,21 @@ class Series:
 
 @dataclass(frozen=True)
 class Wear:
-    """Distribution of a magnitude over the whole fleet.
+    """Distribution of a magnitude over the whole fleet."""
 
-    Attributes
-    ----------
-    mean, spread : (5,) arrays, of level, slope, acceleration and two effects at the start
-    after : (2,) array, mean and spread of the slope after a jump
-    q_level, q_slope : variances per year
-    lasting : years, in which an acceleration falls to 1/e; below 0 it grows by e in these
-    occasion, scale : of the errors of estimates, see above
-    size : standard deviation of jumps and of outliers, the range of the unknown
-    jump_rate : jumps per actuator and year beforehand
-    outlier_share : of estimates beforehand
-    others : draws of other plausible values, for each law of wear some
-    """
-
+    # mean, spread: (5,) arrays, of level, slope, acceleration and two effects at the start
     mean: np.ndarray
     spread: np.ndarray
-    after: np.ndarray
-    q_level: float
+    after: np.ndarray  # (2,) array, mean and spread of the slope after a jump
+    q_level: float  # q_level, q_slope: variances per year
     q_slope: float
-    lasting: float
-    occasion: float
+    lasting: float  # years, in which an acceleration falls to 1/e; below 0 it grows by e in these
+    occasion: float  # occasion, scale: of the errors of estimates, see above
     scale: float
-    size: float
-    jump_rate: float = 0.1
-    outlier_share: float = 0.01
-    others: tuple["Draws", ...] = ()
+    size: float  # standard deviation of jumps and of outliers, the range of the unknown
+    jump_rate: float = 0.1  # jumps per actuator and year beforehand
+    outlier_share: float = 0.01  # of estimates beforehand
+    others: tuple["Draws", ...] = ()  # draws of other plausible values, for each law of wear some
 
     def variance(self, error: np.ndarray) -> np.ndarray:
         """Of the part of an estimate's error that differs between recordings."""
@@ -146,31 +125,22 @@ class Draws(NamedTuple):
 
 @dataclass(frozen=True)
 class Trend:
-    """Posterior of level and slope of a magnitude.
+    """Posterior of level and slope of a magnitude."""
 
-    Attributes
-    ----------
-    series : the data
-    wear : the fleet's prior
-    mean, covariance : (3,) and (3, 3) arrays, level, slope and acceleration at ``time``
-    level, level_error : (n,) arrays, smoothed, and its standard error
-    slope : (n,) array, smoothed, per year
-    corrected : (n,) array, estimates less the effects of covariates
-    outliers, jumps : indices of estimates that are outliers, and before which the level jumped
-    told, shocks : logarithms of the probability densities of the estimates, and of their jumps and
-        outliers beforehand
-    """
-
-    series: Series
-    wear: Wear
+    series: Series  # the data
+    wear: Wear  # the fleet's prior
+    # mean, covariance: (3,) and (3, 3) arrays, level, slope and acceleration at ``time``
     mean: np.ndarray
     covariance: np.ndarray
-    level: np.ndarray
+    level: np.ndarray  # level, level_error: (n,) arrays, smoothed, and its standard error
     level_error: np.ndarray
-    slope: np.ndarray
-    corrected: np.ndarray
+    slope: np.ndarray  # (n,) array, smoothed, per year
+    corrected: np.ndarray  # (n,) array, estimates less the effects of covariates
+    # outliers, jumps: indices of estimates that are outliers, and before which the level jumped
     outliers: tuple[int, ...]
     jumps: tuple[int, ...]
+    # told, shocks: logarithms of the probability densities of the estimates, and of their jumps
+    # and outliers beforehand
     told: float
     shocks: float
 
@@ -179,23 +149,17 @@ class Trend:
         """Draws of the wear, by law, with mean (N, 3) and covariance (N, 3, 3) at ``time``."""
         if not self.wear.others:
             return [(self.wear.alone, self.mean[None], self.covariance[None])]
-        return [(one, *self._ended(one)) for one in self.wear.others]
-
-    def _ended(self, draws: Draws) -> tuple[np.ndarray, np.ndarray]:
         if self.time > self.series.time[-1]:  # renewed since
-            return draws.mean[:, :3], draws.spread[:, :3, None] ** 2 * np.eye(3)
-        return self.ended(draws)[:2]
+            return [
+                (one, one.mean[:, :3], one.spread[:, :3, None] ** 2 * np.eye(3))
+                for one in self.wear.others
+            ]
+        return [(one, *self.ended(one)[:2]) for one in self.wear.others]
 
     def ended(self, draws: Draws) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """States (N, 3) after the last estimate, covariances, and log likelihoods (N,)."""
-        series = self.series
-        used = np.ones(series.time.size, dtype=bool)
-        used[list(self.outliers)] = False
-        restarts = _restarts(series, self.wear, self.jumps)
-        count = len(draws.mean)
-        mean, cov, told = np.empty((count, 3)), np.empty((count, 3, 3)), np.empty(count)
-        ended(*series.arrays, used, self.wear.after, *restarts, draws, mean, cov, told)
-        return mean, cov, told
+        restarts = _restarts(self.series, self.wear, self.jumps)
+        return _filtered(self.series, self.wear, self.outliers, restarts, draws, _Moments.of(0))
 
     @property
     def time(self) -> float:
@@ -242,30 +206,51 @@ def _restarts(series: Series, wear: Wear, jumps: Sequence[int]) -> tuple[np.ndar
     return jump, reset
 
 
+class _Moments(NamedTuple):
+    """The filter at n estimates, as the smoother needs it."""
+
+    state: np.ndarray  # (n, 5), predicted
+    covariance: np.ndarray  # (n, 5, 5)
+    gain: np.ndarray  # (n, 5)
+    innovation: np.ndarray  # (n,)
+    power: np.ndarray  # (n,), variance of the innovation
+
+    @classmethod
+    def of(cls, n: int) -> "_Moments":
+        """Not filled."""
+        return cls(*(np.empty(shape) for shape in ((n, 5), (n, 5, 5), (n, 5), (n,), (n,))))
+
+
+def _filtered(
+    series: Series, wear: Wear, outliers: Sequence[int], restarts: tuple[np.ndarray, np.ndarray],
+    draws: Draws, moments: _Moments,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """States (N, 3) after the last estimate, covariances, and log likelihoods (N,) of N draws."""
+    used = np.ones(series.time.size, dtype=bool)
+    used[list(outliers)] = False
+    count = len(draws.mean)
+    found = np.empty((count, 3)), np.empty((count, 3, 3)), np.empty(count)
+    filtered(*series.arrays, used, wear.after, *restarts, draws, *found, *moments)
+    return found
+
+
 class Pass:
     """One filter and smoother over a series, with shocks at given places."""
 
     def __init__(self, series: Series, wear: Wear, outliers: Sequence[int], jumps: Sequence[int]):
         n = series.time.size
-        self.variance = wear.variance(series.error)
-        used = self.variance.copy()
-        used[list(outliers)] = np.inf
-        self.jump, self.reset = _restarts(series, wear, jumps)
-        self.mean, self.cov, gain = np.empty((n + 1, 5)), np.empty((n + 1, 5, 5)), np.empty((n, 5))
-        innovation, power = np.empty(n), np.empty(n)
-        time, value, _, covariates = series.arrays
-        self.told = filtered(
-            time, value, used, covariates, wear.mean, wear.spread,
-            wear.after, wear.q_level, wear.q_slope, wear.lasting, self.jump, self.reset,
-            self.mean, self.cov, gain, innovation, power,
-        )  # fmt: skip
+        self.jump, self.reset = restarts = _restarts(series, wear, jumps)
+        moments = _Moments.of(n)
+        self.mean, self.covariance, self.told = (
+            part[0] for part in _filtered(series, wear, outliers, restarts, wear.alone, moments)
+        )
         self.score, self.weight = np.empty((n, 5)), np.empty((n, 5, 5))
         self.residual, self.precision = np.empty(n), np.empty(n)
         self.smooth, self.error = np.empty((n, 5)), np.empty((n, 5))
+        time, _, _, covariates = series.arrays
         smoothed(
-            time, covariates, wear.lasting, self.jump, self.reset, self.mean, self.cov, gain,
-            innovation, power, self.score, self.weight, self.residual, self.precision,
-            self.smooth, self.error,
+            time, covariates, wear.lasting, self.jump, self.reset, *moments, self.score,
+            self.weight, self.residual, self.precision, self.smooth, self.error,
         )  # fmt: skip
 
     def odds(self, series: Series, wear: Wear) -> tuple[np.ndarray, np.ndarray]:
@@ -288,17 +273,11 @@ def _factor(score: np.ndarray, weight: np.ndarray, size: float) -> np.ndarray:
 
 
 def trend(series: Series, wear: Wear) -> Trend:
-    """Posterior of a series, with the jumps and outliers that are more likely than not.
-
-    Parameters
-    ----------
-    series : of at least one estimate
-    wear : of the fleet, as `learn` gives
-    """
+    """Posterior of a series, with the jumps and outliers that are more likely than not."""
     outliers: list[int] = []
     jumps: list[int] = []
     done = Pass(series, wear, outliers, jumps)
-    for _ in range(_MOST):
+    for _ in range(30):  # shocks at most
         apart, jump = done.odds(series, wear)
         i, k = int(np.argmax(apart)), int(np.argmax(jump))
         if max(apart[i], jump[k]) <= 0.0:
@@ -310,7 +289,7 @@ def trend(series: Series, wear: Wear) -> Trend:
         else:
             outliers.append(i)
         done = Pass(series, wear, outliers, jumps)
-    last = done.mean[-1, :3].copy(), done.cov[-1, :3, :3].copy()  # a view would keep all moments
+    last = done.mean, done.covariance
     if any(at > series.time[-1] for at in series.overhauls):
         last = wear.mean[:3], np.diag(wear.spread[:3] ** 2)
     effect = (done.smooth[:, _EFFECTS:] * series.covariates).sum(axis=1)

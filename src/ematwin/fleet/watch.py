@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from ematwin.errors import EmatwinError, FileError, InputError, RecordError
-from ematwin.fleet.paths import Hashes, Paths
+from ematwin.fleet.paths import Paths, hash_of
 from ematwin.fleet.store import SET_ASIDE, FleetStore, id_of, moment_of, row_of
 from ematwin.models.reading import read
 from ematwin.models.registry import model_of
@@ -31,25 +31,16 @@ from ematwin.recordings.recording import Recording
 from ematwin.showing.bars import told
 
 _EARLIEST = datetime(1990, 1, 1, tzinfo=UTC)  # clocks that were never set begin in 1970 or 1980
-_AHEAD = timedelta(days=1)  # zones and clocks may be off by as much
 
 
 @dataclass
 class Watched:
-    """What came of watching.
+    """What came of watching."""
 
-    Attributes
-    ----------
-    judged : recordings that got a row, with a verdict or without
-    set_aside : files and reasons
-    known : files that had been judged before
-    duplicates : files that are equal to another one
-    """
-
-    judged: int = 0
-    set_aside: list[tuple[str, str]] = field(default_factory=list)
-    known: int = 0
-    duplicates: list[str] = field(default_factory=list)
+    judged: int = 0  # recordings that got a row, with a verdict or without
+    set_aside: list[tuple[str, str]] = field(default_factory=list)  # files and reasons
+    known: int = 0  # files that had been judged before
+    duplicates: list[str] = field(default_factory=list)  # files that are equal to another one
 
     def __str__(self) -> str:
         parts = [f"{self.judged} recordings judged", f"{self.known} known before"]
@@ -63,10 +54,8 @@ class Watched:
 class Twins:
     """The calibrations of a fleet, by serial number and the day from which they hold.
 
-    Parameters
-    ----------
-    store : its ``calibrations`` are read, and what judges is kept among its ``twins``
-    given : for actuators without a file: what `ematwin.identify` takes; None for none
+    Those in the store's ``calibrations``, and ``given`` for actuators without a file there: what
+    `ematwin.identify` takes; None for none. What judges is kept among the store's ``twins``.
     """
 
     def __init__(self, store: FleetStore, given: Any = None) -> None:
@@ -108,14 +97,12 @@ def watch(
     columns: Any = None,
     threads: int | None = None,
     scheduler: str | None = None,
-    hashes: Hashes | None = None,
     progress: Callable[[float], None] | bool | None = None,
 ) -> Watched:
     """Judge the recordings that are not in the store yet, on all cores, and keep each at once.
 
     Parameters
     ----------
-    store : FleetStore
     recordings : a folder, which is searched with all folders in it; a file; a table of runs
         (columns path, serial, time); or several of these
     actuator : the twin of actuators that have no file among ``calibrations``
@@ -124,12 +111,7 @@ def watch(
     threads : threads that share the work; None takes one for each core
     scheduler : address of a Dask scheduler, tcp://host:8786, whose workers share the work instead;
         they see the folders of recordings and fleet under the same paths
-    hashes : of files that were seen before, by this process
     progress : True shows a bar; else called with the share done
-
-    Returns
-    -------
-    Watched
 
     Raises
     ------
@@ -143,12 +125,11 @@ def watch(
         store, recordings = FleetStore(store.folder.resolve()), [Path(p).resolve() for p in several]
     paths = Paths(recordings, pattern)
     twins, known, found = Twins(store, actuator), store.known(), Watched()
-    hashes = hashes or Hashes()
     seen: dict[str, str] = {}
     todo: list[tuple[Path, str]] = []
     for path in paths.files:
         try:
-            content = hashes.of(path)
+            content = hash_of(path)
         except FileError as error:  # unreadable, or removed meanwhile; it has no row
             found.set_aside.append((str(path), str(error)))
             continue
@@ -240,43 +221,44 @@ def _judged(
     latest: dict[str, datetime],
 ) -> list[dict[str, Any]]:  # fmt: skip
     """The rows of a file, which are kept before they are given."""
-    serial = paths.serial(path)
-    rows: list[dict[str, Any]] = []
+    serial, stated = paths.serial(path), paths.time(path)
     try:
-        first = twins.select(serial, paths.time(path) or datetime.now(UTC))
-        several = read(
-            path, columns, actuator=store.twin(first).actuator if first else None, split=True
-        )
+        first = twins.select(serial, stated or datetime.now(UTC))
+        actuator = store.twin(first).actuator if first else None
+        several = read(path, columns, actuator=actuator, split=True)
     except Exception as error:  # whatever a damaged file makes a reader raise
-        several = []
-        when = paths.time(path)
-        mark = twins.select(serial, when)
-        rows.append(_aside(path, content, 0, serial, when, _sentence(error), mark))
+        twin = twins.select(serial, stated)
+        made: dict[str, Any] = {"content": content, "motion": 0, "twin": twin}
+        rows = [_aside(error, serial, stated, path, made)]
+        store.add(rows)
+        return rows
     found = []
-    for one in several:
-        who = one.labels.get("serial_number", serial)
-        when = paths.time(path)
+    by: dict[str, list[str]] = {}
+    for motion, one in enumerate(several):
+        who, when = one.labels.get("serial_number", serial), stated
         if one.start is not None:  # when its time is zero, which may be in another motion
             when = moment_of(one.start) + timedelta(seconds=float(one.time[0]))
-        found.append((who, when, twins.select(who, when)))
-    by: dict[str, list[str]] = {}
-    for motion, (who, _, mark) in enumerate(found):
-        by.setdefault(who, []).append(id_of(content, motion, mark))
+        made = {"content": content, "motion": motion, "twin": twins.select(who, when)}
+        found.append((one, who, when, made))
+        by.setdefault(who, []).append(id_of(**made))
     if by and all(store.has(who, ids) for who, ids in by.items()):
         return []  # another watcher was faster
-    for motion, (one, (who, when, mark)) in enumerate(zip(several, found, strict=True)):
+    rows = []
+    for one, who, when, made in found:
         try:
-            rows.append(_row(path, content, motion, one, who, when, mark, store, latest))
+            late = when is not None and who in latest and when < latest[who]
+            note = "late" if late else ""
+            rows.append(_row(one, who, when, store, source=str(path), note=note, **made))
         except Exception as error:  # the rest goes on
-            rows.append(_aside(path, content, motion, who, when, _sentence(error), mark))
+            rows.append(_aside(error, who, when, path, made))
     store.add(rows)
     return rows
 
 
 def _row(
-    path: Path, content: str, motion: int, one: Recording, serial: str, when: datetime | None,
-    mark: str, store: FleetStore, latest: dict[str, datetime],
-) -> dict[str, Any]:  # fmt: skip
+    one: Recording, serial: str, when: datetime | None, store: FleetStore, *, twin: str, **more: Any
+) -> dict[str, Any]:
+    """The row of a recording."""
     if not serial:
         raise RecordError(
             "Nothing says which actuator was recorded. Put it into a folder with its serial "
@@ -287,48 +269,39 @@ def _row(
             "Nothing says when it was recorded. Put the date into its name, such as "
             "2026-05-01T08-30.csv."
         )
-    if when < _EARLIEST or when > datetime.now(UTC) + _AHEAD:
+    if when < _EARLIEST or when > datetime.now(UTC) + timedelta(days=1):  # zones are a day apart
         raise RecordError(
             f"It was recorded on {when:%Y-%m-%d} by its own clock, which cannot be. Correct the "
             "time of the recorder."
         )
-    if not mark:
+    if not twin:
         raise RecordError(
             f"There is no twin of {serial} at {when:%Y-%m-%d}. Put its calibration into the "
             f"fleet as calibrations/{serial}.toml, or give one for all with --actuator."
         )
-    twin = store.twin(mark)
-    found = identify(one, twin, threads=1)
-    estimate = found.estimate
-    faults = {f.name for f in twin.model.faults(twin.actuator) if f.direction_of is None}
+    known = store.twin(twin)
+    found = identify(one, known, threads=1)
+    estimate, verdict = found.estimate, found.verdict
+    faults = {f.name for f in known.model.faults(known.actuator) if f.direction_of is None}
     at = [n for n, name in enumerate(estimate.names) if name in faults]
-    late = serial in latest and when < latest[serial]
     return row_of(
-        serial, when, content=content, motion=motion, twin=mark, kind=twin.model.kind,
-        grade=found.verdict.grade, faults=list(found.verdict.faults),
-        sentence=found.verdict.sentence, reason=found.verdict.reason,
+        serial, when, twin=twin, kind=known.model.kind, grade=verdict.grade,
+        faults=list(verdict.faults), sentence=verdict.sentence, reason=verdict.reason,
         names=[estimate.names[n] for n in at], values=estimate.values[at].tolist(),
         covariance=estimate.covariance[np.ix_(at, at)].ravel().tolist(),
-        temperature=_temperature(one), load=_load(one, twin), source=str(path),
-        note="late" if late else "",
+        temperature=_temperature(one), load=_load(one, known), **more,
     )  # fmt: skip
 
 
 def _aside(
-    path: Path, content: str, motion: int, serial: str, when: datetime | None, reason: str,
-    twin: str = "",
-) -> dict[str, Any]:  # fmt: skip
-    row = row_of(
-        serial, when, content=content, motion=motion, twin=twin, kind="", grade=SET_ASIDE,
-        reason=reason, source=str(path),
-    )  # fmt: skip
-    return {**row, "id": id_of(content, motion, f"{twin} {reason} {path}")}  # no judgement's
-
-
-def _sentence(error: Exception) -> str:
-    if isinstance(error, EmatwinError):
-        return str(error)
-    return f"It cannot be judged ({type(error).__name__}: {str(error)[:200]})."
+    error: Exception, serial: str, when: datetime | None, path: Path, made: dict[str, Any]
+) -> dict[str, Any]:
+    """The row of what could not be judged; its id is that of no judgement."""
+    reason = f"It cannot be judged ({type(error).__name__}: {str(error)[:200]})."
+    reason = str(error) if isinstance(error, EmatwinError) else reason
+    more: dict[str, Any] = {"kind": "", "grade": SET_ASIDE, "reason": reason, "source": str(path)}
+    own = id_of(made["content"], made["motion"], f"{made['twin']} {reason} {path}")
+    return row_of(serial, when, **made, **more) | {"id": own}
 
 
 def _temperature(one: Recording) -> float | None:

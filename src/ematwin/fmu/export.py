@@ -1,5 +1,7 @@
 """Export an actuator as an FMU that needs no Python where it runs."""
 
+import json
+import math
 import os
 import platform
 import re
@@ -8,6 +10,7 @@ import subprocess
 import tempfile
 import uuid
 import zipfile
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,19 +18,10 @@ from ematwin.errors import EmatwinError, InputError
 from ematwin.files import check_target, written_whole
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import load_actuator, model_of
+from ematwin.quantities import base_units
 
 _SHIM = Path(__file__).parent / "shim"
 _COMPILERS = ("cc", "gcc", "clang")
-_HOW = """An FMU of {title}, exported by ematwin {version}.
-
-binaries/ holds the model for {here}. For another platform, this folder holds its physics as
-machine code and the rest as C. On that platform, in this folder:
-
-    cc -O2 -shared -fPIC twin.c fmi{fmi}.c PLATFORM.o -lm -o {identifier}.so
-
-with PLATFORM one of {platforms}; the library ends in .dll on Windows and
-in .dylib on macOS. Put it into binaries/FOLDER/ of the archive, FOLDER being {folders}.
-"""
 
 
 def export_fmu(
@@ -89,9 +83,8 @@ def export_fmu(
 def _fill(root: Path, model: Any, actuator: Any, fidelity: str, fmi: int, compiler: str) -> None:
     """Write all files of an archive into a folder."""
     from ematwin import __version__
-    from ematwin.fmu.description import Identity, header, model_description
     from ematwin.fmu.machine_code import PLATFORMS, compiled, object_file
-    from ematwin.fmu.variables import table_of
+    from ematwin.fmu.variables import ROLES, table_of
 
     here = next((one for one in PLATFORMS if one.name == _platform()), None)
     if here is None:
@@ -107,45 +100,54 @@ def _fill(root: Path, model: Any, actuator: Any, fidelity: str, fmi: int, compil
         "fingerprint": actuator.fingerprint,
     }  # fmt: skip
     named = " ".join([__version__, *origin.values(), *(one.name for one in table.variables)])
-    identity = Identity(
-        identifier=re.sub(r"\W", "_", f"ematwin_{actuator.name}_{fidelity}", flags=re.ASCII),
-        token=f"{{{uuid.uuid5(uuid.NAMESPACE_URL, named)}}}",
-        title=f"{actuator.description} ({model.title}, {fidelity} model)",
-        version=__version__,
-        origin=origin,
-        interval=stepped.interval,
-        step=stepped.interval / stepped.substeps,
-    )
+    identifier = re.sub(r"\W", "_", f"ematwin_{actuator.name}_{fidelity}", flags=re.ASCII)
+    roles = [one.role for one in table.variables]
+    step = stepped.interval / stepped.substeps
     sizes = {
         "PARAMETERS": len(parameters), "CONSTANTS": stepped.constant_count,
         "STATES": stepped.state_count, "OUTPUTS": len(stepped.outputs),
-        "SUBSTEPS": stepped.substeps, "HELD": stepped.held, "STEP": repr(identity.step),
+        "SUBSTEPS": stepped.substeps, "HELD": stepped.held, "STEP": step,
         "AT_COMMAND": stepped.at[0], "AT_LOAD": stepped.at[-1],
+        "FIRST_INPUT": roles.index("input"), "FIRST_OUTPUT": roles.index("output"),
+        "FIRST_PARAMETER": min(n for n, one in enumerate(roles) if one in ("tunable", "fixed")),
     }  # fmt: skip
-    extra = root / "extra" / "ematwin"
-    extra.mkdir(parents=True)
+    folders = [one.name if fmi == 3 else one.name_2 for one in PLATFORMS]
+    values = {
+        "fmi": fmi, "identifier": identifier, "origin": origin, "version": __version__,
+        "token": f"{{{uuid.uuid5(uuid.NAMESPACE_URL, named)}}}",
+        "title": f"{actuator.description} ({model.title}, {fidelity} model)",
+        "interval": stepped.interval, "step": step, "sizes": sizes,
+        "variables": table.variables, "roles": ROLES, "inf": math.inf,
+        "outputs": [n for n, role in enumerate(roles) if role == "output"],
+        "units": {u: base_units(u) for u in sorted({one.unit for one in table.variables} - {""})},
+        "here": here.name, "platforms": [one.name for one in PLATFORMS], "folders": folders,
+    }  # fmt: skip
+    extra, resources = root / "extra" / "ematwin", root / "resources"
+    binaries = root / "binaries" / folders[PLATFORMS.index(here)]
+    for folder in (extra, resources, binaries):
+        folder.mkdir(parents=True)
     for name in ("twin.h", "twin.c", f"fmi{fmi}.c"):
         shutil.copy(_SHIM / name, extra)
-    (extra / "model.h").write_text(header(identity, table, sizes), encoding="utf-8")
+    for name, into in (("model.h", extra), ("README.txt", extra), ("modelDescription.xml", root)):
+        (into / name).write_text(_rendered(name, values), encoding="utf-8")
     module = compiled(stepped, table.constants_from, len(parameters))
     for one in PLATFORMS:
         (extra / f"{one.name}.o").write_bytes(object_file(module, one))
-    folders = [one.name if fmi == 3 else one.name_2 for one in PLATFORMS]
-    (extra / "README.txt").write_text(
-        _HOW.format(
-            title=actuator.name, version=__version__, fmi=fmi, identifier=identity.identifier,
-            here=here.name, platforms=", ".join(one.name for one in PLATFORMS),
-            folders=", ".join(folders),
-        ),
-        encoding="utf-8",
-    )  # fmt: skip
-    binaries = root / "binaries" / folders[PLATFORMS.index(here)]
-    binaries.mkdir(parents=True)
-    _link(compiler, extra, fmi, here, binaries / f"{identity.identifier}{here.library}")
-    resources = root / "resources"
-    resources.mkdir()
+    _link(compiler, extra, fmi, here, binaries / f"{identifier}{here.library}")
     actuator.save(resources / "actuator.toml")
-    (root / "modelDescription.xml").write_bytes(model_description(identity, table, fmi))
+
+
+def _rendered(name: str, values: dict[str, Any]) -> str:
+    """A file of an archive, by its template."""
+    import jinja2
+
+    made = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(_SHIM), autoescape=name.endswith(".xml"), trim_blocks=True,
+        lstrip_blocks=True,
+    )  # fmt: skip
+    made.filters["quoted"] = partial(json.dumps, ensure_ascii=False)  # strings and numbers of C
+    made.filters["literal"] = lambda x: str(float(x)).replace("inf", "INFINITY")
+    return made.get_template(f"{name}.j2").render(values)
 
 
 def _link(compiler: str, folder: Path, fmi: int, here: Any, library: Path) -> None:

@@ -42,20 +42,15 @@ def compiled(stepped: Stepped, constants_from: Any, parameters: int) -> Any:
 
     ``ematwin_constants(p, c)``, ``ematwin_begin(c, u, x)``, ``ematwin_sample(c, x, u, n, y)`` and
     ``ematwin_advance(c, x, u)``, each with two pointers before: where numba puts a result and an
-    exception. There is none of either.
-
-    Parameters
-    ----------
-    stepped : the steps
-    constants_from : ``(p, c)``, as of `ematwin.fmu.tracing.followed`
-    parameters : number of values in ``p``
+    exception. There is none of either. ``constants_from`` is ``(p, c)`` as of
+    `ematwin.fmu.tracing.followed`, ``parameters`` the number of values in ``p``.
     """
     constants, states = stepped.constant_count, stepped.state_count
     outputs = len(stepped.outputs)
     begin, sample, advance, derive = (
         stepped.begin, stepped.sample, stepped.advance, stepped.derive
     )  # fmt: skip
-    followed = _inlined(constants_from)
+    followed = njit(inline="always", error_model="numpy")(constants_from)
 
     if derive is None:
 
@@ -101,10 +96,6 @@ def object_file(module: Any, platform: Platform) -> bytes:
     )
     own.data_layout = str(machine.target_data)
     return bytes(machine.emit_object(own))
-
-
-def _inlined(function: Callable[..., Any]) -> Any:
-    return njit(inline="always", error_model="numpy")(function)
 
 
 def _module(function: Callable[..., Any], pointers: int, counted: bool = False) -> Any:

@@ -57,19 +57,9 @@ def _text(value: Any) -> str:
 def followed(calculation: Any, names: Sequence[str]) -> tuple[Any, set[str]]:
     """A calculation of named values as a function of arrays, and the names that it depends on.
 
-    Parameters
-    ----------
-    calculation : ``values by name -> numbers``
-    names : of the values, in the order in which the function takes them
-
-    Returns
-    -------
-    ``(p, c)``, a function that numba can compile, which fills ``c`` (N, 1) from ``p`` (M, 1)
-
-    Raises
-    ------
-    InputError
-        If the calculation needs a value while it is followed, as a branch on it does.
+    The calculation takes values by name and gives numbers; the function ``(p, c)``, which numba can
+    compile, fills ``c`` (N, 1) from ``p`` (M, 1), values in the order of ``names``. `InputError` if
+    the calculation needs a value while it is followed, as a branch on it does.
     """
     lines: list[str] = []
     values: Mapping[str, Any] = {name: Unset(f"p[{n}, 0]", lines) for n, name in enumerate(names)}

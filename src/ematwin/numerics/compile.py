@@ -88,12 +88,7 @@ def loop(function: Callable[..., Any]) -> Any:
 
 
 class Kept:
-    """The machine code of a loop on disk, as numba asks for it.
-
-    Parameters
-    ----------
-    made : dispatcher of the loop
-    """
+    """The machine code of a loop, by its dispatcher, on disk, as numba asks for it."""
 
     cache_path = None
 

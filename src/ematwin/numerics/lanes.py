@@ -134,9 +134,7 @@ class Traces:
         ----------
         command, load : (S,) arrays; no load is zero
         constants, start : named tuples of numbers, or of (B,) arrays where candidates differ
-        interval : float, s, from one sample to the next
-        substeps : int, steps from one sample to the next
-        count, threads : int; one thread for each core if not given
+        interval, substeps : s, and steps, from one sample to the next
         """
         own, first = by_candidate(constants, count), by_candidate(start, count)
         traces = np.empty((count, len(self._names), command.size))

@@ -6,7 +6,6 @@ from collections.abc import Callable
 import numpy as np
 
 _SMALL = 1e-10  # of the largest slope: what counts as none
-_SURE = 1e-4  # pivot of a column of length one
 
 
 def inverse(information: np.ndarray) -> np.ndarray:
@@ -33,16 +32,11 @@ def eigen(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def bounded_squares(
     matrix: np.ndarray, target: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> np.ndarray:
-    """The x (d,) within bounds at which ``|matrix x - target|`` is least.
+    """The x (d,) within bounds, ``low <= 0 <= high``, at which ``|matrix x - target|`` is least.
 
     The active set of Stark and Parker (1995), Comput. Stat. 10, 129-141, as
-    `scipy.optimize.lsq_linear`, which takes longer to import than a descent takes.
-
-    Parameters
-    ----------
-    matrix : (K, d) array
-    target : (K,) array
-    low, high : (d,) arrays, ``low <= 0 <= high``: it sets out from zero
+    `scipy.optimize.lsq_linear`, which takes longer to import than a descent takes. The matrix is
+    (K, d), the target (K,).
     """
     size = np.linalg.norm(matrix, axis=0)
     seen = size > _SMALL * size.max(initial=0.0)  # less is rounding
@@ -85,7 +79,7 @@ def _solved(normal: np.ndarray, pull: np.ndarray) -> np.ndarray:
         pivots = np.diag(np.linalg.cholesky(normal))
     except np.linalg.LinAlgError:
         pivots = np.zeros(1)
-    if pivots.min(initial=1.0) > _SURE:
+    if pivots.min(initial=1.0) > 1e-4:  # of columns of length one
         return np.asarray(np.linalg.solve(normal, pull))
     return np.asarray(np.linalg.lstsq(normal, pull, rcond=None)[0])
 

@@ -3,7 +3,7 @@
 They know no actuator: any function of a box-bounded batch can be minimised.
 """
 
-from ematwin.optimizers.base import Algorithm, Box, Optimizer, OptimizerFactory
+from ematwin.optimizers.base import Algorithm, Box, Optimizer, OptimizerFactory, RandomSearch
 from ematwin.optimizers.differential_evolution import DifferentialEvolution
 from ematwin.optimizers.dragonfly import Dragonfly
 from ematwin.optimizers.genetic_algorithm import GeneticAlgorithm
@@ -11,8 +11,7 @@ from ematwin.optimizers.grey_wolf import GreyWolf
 from ematwin.optimizers.loop import minimize
 from ematwin.optimizers.objective import LimitedObjective
 from ematwin.optimizers.particle_swarm import ParticleSwarm
-from ematwin.optimizers.random_search import RandomSearch
-from ematwin.optimizers.registry import algorithms, create
+from ematwin.optimizers.registry import algorithms
 from ematwin.optimizers.result import History, MinimizeResult, Progress, Stop
 from ematwin.optimizers.whale import Whale
 
@@ -34,6 +33,5 @@ __all__ = [
     "Stop",
     "Whale",
     "algorithms",
-    "create",
     "minimize",
 ]

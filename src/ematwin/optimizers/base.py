@@ -11,7 +11,7 @@ import importlib.util
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -91,14 +91,6 @@ class Box:
         """True if every point lies within the bounds, bounds included."""
         return bool(np.all((points >= self.lower) & (points <= self.upper)))
 
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Box):
-            return NotImplemented
-        return np.array_equal(self.lower, other.lower) and np.array_equal(self.upper, other.upper)
-
-    def __hash__(self) -> int:
-        return hash((self.lower.tobytes(), self.upper.tobytes()))
-
 
 def _bound(values: ArrayLike, name: str) -> FloatArray:
     try:
@@ -155,38 +147,21 @@ class Optimizer(ABC):
 
     @abstractmethod
     def ask(self) -> FloatArray:
-        """Give the points whose costs are wanted next.
-
-        Returns
-        -------
-        (N, d) array, inside the box; the caller may change it
-        """
+        """Give the points (N, d) whose costs are wanted next; the caller may change them."""
 
     @abstractmethod
     def tell(self, points: FloatArray, costs: FloatArray) -> None:
-        """Learn the costs of the batch last asked for.
+        """Learn the costs (m,) of the batch last asked for, or of its first m rows (m, d).
 
-        Parameters
-        ----------
-        points : (m, d) array, the batch as asked, or its first m rows
-        costs : (m,) array
-
-        Raises
-        ------
-        InputError
-            If there is no batch to answer, or the shapes do not fit it.
+        `InputError` if there is no batch to answer, or the shapes do not fit it.
         """
 
     def limits(self) -> FloatArray | None:
-        """Give the costs above which points of the batch last asked for count as worst.
+        """Give the costs (N,) above which points of the batch last asked for count as worst.
 
-        The loop may then stop evaluating such a point and tell an infinite cost. A method gives
-        limits only if its later batches stay the same, bit for bit.
-
-        Returns
-        -------
-        (N,) array, one limit for each point, infinite where every cost counts; None (default) if
-        the method uses all costs
+        Infinite where every cost counts; None (default) if the method uses all costs. The loop may
+        stop evaluating such a point and tell an infinite cost. A method gives limits only if its
+        later batches stay the same, bit for bit.
         """
         return None
 
@@ -202,40 +177,23 @@ class Optimizer(ABC):
         """Release what outlives a batch: threads, processes. Most methods hold nothing."""
 
 
-class OptimizerFactory(Protocol):
-    """What can be named: a class of Optimizer, or a function with this signature."""
-
-    def __call__(self, box: Box, *, population: int, iterations: int, seed: int) -> Optimizer:
-        """Make an optimiser for a box."""
-        ...  # pragma: no cover
+OptimizerFactory = Callable[..., Optimizer]
+"""What can be named: a class of Optimizer, or ``(box, *, population, iterations, seed)``."""
 
 
 @dataclass(frozen=True)
 class Algorithm:
-    """An algorithm that can be named.
-
-    Attributes
-    ----------
-    name : str
-    title : str
-    source : str, the paper or library that it follows
-    departures : str, where it leaves its source; "none", or "not checked" where nobody looked
-    tuned_on : str, what its settings were chosen on, where not by its source
-    origin : str, "ematwin", the library that an adapter drives, or the package of an entry point
-    load : callable, gives the factory; imports no other library
-    requires : str or None, package to import; None if it comes with ematwin
-    aliases : tuple of str
-    """
+    """An algorithm that can be named."""
 
     name: str
     title: str
-    source: str
-    origin: str
-    load: Callable[[], OptimizerFactory]
-    requires: str | None = None
+    source: str  # the paper or library that it follows
+    origin: str  # "ematwin", the library of an adapter, or the package of an entry point
+    load: Callable[[], OptimizerFactory]  # imports no other library
+    requires: str | None = None  # package to import; None if it comes with ematwin
     aliases: tuple[str, ...] = ()
-    departures: str = "not checked"
-    tuned_on: str = "not known"
+    departures: str = "not checked"  # where it leaves its source; "none"
+    tuned_on: str = "not known"  # what its settings were chosen on, where not by its source
 
     @property
     def installed(self) -> bool:
@@ -243,13 +201,7 @@ class Algorithm:
         return self.requires is None or importlib.util.find_spec(self.requires) is not None
 
     def factory(self) -> OptimizerFactory:
-        """Give what makes the optimiser.
-
-        Raises
-        ------
-        MissingExtraError
-            If the library it needs is not installed.
-        """
+        """Give what makes the optimiser; `MissingExtraError` without the library it needs."""
         if not self.installed:
             raise MissingExtraError(str(self.requires), EXTRA, f"The algorithm {self.name!r}")
         return self.load()
@@ -299,6 +251,23 @@ class PopulationOptimizer(Optimizer):
 
     @abstractmethod
     def _move(self) -> FloatArray: ...
+
+
+class RandomSearch(PopulationOptimizer):
+    """Points drawn uniformly in the box, the least that a method must beat; it learns nothing.
+
+    Brooks (1958), A Discussion of Random Methods for Seeking Maxima, Oper. Res. 6, 244-251.
+    """
+
+    def _learn(self, points: FloatArray, costs: FloatArray) -> None:
+        """Do nothing: the next batch depends on no cost."""
+
+    def limits(self) -> FloatArray:
+        """No cost counts; the loop itself keeps the best."""
+        return np.full(self.population, -np.inf)
+
+    def _move(self) -> FloatArray:
+        return self._start()
 
 
 def checked_costs(asked: FloatArray, points: FloatArray, costs: FloatArray) -> FloatArray:

@@ -21,31 +21,18 @@ between that bound and the base vector, as in the authors' later program (Price,
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.optimizers.base import Box, FloatArray, PopulationOptimizer
 
-
-@dataclass(frozen=True)
-class Mutants:
-    """(N, d) mutant vectors and their base vectors."""
-
-    vectors: FloatArray
-    bases: FloatArray
-
-
-class Strategy(Protocol):
-    """How mutants are made of the population."""
-
-    def mutate(
-        self, rng: np.random.Generator, parents: FloatArray, best: int, F: FloatArray
-    ) -> Mutants:
-        """Make one mutant for each parent; ``F`` is (N, 1)."""
-        ...  # pragma: no cover
+Strategy = Callable[
+    [np.random.Generator, FloatArray, int, FloatArray], tuple[FloatArray, FloatArray]
+]
+"""Mutants (N, d) and their base vectors of parents (N, d), the place of the best, and F (N, 1)."""
 
 
 def others(rng: np.random.Generator, count: int, picks: int) -> np.ndarray:
@@ -62,37 +49,31 @@ def others(rng: np.random.Generator, count: int, picks: int) -> np.ndarray:
     return taken[1:]
 
 
-@dataclass(frozen=True)
-class Rand1:
+def rand_1(
+    rng: np.random.Generator, parents: FloatArray, best: int, F: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """DE/rand/1: one difference added to a random vector."""
-
-    def mutate(
-        self, rng: np.random.Generator, parents: FloatArray, best: int, F: FloatArray
-    ) -> Mutants:
-        """Make one mutant for each parent."""
-        r1, r2, r3 = others(rng, len(parents), 3)
-        bases = parents[r1]
-        return Mutants(bases + F * (parents[r2] - parents[r3]), bases)
+    r1, r2, r3 = others(rng, len(parents), 3)
+    bases = parents[r1]
+    return bases + F * (parents[r2] - parents[r3]), bases
 
 
-@dataclass(frozen=True)
-class Best1:
+def best_1(
+    rng: np.random.Generator, parents: FloatArray, best: int, F: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """DE/best/1: one difference added to the best vector."""
-
-    def mutate(
-        self, rng: np.random.Generator, parents: FloatArray, best: int, F: FloatArray
-    ) -> Mutants:
-        """Make one mutant for each parent."""
-        r1, r2 = others(rng, len(parents), 2)
-        bases = np.broadcast_to(parents[best], parents.shape)
-        return Mutants(bases + F * (parents[r1] - parents[r2]), bases)
+    r1, r2 = others(rng, len(parents), 2)
+    bases = np.broadcast_to(parents[best], parents.shape)
+    return bases + F * (parents[r1] - parents[r2]), bases
 
 
-def bounced_back(rng: np.random.Generator, box: Box, mutants: Mutants) -> FloatArray:
+def bounced_back(
+    rng: np.random.Generator, box: Box, vectors: FloatArray, bases: FloatArray
+) -> FloatArray:
     """(N, d) mutants; a component outside goes to a random place between bound and base vector."""
-    bound = box.clip(mutants.vectors)
-    back = bound + rng.random(bound.shape) * (mutants.bases - bound)
-    return box.clip(np.where(bound == mutants.vectors, bound, back))
+    bound = box.clip(vectors)
+    back = bound + rng.random(bound.shape) * (bases - bound)
+    return box.clip(np.where(bound == vectors, bound, back))
 
 
 @dataclass(frozen=True)
@@ -120,17 +101,14 @@ class Either:
     share: float = 0.2
 
 
-_MIXTURE = Either()
-
-
 class DifferentialEvolution(PopulationOptimizer):
     """Differential evolution with binomial crossover.
 
+    ``iterations`` changes nothing: the method has no schedule.
+
     Parameters
     ----------
-    box : Box
-    population, iterations, seed : int; ``iterations`` changes nothing: the method has no schedule
-    strategy : Strategy, ``Best1()`` (default), ``Rand1()``, or any object with the same method
+    strategy : `best_1`, `rand_1`, or a function as these
     F : float or Dither, weight of the differences, in (0, 2]
     CR : float or Either, share of components taken from the mutant, in [0, 1]
     """
@@ -141,9 +119,9 @@ class DifferentialEvolution(PopulationOptimizer):
         self,
         box: Box,
         *,
-        strategy: Strategy | None = None,
+        strategy: Strategy = best_1,
         F: float | Dither = 0.5,
-        CR: float | Either = _MIXTURE,
+        CR: float | Either = Either(),
         **settings: int,
     ) -> None:
         super().__init__(box, **settings)
@@ -152,7 +130,7 @@ class DifferentialEvolution(PopulationOptimizer):
         rates = (CR.often, CR.rarely, CR.share) if isinstance(CR, Either) else (CR,)
         if not all(0.0 <= rate <= 1.0 for rate in rates):
             raise InputError(f"CR must lie in [0, 1], received {CR}.")
-        self.strategy: Strategy = Best1() if strategy is None else strategy
+        self.strategy = strategy
         self.F = F
         self.CR = CR
         self.parents = np.empty((0, box.dimension))
@@ -160,8 +138,7 @@ class DifferentialEvolution(PopulationOptimizer):
 
     def _learn(self, points: FloatArray, costs: FloatArray) -> None:
         if self.iteration == 0:
-            self.parents = points
-            self.costs = costs
+            self.parents, self.costs = points, costs
             return
         # A trial without a finite cost replaces nothing, not even a parent without one.
         accepted = (costs <= self.costs) & np.isfinite(costs)
@@ -175,24 +152,18 @@ class DifferentialEvolution(PopulationOptimizer):
     def _move(self) -> FloatArray:
         rng, parents = self.rng, self.parents
         best = int(np.argmin(self.costs))
-        mutants = self.strategy.mutate(rng, parents, best, self._weights())
-        vectors = bounced_back(rng, self.box, mutants)
-        crossed = rng.random(parents.shape) <= self._rates()
+        vectors, bases = self.strategy(rng, parents, best, self._drawn(self.F))
+        vectors = bounced_back(rng, self.box, vectors, bases)
+        crossed = rng.random(parents.shape) <= self._drawn(self.CR)
         sure = rng.integers(parents.shape[1], size=len(parents))
         crossed[np.arange(len(parents)), sure] = True
         return np.where(crossed, vectors, parents)
 
-    def _weights(self) -> FloatArray:
-        """(N, 1) array, F of each trial."""
+    def _drawn(self, value: float | Dither | Either) -> FloatArray:
+        """(N, 1) array, F or CR of each trial."""
         shape = (self.population, 1)
-        if isinstance(self.F, Dither):
-            return self.rng.uniform(self.F.low, self.F.high, size=shape)
-        return np.full(shape, self.F)
-
-    def _rates(self) -> FloatArray:
-        """(N, 1) array, CR of each trial."""
-        shape = (self.population, 1)
-        if isinstance(self.CR, Either):
-            rarely = self.rng.random(shape) < self.CR.share
-            return np.where(rarely, self.CR.rarely, self.CR.often)
-        return np.full(shape, self.CR)
+        if isinstance(value, Dither):
+            return self.rng.uniform(value.low, value.high, size=shape)
+        if isinstance(value, Either):
+            return np.where(self.rng.random(shape) < value.share, value.rarely, value.often)
+        return np.full(shape, value)

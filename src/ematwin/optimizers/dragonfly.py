@@ -53,8 +53,6 @@ class Dragonfly(PopulationOptimizer):
 
     Parameters
     ----------
-    box : Box
-    population, iterations, seed : int
     inertia : (first, last) factor w of the old step; 0.9 to 0.4 in the program
     fading : float, share of the iterations after which neighbours and enemy count no more; 0.5
     step_limit : float, spans of the box in one iteration; 0.1

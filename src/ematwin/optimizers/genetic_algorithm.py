@@ -23,7 +23,7 @@ to act on numbers as crossover and mutation act on bits: Deb and Agrawal (1995),
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -36,24 +36,6 @@ from ematwin.optimizers.genetic_operators import (
     Tournament,
     probability,
 )
-
-
-class Encoding(Protocol):
-    """How a point is written as a string that can be crossed and mutated."""
-
-    def sample(self, rng: np.random.Generator, box: Box, count: int) -> np.ndarray:
-        """``count`` random strings, one a row."""
-        ...  # pragma: no cover
-
-    def breed(
-        self, rng: np.random.Generator, box: Box, first: np.ndarray, second: np.ndarray
-    ) -> np.ndarray:
-        """Two children of each pair, crossed and mutated: twice as many rows."""
-        ...  # pragma: no cover
-
-    def decode(self, strings: np.ndarray, box: Box) -> FloatArray:
-        """(N, d) points of the strings."""
-        ...  # pragma: no cover
 
 
 @dataclass(frozen=True)
@@ -81,20 +63,14 @@ class Real:
 
 @dataclass(frozen=True)
 class Binary:
-    """A string is ``bits`` bits a variable, in Gray code by default.
+    """A string is ``bits`` bits a variable, in Gray code by default."""
 
-    Attributes
-    ----------
-    bits : int, 1 to 52: the box becomes a grid of 2**bits points a variable, both bounds on it
-    gray : bool, Gray code: neighbouring grid points differ in one bit; in plain code, in up to all
-    crossed : float, share of pairs that exchange all bits after a random place
-    flipped : float or None, share of bits that mutation flips; None: one bit of each individual on
-        average
-    """
-
+    # 1 to 52: the box becomes a grid of 2**bits points a variable, both bounds on it
     bits: int = 16
+    # Gray code: neighbouring grid points differ in one bit; in plain code, in up to all
     gray: bool = True
-    crossed: float = 0.9
+    crossed: float = 0.9  # share of pairs that exchange all bits after a random place
+    # share of bits that mutation flips; None: one bit of each individual on average
     flipped: float | None = None
 
     def __post_init__(self) -> None:
@@ -141,11 +117,11 @@ HOLLAND: dict[str, Any] = {
 class GeneticAlgorithm(PopulationOptimizer):
     """Genetic algorithm.
 
+    ``iterations`` changes nothing: the method has no schedule.
+
     Parameters
     ----------
-    box : Box
-    population, iterations, seed : int; ``iterations`` changes nothing: the method has no schedule
-    encoding : Encoding, ``Real()`` (default) or ``Binary()``
+    encoding : ``Real()`` (default) or ``Binary()``: how a point is written as a string
     selection : ``Tournament()`` (default) or ``Roulette()``
     elitist : bool, the best of parents and children survive (mu + lambda); else all children do
     """
@@ -156,15 +132,13 @@ class GeneticAlgorithm(PopulationOptimizer):
         self,
         box: Box,
         *,
-        encoding: Encoding | None = None,
-        selection: Tournament | Roulette | None = None,
+        encoding: Real | Binary = Real(),
+        selection: Tournament | Roulette = Tournament(),  # noqa: B008
         elitist: bool = True,
         **settings: int,
     ) -> None:
         super().__init__(box, **settings)
-        self.encoding: Encoding = Real() if encoding is None else encoding
-        self.selection = Tournament() if selection is None else selection
-        self.elitist = elitist
+        self.encoding, self.selection, self.elitist = encoding, selection, elitist
         self.parents: np.ndarray = np.empty((0, box.dimension))
         self.costs = np.empty(0)
         self._children: np.ndarray = np.empty((0, box.dimension))

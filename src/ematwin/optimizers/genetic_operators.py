@@ -59,17 +59,11 @@ class SimulatedBinary:
     line through the parents (Muehlenbein and Schlierkamp-Voosen 1993, Evol. Comput. 1, 25-49, "line
     recombination"); or variable by variable, with parents changing places in each. The first
     follows directions that are not parallel to an axis, the second mixes good variables.
-
-    Attributes
-    ----------
-    eta : float, not negative; larger keeps children nearer to their parents
-    probability : float, share of pairs that are crossed
-    whole : float, share of crossed pairs that are crossed as a whole
     """
 
-    eta: float = 1.0
-    probability: float = 0.9
-    whole: float = 0.8
+    eta: float = 1.0  # not negative; larger keeps children nearer to their parents
+    probability: float = 0.9  # share of pairs that are crossed
+    whole: float = 0.8  # share of crossed pairs that are crossed as a whole
 
     def __post_init__(self) -> None:
         if not self.eta >= 0.0:
@@ -111,21 +105,13 @@ class Polynomial:
     """Mutation of real numbers by a bounded polynomial distribution.
 
     Deb and Goyal (1996), Computer Science and Informatics 26(4), 30-45.
-
-    Attributes
-    ----------
-    eta : float, larger makes smaller steps
-    per_variable : float or None, share of variables mutated; None: one variable of each individual
-        on average
     """
 
-    eta: float = 20.0
-    per_variable: float | None = None
+    eta: float = 20.0  # larger makes smaller steps
 
     def mutate(self, rng: np.random.Generator, box: Box, points: FloatArray) -> FloatArray:
-        """Points with some of their variables moved."""
-        share = 1.0 / box.dimension if self.per_variable is None else self.per_variable
-        rows, columns = np.nonzero(rng.random(points.shape) < share)
+        """Points with one variable of each moved, on average."""
+        rows, columns = np.nonzero(rng.random(points.shape) < 1.0 / box.dimension)
         u = rng.random(rows.size)
         x, span = points[rows, columns], box.span[columns]
         down = u < 0.5

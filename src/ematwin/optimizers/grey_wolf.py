@@ -29,19 +29,12 @@ class GreyWolf(PopulationOptimizer):
 
     Parameters
     ----------
-    box : Box
-    population, iterations, seed : int
     start : float, of a; 2 in the paper
     power : float, of the share of the iterations by which a falls to 0; 1 in the paper
     """
 
     def __init__(
-        self,
-        box: Box,
-        *,
-        start: float = 2.0,
-        power: float = 1.0,
-        **settings: int,
+        self, box: Box, *, start: float = 2.0, power: float = 1.0, **settings: int
     ) -> None:
         super().__init__(box, **settings)
         self.start = positive(start, "start of a")

@@ -49,27 +49,13 @@ class _Search:
     seconds: float = 0.0
     history: list[tuple[int, float]] = field(default_factory=list)
 
-    def progress(self, budget: int) -> Progress:
-        return Progress(self.evaluations, self.cost, self.improved_at, self.seconds, budget)
-
-
-@dataclass(frozen=True)
-class _Ends:
-    """Criteria that end a search, beside the method itself and the callback."""
-
-    budget: int
-    target: float | None
-    stagnation: int | None
-
-    def reason(self, search: _Search) -> str | None:
-        if self.target is not None and search.cost <= self.target:
+    def ended(self, budget: int, target: float | None, stagnation: int | None) -> str | None:
+        """The reason to stop, beside the callback's; None if there is none."""
+        if target is not None and self.cost <= target:
             return str(Stop.TARGET)
-        without = search.evaluations - search.improved_at
-        if self.stagnation is not None and without >= self.stagnation:
+        if stagnation is not None and self.evaluations - self.improved_at >= stagnation:
             return str(Stop.STAGNATION)
-        if search.evaluations >= self.budget:
-            return str(Stop.BUDGET)
-        return search.optimizer.stop()
+        return str(Stop.BUDGET) if self.evaluations >= budget else self.optimizer.stop()
 
 
 def minimize(
@@ -153,7 +139,6 @@ def minimize(
         raise InputError(f"The target must be a cost to reach, received {target!r}.")
     if stagnation is not None:
         whole_number(stagnation, "number of evaluations of a stagnation", 1)
-    ends = _Ends(budget, target, stagnation)
 
     name, optimizer = resolve(
         algorithm, box, population=population, iterations=iterations, seed=seed
@@ -171,8 +156,17 @@ def minimize(
     search = _restored(path, identity, optimizer) or _Search(
         optimizer, np.full(box.dimension, np.nan)
     )
+
+    def after_batch(batches: int, stopped: str | None) -> str | None:
+        if path is not None and (stopped is not None or batches % checkpoint_every == 0):
+            _save(path, identity, search)
+        now = search.evaluations, search.cost, search.improved_at, search.seconds, budget
+        if callback is not None and callback(Progress(*now)) is True:
+            return stopped or str(Stop.CALLBACK)
+        return stopped
+
     try:
-        stopped = _run(search, evaluate, ends, callback, path, checkpoint_every, identity)
+        stopped = _run(search, evaluate, (budget, target, stagnation), after_batch)
     finally:
         search.optimizer.close()
     if not math.isfinite(search.cost):
@@ -196,33 +190,22 @@ def minimize(
 def _run(
     search: _Search,
     evaluate: Evaluate,
-    ends: _Ends,
-    callback: Callable[[Progress], object] | None,
-    path: Path | None,
-    checkpoint_every: int,
-    identity: dict[str, Any],
+    ends: tuple[int, float | None, int | None],
+    after_batch: Callable[[int, str | None], str | None],
 ) -> str:
     """Ask, evaluate, tell, until there is a reason to stop; give the reason."""
-    stopped = ends.reason(search)
-    batches = 0
-    while stopped is None:
-        started = time.perf_counter()
-        try:
-            _batch(search, evaluate, ends.budget)
-        except KeyboardInterrupt:
-            if search.evaluations == 0:
-                raise
-            return str(Stop.INTERRUPTED)
-        search.seconds += time.perf_counter() - started
-        stopped = ends.reason(search)
-        batches += 1
-        try:
-            if path is not None and (stopped is not None or batches % checkpoint_every == 0):
-                _save(path, identity, search)
-            if callback is not None and callback(search.progress(ends.budget)) is True:
-                stopped = stopped or str(Stop.CALLBACK)
-        except KeyboardInterrupt:
-            return str(Stop.INTERRUPTED)
+    stopped, batches = search.ended(*ends), 0
+    try:
+        while stopped is None:
+            started = time.perf_counter()
+            _batch(search, evaluate, ends[0])
+            search.seconds += time.perf_counter() - started
+            batches += 1
+            stopped = after_batch(batches, search.ended(*ends))
+    except KeyboardInterrupt:
+        if search.evaluations == 0:
+            raise
+        return str(Stop.INTERRUPTED)
     return stopped
 
 
@@ -278,8 +261,7 @@ def _restored(path: Path | None, identity: dict[str, Any], fresh: Optimizer) -> 
                 "Name another file, or delete this one."
             )
     fresh.close()
-    found: _Search = state
-    return found
+    return state
 
 
 def _save(path: Path, identity: dict[str, Any], search: _Search) -> None:

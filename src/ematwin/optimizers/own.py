@@ -20,13 +20,13 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from ematwin.optimizers.base import Algorithm, OptimizerFactory
+from ematwin.optimizers.base import Algorithm, RandomSearch
 from ematwin.optimizers.differential_evolution import (
-    Best1,
     DifferentialEvolution,
     Dither,
     Either,
-    Rand1,
+    best_1,
+    rand_1,
 )
 from ematwin.optimizers.dragonfly import Dragonfly
 from ematwin.optimizers.genetic_algorithm import HOLLAND, Binary, GeneticAlgorithm, Real
@@ -37,13 +37,11 @@ from ematwin.optimizers.particle_swarm import (
     INERTIA_1998,
     ORIGINAL_1995,
     STANDARD_2006,
-    Craziness,
     Global,
     GrowingRing,
     ParticleSwarm,
     Ring,
 )
-from ematwin.optimizers.random_search import RandomSearch
 from ematwin.optimizers.whale import Whale
 
 _DEB = "Deb and Agrawal (1995), Complex Syst. 9, 115-148"
@@ -72,7 +70,7 @@ def _own(
     *aliases: str,
     **settings: Any,
 ) -> Algorithm:
-    made: OptimizerFactory = partial(factory, **settings) if settings else factory
+    made: Any = partial(factory, **settings) if settings else factory
     return Algorithm(
         name, title, source, "ematwin", lambda: made, None, aliases, departures, tuned_on
     )
@@ -114,13 +112,13 @@ ALGORITHMS = (
         "Kennedy and Eberhart (1995), Proc. IEEE ICNN 4, 1942-1948; inertia of Shi and Eberhart "
         "(1998, 1999)",
         _BOUND, _PUBLISHED, ParticleSwarm,
-        topology=Global(), coefficients=INERTIA_1998, craziness=None,
+        topology=Global(), coefficients=INERTIA_1998, crazy=0.0,
     ),
     _own(
         "pso-1995", "Particle swarm, whole swarm informed, no inertia weight",
         "Kennedy and Eberhart (1995), Proc. IEEE ICNN 4, 1942-1948",
         f"{_BOUND}; speed limit of half the box", _PUBLISHED, ParticleSwarm,
-        topology=Global(), coefficients=ORIGINAL_1995, craziness=None,
+        topology=Global(), coefficients=ORIGINAL_1995, crazy=0.0,
     ),
     _own(
         "pso-global", "Particle swarm, whole swarm informed, crazy particles", _CLERC,
@@ -133,12 +131,12 @@ ALGORITHMS = (
     _own(
         "pso-plain", "Particle swarm, whole swarm informed, constriction",
         "Clerc and Kennedy (2002), IEEE Trans. Evol. Comput. 6, 58-73", _BOUND, _PUBLISHED,
-        ParticleSwarm, topology=Global(), coefficients=CONSTRICTION, craziness=None,
+        ParticleSwarm, topology=Global(), coefficients=CONSTRICTION, crazy=0.0,
     ),
     _own(
         "pso-tuned", "Particle swarm, tuned", _CLERC,
         "neighbourhood and crazy particles as tuned", _TUNED, ParticleSwarm,
-        topology=GrowingRing(3.0), coefficients=STANDARD_2006, craziness=Craziness(0.1),
+        topology=GrowingRing(3.0), coefficients=STANDARD_2006, crazy=0.1,
     ),
     _own(
         "de", "Differential evolution, best/1/bin, mixed CR", _STORN,
@@ -147,16 +145,16 @@ ALGORITHMS = (
     ),
     _own(
         "de-rand", "Differential evolution, rand/1/bin, F 0.5, CR 0.9", _STORN, _BOUNCE,
-        _PUBLISHED, DifferentialEvolution, strategy=Rand1(), CR=0.9,
+        _PUBLISHED, DifferentialEvolution, strategy=rand_1, CR=0.9,
     ),
     _own(
         "de-best", "Differential evolution, best/1/bin, F 0.8, CR 0.9", _STORN, _BOUNCE,
-        _PUBLISHED, DifferentialEvolution, strategy=Best1(), F=0.8, CR=0.9,
+        _PUBLISHED, DifferentialEvolution, strategy=best_1, F=0.8, CR=0.9,
     ),
     _own(
         "de-tuned", "Differential evolution, tuned", _STORN,
         f"strategy, F and CR as tuned; {_BOUNCE}", _TUNED, DifferentialEvolution,
-        strategy=Best1(), F=Dither(), CR=Either(share=0.73),
+        strategy=best_1, F=Dither(), CR=Either(share=0.73),
     ),
     _own(
         "gwo", "Grey wolf optimiser", _WOLF, "none from the author's program", _PUBLISHED,

@@ -19,15 +19,14 @@ soon in one place, right or wrong. The authors' second paper of that year (Eberh
 gathers more slowly and misses less. By default the ring grows during the run until it is the whole
 swarm, as `GrowingRing` says; ``topology=Global()`` is the paper's form.
 Departure: craziness. The paper tells that a random disturbance of some particles, "craziness", was
-in the first programs and was dropped. It is on by default, as `Craziness` says, because without it
+in the first programs and was dropped. A tenth of the swarm is crazy by default, because without it
 a swarm of 50 stays in a local minimum of Rastrigin's function (``docs/optimizers.md`` has the
-numbers); ``craziness=None`` is the paper's final form.
+numbers); ``crazy=0`` is the paper's final form.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Protocol
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -36,23 +35,15 @@ from ematwin.optimizers.base import Box, FloatArray, PopulationOptimizer, whole_
 from ematwin.optimizers.genetic_operators import Polynomial, probability
 
 
-class Topology(Protocol):
-    """Who informs whom."""
+@dataclass(frozen=True)
+class Global:
+    """Who informs whom: every particle every other (gbest)."""
 
     def informants(self, costs: FloatArray, progress: float) -> np.ndarray:
         """(N,) indices: for each particle the neighbour whose best point is best.
 
         ``progress`` is the share of the iterations that has gone, 0 to 1.
         """
-        ...  # pragma: no cover
-
-
-@dataclass(frozen=True)
-class Global:
-    """Every particle informs every other (gbest)."""
-
-    def informants(self, costs: FloatArray, progress: float) -> np.ndarray:
-        """(N,) indices, all of them the best particle."""
         return np.full(len(costs), np.argmin(costs))
 
 
@@ -84,13 +75,9 @@ class GrowingRing:
     order says nothing of places, so that news travels slowly wherever the particles are.
     Departure: his neighbourhood grows evenly; here slowly first, so that the swarm is still spread
     when half of the iterations have gone (measured in ``docs/lab/search-methods.md``).
-
-    Attributes
-    ----------
-    power : float, positive: the ring reaches progress ** power of the way to half the swarm on
-        either side
     """
 
+    # positive: the ring reaches progress ** power of the way to half the swarm on either side
     power: float = 2.0
 
     def __post_init__(self) -> None:
@@ -109,22 +96,13 @@ class GrowingRing:
 
 @dataclass(frozen=True)
 class Coefficients:
-    """The weights of the velocity equation.
+    """The weights of the velocity equation."""
 
-    Attributes
-    ----------
-    inertia : float, factor of the old velocity, chi
-    last_inertia : float or None, what ``inertia`` falls to, evenly over the iterations; None: it
-        stays
-    own, neighbours : float, factors of the pull to the own and to the neighbours' best point,
-        chi phi1 and chi phi2
-    speed_limit : float, spans of the box per iteration, largest speed; infinite for none
-    """
-
-    inertia: float
-    own: float
-    neighbours: float
-    speed_limit: float = np.inf
+    inertia: float  # factor of the old velocity, chi
+    own: float  # factor of the pull to the own best point, chi phi1
+    neighbours: float  # and to that of the neighbours, chi phi2
+    speed_limit: float = np.inf  # spans of the box per iteration, largest speed; infinite for none
+    # what ``inertia`` falls to, evenly over the iterations; None: it stays
     last_inertia: float | None = None
 
     def inertia_at(self, progress: float) -> float:
@@ -151,49 +129,26 @@ ORIGINAL_1995 = Coefficients(inertia=1.0, own=2.0, neighbours=2.0, speed_limit=0
 """Kennedy and Eberhart (1995); the speed limit that this form needs is half the box."""
 
 
-@dataclass(frozen=True)
-class Craziness:
-    """The worst particles try their luck beside their neighbours' best point.
-
-    They do so instead of flying on. Beside the best point of the whole swarm they would carry it
-    into every neighbourhood, and a ring would be none.
-
-    Attributes
-    ----------
-    share : float, share of the swarm, rounded down; those whose own best point is worst
-    mutation : Polynomial, how that point is disturbed; one variable on average
-    """
-
-    share: float = 0.1
-    mutation: Polynomial = field(default_factory=Polynomial)
-
-    def __post_init__(self) -> None:
-        probability(self.share, "share of crazy particles")
-
-
-_SOME = Craziness()
-
-
 class ParticleSwarm(PopulationOptimizer):
     """Particle swarm optimisation.
 
     Parameters
     ----------
-    box : Box
-    population, iterations, seed : int
-    topology : Topology, ``GrowingRing()`` (default), ``Global()``, ``Ring(k)``, or any object with
-        the same method
+    topology : ``GrowingRing()`` (default), ``Global()``, ``Ring(k)``, or any object with the same
+        method
     coefficients : Coefficients
-    craziness : Craziness or None
+    crazy : share of the swarm, rounded down, that tries its luck beside the neighbours' best point
+        instead of flying on: those whose own best point is worst. Beside the best point of the
+        whole swarm they would carry it into every neighbourhood, and a ring would be none
     """
 
     def __init__(
         self,
         box: Box,
         *,
-        topology: Topology | None = None,
+        topology: Global | Ring | GrowingRing = GrowingRing(),
         coefficients: Coefficients = STANDARD_2006,
-        craziness: Craziness | None = _SOME,
+        crazy: float = 0.1,
         **settings: int,
     ) -> None:
         super().__init__(box, **settings)
@@ -201,9 +156,9 @@ class ParticleSwarm(PopulationOptimizer):
             raise InputError(
                 f"The speed limit of a swarm must be positive, received {coefficients.speed_limit}."
             )
-        self.topology: Topology = GrowingRing() if topology is None else topology
+        self.topology = topology
         self.coefficients = coefficients
-        self.craziness = craziness
+        self.crazy = probability(crazy, "share of crazy particles")
         self.best_points = np.empty((0, box.dimension))
         self.best_costs = np.full(self.population, np.inf)
         self._particles = np.empty((0, box.dimension))
@@ -243,12 +198,7 @@ class ParticleSwarm(PopulationOptimizer):
         wanted = x + v
         moved = self.box.clip(wanted)
         self._velocity = np.where(moved == wanted, v, 0.0)
-        if self.craziness is not None:
-            self._go_crazy(self.craziness, moved, g)
+        if count := int(self.crazy * self.population):
+            crazy = np.argsort(self.best_costs, kind="stable")[-count:]
+            moved[crazy] = Polynomial().mutate(self.rng, self.box, g[crazy])  # with their velocity
         return moved
-
-    def _go_crazy(self, craziness: Craziness, moved: FloatArray, g: FloatArray) -> None:
-        """Replace the places of the worst particles; their velocities stay."""
-        order = np.argsort(self.best_costs, kind="stable")
-        crazy = order[self.population - int(craziness.share * self.population) :]
-        moved[crazy] = craziness.mutation.mutate(self.rng, self.box, g[crazy])

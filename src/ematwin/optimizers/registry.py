@@ -14,8 +14,7 @@ from functools import partial
 import numpy as np
 
 from ematwin.errors import InputError
-from ematwin.optimizers import own
-from ematwin.optimizers.adapters import cma_es, nevergrad, pygmo, pymoo, scipy_de
+from ematwin.optimizers import adapters, own
 from ematwin.optimizers.base import Algorithm, Box, Optimizer, OptimizerFactory
 
 ENTRY_POINT_GROUP = "ematwin.optimizers"
@@ -29,15 +28,7 @@ PRESETS = {
 as the author's program has them; the same six, tuned with one effort for all; what one would use.
 """
 
-_ADAPTED = (
-    *cma_es.ALGORITHMS,
-    *scipy_de.ALGORITHMS,
-    *pymoo.ALGORITHMS,
-    *pygmo.ALGORITHMS,
-    *nevergrad.ALGORITHMS,
-)
-
-
+_SHIPPED = (*own.ALGORITHMS, *adapters.ALGORITHMS)
 _REGISTERED: dict[str, Algorithm] = {}  # of this process, by name
 
 
@@ -62,13 +53,11 @@ def register(name: str, factory: OptimizerFactory, *, title: str = "", source: s
         If the name is one that comes with ematwin, or the factory makes no `Optimizer`.
     """
     key = _normal(name)
-    taken = {known for one in (*own.ALGORITHMS, *_ADAPTED) for known in (one.name, *one.aliases)}
-    if not key or key in taken:
-        raise InputError(
-            f"The name {name!r} is taken by an algorithm of ematwin; choose another."
-            if key
-            else "An algorithm needs a name; received an empty one."
-        )
+    taken = {known for one in _SHIPPED for known in (one.name, *one.aliases)}
+    if not key:
+        raise InputError("An algorithm needs a name; received an empty one.")
+    if key in taken:
+        raise InputError(f"The name {name!r} is taken by an algorithm of ematwin; choose another.")
     if not callable(factory):
         raise InputError(
             f"An algorithm is a class of Optimizer or a function that makes one, received "
@@ -115,7 +104,7 @@ def registered() -> tuple[Algorithm, ...]:
 
 def algorithms() -> tuple[Algorithm, ...]:
     """All that can be named: this package's, the adapters', registered ones, entry points'."""
-    listed = [*own.ALGORITHMS, *_ADAPTED, *registered()]
+    listed = [*_SHIPPED, *registered()]
     taken = {name for algorithm in listed for name in (algorithm.name, *algorithm.aliases)}
     for point in importlib.metadata.entry_points(group=ENTRY_POINT_GROUP):
         package = point.dist.name if point.dist is not None else point.value.partition(".")[0]
@@ -130,44 +119,16 @@ def algorithms() -> tuple[Algorithm, ...]:
 
 
 def find(name: str) -> Algorithm:
-    """Find an algorithm by its name or alias.
-
-    Raises
-    ------
-    InputError
-        If there is none; the message suggests the closest names.
-    """
+    """Find an algorithm by its name or alias, or suggest the closest names (`InputError`)."""
     wanted = _normal(name)
-    known: dict[str, Algorithm] = {}
-    for algorithm in algorithms():
-        for key in (algorithm.name, *algorithm.aliases):
-            known[key] = algorithm
-            if key == wanted:
-                return algorithm
+    known = {key: one for one in algorithms() for key in (one.name, *one.aliases)}
+    if wanted in known:
+        return known[wanted]
     close = difflib.get_close_matches(wanted, known, n=3, cutoff=0.5)
-    names = ", ".join(dict.fromkeys(known[key].name for key in close))
-    hint = (
-        f"Did you mean {names}?"
-        if names
-        else (f"Known are {', '.join(algorithm.name for algorithm in algorithms())}.")
-    )
-    raise InputError(f"There is no algorithm {name!r}. {hint}")
-
-
-def create(
-    name: str, box: Box, *, population: int = 50, iterations: int = 200, seed: int = 1
-) -> Optimizer:
-    """Make a named optimiser.
-
-    Raises
-    ------
-    InputError
-        If the name is unknown or a number cannot be used.
-    MissingExtraError
-        If the library that it needs is not installed.
-    """
-    factory = find(name).factory()
-    return factory(box, population=population, iterations=iterations, seed=seed)
+    if names := dict.fromkeys(known[key].name for key in close):
+        raise InputError(f"There is no algorithm {name!r}. Did you mean {', '.join(names)}?")
+    names = dict.fromkeys(one.name for one in known.values())
+    raise InputError(f"There is no algorithm {name!r}. Known are {', '.join(names)}.")
 
 
 def resolve(
@@ -179,12 +140,12 @@ def resolve(
     seed: int,
 ) -> tuple[str, Optimizer]:
     """Make an optimiser of a name, an object or a factory; give what to call it, and itself."""
+    settings = {"population": population, "iterations": iterations, "seed": seed}
     if isinstance(algorithm, str):
         found = find(algorithm)
-        factory = found.factory()
-        return found.name, factory(box, population=population, iterations=iterations, seed=seed)
+        return found.name, found.factory()(box, **settings)
     if isinstance(algorithm, Optimizer):
-        if algorithm.box != box:
+        if not np.array_equal([algorithm.box.lower, algorithm.box.upper], [box.lower, box.upper]):
             raise InputError(
                 "The optimiser was made for a different box from the bounds given here. "
                 "Make both from the same bounds."
@@ -194,7 +155,7 @@ def resolve(
         raise InputError(
             f"An algorithm is a name, an Optimizer or a factory of one, received {algorithm!r}."
         )
-    made = algorithm(box, population=population, iterations=iterations, seed=seed)
+    made = algorithm(box, **settings)
     if not isinstance(made, Optimizer):
         raise InputError(
             f"The factory {algorithm!r} must make an ematwin.optimizers.Optimizer, "

@@ -36,36 +36,21 @@ _SENTENCES = {
 
 @dataclass(frozen=True)
 class Progress:
-    """State of a search between two batches.
+    """State of a search between two batches."""
 
-    Attributes
-    ----------
-    evaluations : int, points evaluated so far
-    cost : float, least finite cost so far; infinite if there was none
-    improved_at : int, evaluations after which ``cost`` last fell
-    seconds : float, s, wall time in this process, objective included
-    budget : int, evaluations that the search may spend
-    """
-
-    evaluations: int
-    cost: float
-    improved_at: int
-    seconds: float
-    budget: int
+    evaluations: int  # points evaluated so far
+    cost: float  # least finite cost so far; infinite if there was none
+    improved_at: int  # evaluations after which ``cost`` last fell
+    seconds: float  # wall time in this process, objective included
+    budget: int  # evaluations that the search may spend
 
 
 @dataclass(frozen=True)
 class History:
-    """Best cost after each batch.
+    """Best cost after each of B batches."""
 
-    Attributes
-    ----------
-    evaluations : (B,) int array
-    cost : (B,) array
-    """
-
-    evaluations: np.ndarray
-    cost: FloatArray
+    evaluations: np.ndarray  # (B,), integers
+    cost: FloatArray  # (B,)
 
     def __len__(self) -> int:
         return len(self.evaluations)

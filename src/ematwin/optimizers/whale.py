@@ -29,8 +29,6 @@ class Whale(PopulationOptimizer):
 
     Parameters
     ----------
-    box : Box
-    population, iterations, seed : int
     spiral : float, the constant b of the logarithmic spiral; 1 in the paper
     start : float, of a; 2 in the paper
     power : float, of the share of the iterations by which a falls to 0; 1 in the paper

@@ -14,8 +14,6 @@ from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 
 PERFECT = Noise()  # a sensor without noise, where a kind would otherwise add that of a usual rig
-_SENSORS = 0.01  # noise of a usual sensor as a share of a channel's RMS about its mean
-_CHANCE = 1e-3  # that a kind which keeps its word fails
 
 
 def simulated(model: Model, actuator: ParameterSet, values: Mapping[str, float]) -> Recording:
@@ -92,12 +90,12 @@ def nuisances(
 
 
 def with_noise(model: Model, recording: Recording, random: np.random.Generator) -> Recording:
-    """The recording with the white noise of usual sensors on the compared channels."""
+    """The recording with white noise of 1 % of their RMS on the compared channels."""
     noisy = {}
     for name in model.outputs:
         values = recording.channels.get(name)
         if values is not None:
-            noise = _SENSORS * float(values.std()) * random.standard_normal(len(values))
+            noise = 0.01 * float(values.std()) * random.standard_normal(len(values))
             noisy[name] = values + noise
     return recording.changed(**noisy)
 
@@ -107,7 +105,7 @@ def at_most(count: int, rate: float) -> int:
     chances = [
         math.comb(count, k) * rate**k * (1.0 - rate) ** (count - k) for k in range(count + 1)
     ]
-    return int(np.searchsorted(np.cumsum(chances), 1.0 - _CHANCE))
+    return int(np.searchsorted(np.cumsum(chances), 1.0 - 1e-3))
 
 
 def by_name(unknowns: list[Unknown], rows: np.ndarray) -> dict[str, np.ndarray]:

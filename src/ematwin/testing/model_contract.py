@@ -35,10 +35,6 @@ from ematwin.recordings.recording import Recording
 from ematwin.testing import draws
 from ematwin.testing.declaration_contract import DeclarationContract
 
-PERFECT = Noise()  # a sensor without noise, where a kind would otherwise add that of a usual rig
-_SEEN = 1e-3  # share of the whole signal by which a fault must at least move it
-_ALIKE = 1e-9  # of the largest value: one candidate in a batch and alone
-
 
 class ModelContract(DeclarationContract):
     """Subclass it and give a fixture ``model``; loosen a bound only where the physics asks for it.
@@ -201,7 +197,7 @@ class ModelContract(DeclarationContract):
             values = {one.name: np.array([draws.towards(one, 0.5)])}
             after = comparison.residuals(values, 1)[0]
             moved = math.sqrt(float(((after - before) ** 2).sum()) / comparison.scale)
-            assert moved >= _SEEN, (
+            assert moved >= 1e-3, (
                 f"{one.name} moves the default scenario by {100.0 * moved:.2g} % only: command "
                 "more motion, or leave the fault out"
             )
@@ -328,4 +324,4 @@ def _assert_alike(one: np.ndarray, other: np.ndarray, what: str) -> None:
     one, other = np.asarray(one, dtype=float), np.asarray(other, dtype=float)
     scale = float(np.abs(other[np.isfinite(other)]).max(initial=0.0))
     gap = float(np.abs(one - other).max()) if one.size else 0.0
-    assert gap <= _ALIKE * max(scale, 1.0), f"it {what} (by {gap:.2g})"
+    assert gap <= 1e-9 * max(scale, 1.0), f"it {what} (by {gap:.2g})"

@@ -222,20 +222,8 @@ def check_it_beats_random_search(factory: OptimizerFactory) -> None:
     assert own < random, f"median cost {own:.3g}, random search {random:.3g}"
 
 
-CHECKS: tuple[Callable[[OptimizerFactory], None], ...] = (
-    check_batches_are_float_arrays_inside_the_box,
-    check_batch_size_is_constant,
-    check_asking_twice_gives_the_same_batch,
-    check_same_seed_same_run,
-    check_other_seed_other_run,
-    check_pickled_in_mid_run_it_goes_on_identically,
-    check_costs_that_are_not_finite_count_as_worst,
-    check_all_costs_nan_is_survived,
-    check_limits_change_nothing,
-    check_part_of_a_batch_can_be_told,
-    check_wrong_answers_are_refused,
-    check_the_budget_is_spent_exactly,
-    check_it_beats_random_search,
+CHECKS: tuple[Callable[[OptimizerFactory], None], ...] = tuple(
+    one for name, one in globals().items() if name.startswith("check_")
 )
 
 

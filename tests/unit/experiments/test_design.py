@@ -26,27 +26,27 @@ quick = partial(
 
 
 @pytest.fixture(scope="module")
-def found() -> ematwin.Design:
+def found():
     return quick("rm1605", noise=None)
 
 
-def experiment(threads: int = 1) -> Experiment:
+def experiment(threads=1):
     return Experiment.of(None, exact=True, noise=NOISE, threads=threads)
 
 
-def screw(threads: int = 1) -> Experiment:
+def screw(threads=1):
     """Of a kind that is identified in a tenth of a second."""
     return Experiment.of("rm1605", exact=True, threads=threads)
 
 
-def vectors(count: int, **given: float) -> list[dict[str, float]]:
+def vectors(count, **given):
     return fault_vectors(experiment(), count, np.random.default_rng(1), given, even=True)
 
 
 GIVEN, STROKE = (one.model.load_scenario(None) for one in (experiment(), screw()))
 
 
-def test_drawn_faults_begin_and_lie_to_either_side() -> None:
+def test_drawn_faults_begin_and_lie_to_either_side():
     drawn = vectors(64, friction=0.3)
     short = [one["short_a"] for one in drawn]
     gain = np.array([one["gain"] for one in drawn])
@@ -56,7 +56,7 @@ def test_drawn_faults_begin_and_lie_to_either_side() -> None:
     assert all(one["friction"] == 0.3 for one in drawn)
 
 
-def test_expected_errors_are_those_of_a_linear_fit() -> None:
+def test_expected_errors_are_those_of_a_linear_fit():
     """Written out for one vector: slopes at the truth, and the noise that is left there."""
     setting, (values,) = experiment(), vectors(1)
     found = expected_errors(setting, GIVEN, [values], {}).errors
@@ -81,7 +81,7 @@ def test_expected_errors_are_those_of_a_linear_fit() -> None:
 
 
 @pytest.mark.parametrize("actuator", ["servo48", "rm1605", "emps", "servo400"])
-def test_candidates_differ_and_ask_for_no_more_than_travel_and_load(actuator: str) -> None:
+def test_candidates_differ_and_ask_for_no_more_than_travel_and_load(actuator):
     setting = Experiment.of(actuator, threads=1)
     given = setting.model.load_scenario(None)
     limits = {**setting.demanded(given), "load": 8.0}
@@ -94,7 +94,7 @@ def test_candidates_differ_and_ask_for_no_more_than_travel_and_load(actuator: st
         assert one.duration == given.duration
 
 
-def test_a_command_beyond_its_limits_or_within_the_gap_is_refused() -> None:
+def test_a_command_beyond_its_limits_or_within_the_gap_is_refused():
     with pytest.raises(RefusedError, match="beyond its limits") as refused:
         experiment().move(GIVEN, {"travel": 0.001})
     assert refused.value.demands["travel"] == pytest.approx(0.001 * (1.0 + refused.value.excess))
@@ -103,7 +103,7 @@ def test_a_command_beyond_its_limits_or_within_the_gap_is_refused() -> None:
         experiment().move(still)
 
 
-def test_the_design_is_never_worse_and_keeps_the_limits(found) -> None:
+def test_the_design_is_never_worse_and_keeps_the_limits(found):
     assert found.gain >= 1.0
     assert found.observed_gain is None or found.observed_gain >= 1.0
     assert found.promised.weakest in found.promised.errors
@@ -114,7 +114,7 @@ def test_the_design_is_never_worse_and_keeps_the_limits(found) -> None:
     json.dumps(found.as_dict(), allow_nan=False)
 
 
-def test_the_price_is_in_the_units_of_the_user(found) -> None:
+def test_the_price_is_in_the_units_of_the_user(found):
     in_si = price_table(found).rows[1].cells
     use_units("length=mm")
     try:
@@ -126,7 +126,7 @@ def test_the_price_is_in_the_units_of_the_user(found) -> None:
     assert float(in_mm[3][:-3]) == pytest.approx(1e3 * float(in_si[3][:-2]), rel=1e-3)
 
 
-def test_nothing_is_said_to_be_lowered_that_was_not_observed(found) -> None:
+def test_nothing_is_said_to_be_lowered_that_was_not_observed(found):
     designed = replace(found.promised, scenario=found.scenario.lasting(0.4))
     seen = {name: 2.0 * error for name, error in designed.errors.items()}
     one = replace(
@@ -149,21 +149,21 @@ def test_nothing_is_said_to_be_lowered_that_was_not_observed(found) -> None:
     assert "the given one stays" in same.sentence
 
 
-def test_one_seed_gives_one_command() -> None:
+def test_one_seed_gives_one_command():
     first, again, other = (quick("rm1605", noise=None, seed=seed) for seed in (1, 1, 2))
     assert first.scenario == again.scenario
     assert first.promised.errors != other.promised.errors
 
 
-def test_one_named_fault_counts_alone() -> None:
+def test_one_named_fault_counts_alone():
     named = quick("rm1605", fault="backlash", noise=None)
     ratio = named.default.errors["backlash"] / named.promised.errors["backlash"]
     assert named.gain == pytest.approx(ratio)
     assert "backlash" in named.sentence
 
 
-def test_an_interrupted_search_keeps_its_best() -> None:
-    def stop(count: int, best: float, budget: int) -> None:
+def test_an_interrupted_search_keeps_its_best():
+    def stop(count, best, budget):
         raise KeyboardInterrupt
 
     kept = quick("rm1605", noise=None, budget=200, progress=stop)
@@ -172,7 +172,7 @@ def test_an_interrupted_search_keeps_its_best() -> None:
     assert kept.gain >= 1.0
 
 
-def test_trials_that_share_the_cores_err_as_one_after_another() -> None:
+def test_trials_that_share_the_cores_err_as_one_after_another():
     shares: list[float] = []
     alone = identified_errors(screw(), [STROKE], 3, seed=3, progress=shares.append)
     assert shares == pytest.approx([1 / 3, 2 / 3, 1.0])
@@ -180,8 +180,8 @@ def test_trials_that_share_the_cores_err_as_one_after_another() -> None:
     np.testing.assert_array_equal(alone, identified_errors(screw(3), [STROKE], 3, seed=3))
 
 
-def test_interrupted_trials_keep_the_actuators_that_answered_every_command() -> None:
-    def stop(share: float) -> None:
+def test_interrupted_trials_keep_the_actuators_that_answered_every_command():
+    def stop(share):
         if share == 0.5:
             raise KeyboardInterrupt
 
@@ -190,7 +190,7 @@ def test_interrupted_trials_keep_the_actuators_that_answered_every_command() -> 
     assert np.isfinite(errors).all()
 
 
-def test_what_is_observed_stands_beside_what_was_promised(found) -> None:
+def test_what_is_observed_stands_beside_what_was_promised(found):
     checked = found.check(1, seed=3)
     assert checked.promised.checks == checked.default.checks == 1
     for one in (checked.promised, checked.default):
@@ -200,7 +200,7 @@ def test_what_is_observed_stands_beside_what_was_promised(found) -> None:
     assert checked.checked
 
 
-def test_another_kind_and_a_data_sheet_are_designed_for_alike() -> None:
+def test_another_kind_and_a_data_sheet_are_designed_for_alike():
     other = ematwin.design("rm1605", draws=1, fresh=1, trials=1, budget=6, threads=1)
     assert set(other.promised.errors) == {"friction", "backlash", "gain"}
     assert other.gain >= 1.0
@@ -221,12 +221,12 @@ def test_another_kind_and_a_data_sheet_are_designed_for_alike() -> None:
         ({"draws": 0}, "draws must be at least 1"),
     ],
 )
-def test_wrong_input_gets_one_sentence(options: dict, said: str) -> None:
+def test_wrong_input_gets_one_sentence(options, said):
     with pytest.raises(InputError, match=said):
         quick("servo48", **{"budget": 5, **options})
 
 
-def test_trials_err_as_identify_does() -> None:
+def test_trials_err_as_identify_does():
     setting = screw()
     (errors,) = identified_errors(setting, [STROKE], 1, seed=3)
     rng = np.random.default_rng(3)

@@ -10,7 +10,6 @@ from ematwin.errors import RecordError
 from ematwin.experiments import candidates
 from ematwin.experiments.command_errors import fault_vectors, identified_errors, shown_by
 from ematwin.experiments.experiment import Experiment
-from ematwin.models import registry
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet, Section, quantity
 from ematwin.models.scenario import Chirp, Scenario
@@ -69,7 +68,7 @@ class SledModel(Model):
 
 
 @pytest.fixture(scope="module")
-def sled(tmp_path_factory):
+def sled(tmp_path_factory, registered):
     """Path of its file, while the kind is registered."""
     path = tmp_path_factory.mktemp("sled") / "sled.toml"
     path.write_text(
@@ -77,14 +76,11 @@ def sled(tmp_path_factory):
         'mass = { value = 2, unit = "kg", source = "made up" }\n'
         'friction = { value = 1, unit = "N", source = "made up" }\n'
     )
-    with pytest.MonkeyPatch.context() as here:
-        here.setattr(registry, "_REGISTERED", dict(registry._REGISTERED))
-        ematwin.register_model(SledModel())
+    with registered(SledModel()):
         yield path
-    registry.models.cache_clear()
 
 
-def test_vectors_at_which_nothing_moves_are_left_out_and_said(sled) -> None:
+def test_vectors_at_which_nothing_moves_are_left_out_and_said(sled):
     found = ematwin.design(sled, budget=4, trials=1, threads=1)
     assert found.left_out > 0
     assert found.draws + found.left_out == 16
@@ -94,7 +90,7 @@ def test_vectors_at_which_nothing_moves_are_left_out_and_said(sled) -> None:
     assert list(found.limits) == ["force"]
 
 
-def test_a_vector_counts_where_the_command_moves_the_sled(sled) -> None:
+def test_a_vector_counts_where_the_command_moves_the_sled(sled):
     setting = Experiment.of(sled, threads=1)
     given = setting.model.load_scenario(None)
     drawn = fault_vectors(setting, 32, np.random.default_rng(1), {}, even=True)
@@ -107,7 +103,7 @@ def test_a_vector_counts_where_the_command_moves_the_sled(sled) -> None:
     assert shown_by(setting, given, held, None) == held  # the command shows nothing at all
 
 
-def test_trials_leave_out_a_sled_that_friction_holds(sled) -> None:
+def test_trials_leave_out_a_sled_that_friction_holds(sled):
     setting = Experiment.of(sled, threads=1)
     errors = identified_errors(setting, [setting.model.load_scenario(None)], 8, seed=3)
     assert errors.shape == (8, 1, 2)
@@ -116,7 +112,7 @@ def test_trials_leave_out_a_sled_that_friction_holds(sled) -> None:
     assert np.abs(errors[answered][..., 0]).max() < 0.1
 
 
-def test_without_a_budget_a_slow_kind_ends_in_time_and_says_so(sled, monkeypatch) -> None:
+def test_without_a_budget_a_slow_kind_ends_in_time_and_says_so(sled, monkeypatch):
     monkeypatch.setattr(candidates, "SECONDS", 0.0)
     found = ematwin.design(sled, trials=0, threads=1)
     assert found.stopped == "time"
@@ -124,7 +120,7 @@ def test_without_a_budget_a_slow_kind_ends_in_time_and_says_so(sled, monkeypatch
     assert ematwin.design(sled, budget=5, trials=0, threads=1).evaluations == 5
 
 
-def test_a_recording_in_which_nothing_moves_is_refused_in_a_sentence(sled) -> None:
+def test_a_recording_in_which_nothing_moves_is_refused_in_a_sentence(sled):
     still = ematwin.simulate(actuator=sled, faults={"friction": 6.0})
     with pytest.raises(RecordError, match=r"nothing but zeros in speed: nothing moves\. Give"):
         ematwin.identify(still, sled)

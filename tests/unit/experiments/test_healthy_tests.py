@@ -6,7 +6,6 @@ import pytest
 import ematwin
 from ematwin.errors import InputError
 from ematwin.estimation.baseline import Baseline
-from ematwin.models import registry
 from ematwin.models.base import Model
 from ematwin.models.history import Step
 from ematwin.models.parameter_set import ParameterSet, Section, quantity
@@ -63,12 +62,9 @@ class BoatModel(Model):
 
 
 @pytest.fixture(scope="module")
-def boat():
-    with pytest.MonkeyPatch.context() as here:
-        here.setattr(registry, "_REGISTERED", dict(registry._REGISTERED))
-        ematwin.register_model(BoatModel())
+def boat(registered):
+    with registered(BoatModel()):
         yield Boat(name="boat", description="", drag=Drag(linear=2.0, cubic=0.1, unseen=1.0))
-    registry.models.cache_clear()
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +72,7 @@ def proposed(boat):
     return ematwin.healthy_tests(boat, thrust=1.0)
 
 
-def test_errors_are_those_of_the_linear_regression(boat, proposed) -> None:
+def test_errors_are_those_of_the_linear_regression(boat, proposed):
     spreads = np.log1p([0.2, 0.5, 0.3]) / 2.0
     precision = np.diag(1.0 / spreads**2)
     for test in proposed.tests:
@@ -87,7 +83,7 @@ def test_errors_are_those_of_the_linear_regression(boat, proposed) -> None:
         assert list(test.errors.values()) == pytest.approx(expected, rel=0.02)
 
 
-def test_a_calibration_on_the_tests_states_and_keeps_what_they_promise(boat, proposed) -> None:
+def test_a_calibration_on_the_tests_states_and_keeps_what_they_promise(boat, proposed):
     true = boat.changed({"drag.linear": 2.2, "drag.cubic": 0.08})
     rng = np.random.default_rng(1)
     recordings = []
@@ -102,7 +98,7 @@ def test_a_calibration_on_the_tests_states_and_keeps_what_they_promise(boat, pro
         assert abs(np.log(one.value / true.value(place))) < 3.0 * promised
 
 
-def test_each_test_lowers_errors_and_keeps_the_limits(proposed) -> None:
+def test_each_test_lowers_errors_and_keeps_the_limits(proposed):
     before = proposed.known
     for test in proposed.tests:
         assert test.demands["thrust"] <= 1.001
@@ -111,7 +107,7 @@ def test_each_test_lowers_errors_and_keeps_the_limits(proposed) -> None:
     assert proposed.after["drag.cubic"] < 0.9 * proposed.repeated["drag.cubic"]
 
 
-def test_what_nothing_depends_on_stays_open(proposed) -> None:
+def test_what_nothing_depends_on_stays_open(proposed):
     assert proposed.open_after(proposed.after) == ["drag.unseen"]
     assert "any test within the limits: drag.unseen." in proposed.open_sentence
     page = healthy_tests_page(proposed)
@@ -120,7 +116,7 @@ def test_what_nothing_depends_on_stays_open(proposed) -> None:
     assert list(proposed.to_frame().index) == ["drag.linear", "drag.cubic", "drag.unseen"]
 
 
-def test_a_calibration_counts_as_known(boat, proposed) -> None:
+def test_a_calibration_counts_as_known(boat, proposed):
     recording = ematwin.simulate(None, proposed.scenarios[0], None, boat)
     twin = ematwin.calibrate([recording], boat)
     more = ematwin.healthy_tests(twin, thrust=1.0)
@@ -129,7 +125,7 @@ def test_a_calibration_counts_as_known(boat, proposed) -> None:
     assert more.open_after(more.known) == ["drag.unseen"]
 
 
-def test_bad_input_is_refused(boat) -> None:
+def test_bad_input_is_refused(boat):
     with pytest.raises(InputError, match="tests must be at least 1, received 0"):
         ematwin.healthy_tests(boat, tests=0)
     with pytest.raises(InputError, match="no limit 'force' for the kind boat; choose of thrust"):

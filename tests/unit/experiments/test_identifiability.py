@@ -25,7 +25,7 @@ def exact():
     return ematwin.identifiability(noise=NOISE, exact=True)
 
 
-def test_unknown_parameters_only_widen(sheet, exact) -> None:
+def test_unknown_parameters_only_widen(sheet, exact):
     for one in exact.told:
         assert one.error == pytest.approx(one.sharp_error, rel=1e-6)
         assert sheet[one.name].error >= 0.8 * one.error
@@ -33,7 +33,7 @@ def test_unknown_parameters_only_widen(sheet, exact) -> None:
     assert all(one.how == "pinned" for one in exact.told)
 
 
-def test_what_a_fault_multiplies_is_named_as_what_it_is_traded_off_against(sheet) -> None:
+def test_what_a_fault_multiplies_is_named_as_what_it_is_traded_off_against(sheet):
     partners = {
         "friction": "friction_torque", "backlash": "transmission.backlash",
         "gain": "controller.position_gain",
@@ -46,11 +46,11 @@ def test_what_a_fault_multiplies_is_named_as_what_it_is_traded_off_against(sheet
         assert name in sheet[fault].sentence
 
 
-def test_of_equal_shorts_the_difference_is_known_and_the_sum_is_not(sheet) -> None:
+def test_of_equal_shorts_the_difference_is_known_and_the_sum_is_not(sheet):
     assert sheet.contrasts["short_common"] > 20.0 * sheet.contrasts["short_a_beyond_common"]
 
 
-def test_the_smallest_fault_follows_from_the_rates(sheet) -> None:
+def test_the_smallest_fault_follows_from_the_rates(sheet):
     strict = ematwin.identifiability(noise=NOISE, false_alarm=1e-4, miss=0.01)
     for one, other in zip(sheet.told, strict.told, strict=True):
         assert one.smallest >= SMALLEST * one.range
@@ -60,7 +60,7 @@ def test_the_smallest_fault_follows_from_the_rates(sheet) -> None:
     assert one.physical.value == pytest.approx(one.smallest * 40.0, rel=1e-6)  # turns
 
 
-def test_a_motion_within_the_gap_reveals_nothing(exact) -> None:
+def test_a_motion_within_the_gap_reveals_nothing(exact):
     chirp = [{"type": "chirp", "amplitude": 20e-6, "f_start": 5.0, "f_end": 25.0}]
     still = ematwin.identifiability(
         Scenario(name="still", duration=0.5, command=chirp), noise=NOISE, exact=True
@@ -71,7 +71,7 @@ def test_a_motion_within_the_gap_reveals_nothing(exact) -> None:
     assert ranked([still, exact]) == [exact, still]
 
 
-def test_errors_are_those_that_identify_makes(exact) -> None:
+def test_errors_are_those_that_identify_makes(exact):
     """Two recordings of seven faults each; benchmarks/identifiability.py has 200."""
     vector = exact.faults
     errors = []
@@ -82,13 +82,42 @@ def test_errors_are_those_that_identify_makes(exact) -> None:
     assert 0.1 < np.sqrt(np.mean(np.square(errors))) < 2.0
 
 
-def test_another_kind_is_asked_alike() -> None:
+def test_another_kind_is_asked_alike():
     found = ematwin.identifiability(actuator="rm1605")
     assert {one.name for one in found.told} == {"friction", "backlash", "gain"}
     assert np.allclose(np.diag(found.correlation), 1.0)
     assert np.abs(found.correlation).max() < 1.0 + 1e-9
 
 
-def test_impossible_rates_are_refused() -> None:
+def test_impossible_rates_are_refused():
     with pytest.raises(InputError, match=r"miss must lie between 0 and 0\.5, received 0\.7"):
         ematwin.identifiability(miss=0.7)
+
+
+# Beside that which `identify` finds
+
+MIDDLE = {
+    "friction": 0.3, "backlash": 0.3, "short_a": 0.2, "short_b": 0.3, "short_c": 0.4,
+    "eccentricity": 0.3, "eccentricity_phase": 0.3, "gain": 0.4,
+}  # fmt: skip
+MAGNITUDES = [name for name in MIDDLE if name != "eccentricity_phase"]
+
+
+def at_middle(noise):
+    return ematwin.identifiability(
+        faults=MIDDLE, noise=ematwin.Noise(white=noise), exact=True, threads=1
+    )
+
+
+def test_it_is_the_standard_error_that_identify_states():
+    record = ematwin.simulate("reference", faults=MIDDLE, noise=ematwin.Noise(white=0.02), seed=8)
+    found, expected = ematwin.identify(record, exact=True, threads=1), at_middle(0.02)
+    ratios = [expected[n].error / found.estimate.standard_errors[n] for n in MAGNITUDES]
+    assert 0.8 < float(np.median(ratios)) < 1.3
+    assert all(0.4 < one < 2.5 for one in ratios)
+
+
+def test_noise_errs_in_proportion():
+    loud, louder = at_middle(0.2), at_middle(0.4)
+    for name in MAGNITUDES:
+        assert louder[name].error == pytest.approx(2.0 * loud[name].error, rel=0.15)

@@ -68,27 +68,11 @@ def test_rigid_contact_is_that_of_the_naive_version(
     assume(abs(abs(twist) - gap) > 1e-12)  # rounding decides there
     # nobody starts beyond one face of the gap and ends beyond the other within a step
     assume(abs(x_m - x_o) <= gap or twist * (x_m - x_o) > 0.0)
+    motor = {"x": x_m, "w": w_m, "act": act_m, "before": before, "j": 2.5e-6}
+    output = {"x": x_o, "w": w_o, "act": act_o, "before": act_o, "j": 1e-6}
+    frictions = {"ts": 2.0 * td_m, "td": td_m}, {"ts": 2.0 * td_o, "td": td_o}
     expected = mechanics.two_masses_rigid_contact(
-        {
-            "x": x_m,
-            "w": w_m,
-            "act": act_m,
-            "before": before,
-            "j": 2.5e-6,
-            "ts": 2.0 * td_m,
-            "td": td_m,
-        },
-        {
-            "x": x_o,
-            "w": w_o,
-            "act": act_o,
-            "before": act_o,
-            "j": 1e-6,
-            "ts": 2.0 * td_o,
-            "td": td_o,
-        },
-        gap,
-        DT,
+        motor | frictions[0], output | frictions[1], gap, DT
     )
     assert seen == pytest.approx(expected, rel=1e-12, abs=1e-9)
 

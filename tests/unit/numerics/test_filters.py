@@ -1,31 +1,26 @@
 """Shifting by cubic convolution, beside its definition."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from ematwin.numerics.filters import advanced, compare
 from naive import signals
 
 
-def test_rows_are_what_the_definition_gives() -> None:
+def test_rows_are_what_the_definition_gives():
     rng = np.random.default_rng(3)
     rows, shift = rng.standard_normal((6, 25)), np.array([0.0, 0.3, -4.7, 24.5, -70.0, 1e9])
     expected = [signals.advanced(row, s) for row, s in zip(rows, shift, strict=True)]
     assert np.allclose(advanced(rows, shift), expected, rtol=0.0, atol=1e-13)
 
 
-def test_a_shift_that_is_no_number_gives_none() -> None:
+def test_a_shift_that_is_no_number_gives_none():
     found = advanced(np.ones((3, 8)), np.array([0.5, np.nan, np.inf]))
     assert (found[0] == 1.0).all()
     assert np.isnan(found[1:]).all()
 
 
-def test_rows_are_advanced_to_what_a_smooth_signal_is_there() -> None:
+def test_rows_are_advanced_to_what_a_smooth_signal_is_there():
     n = np.arange(400)
     shift = np.array([0.0, 3.0, 0.37, -2.6, 4.999, -0.5])
     rows = np.array([np.sin(0.05 * n + phase) for phase in range(len(shift))])
@@ -40,7 +35,7 @@ def test_rows_are_advanced_to_what_a_smooth_signal_is_there() -> None:
     assert np.abs(coarse[inside]).max() / np.abs(fine[inside]).max() == pytest.approx(8.0, rel=0.1)
 
 
-def test_whole_samples_are_moved_as_they_are_and_the_ends_repeat() -> None:
+def test_whole_samples_are_moved_as_they_are_and_the_ends_repeat():
     row = np.random.default_rng(1).standard_normal((1, 9))
     assert (advanced(row.copy(), np.zeros(1)) == row).all()
     later = advanced(row.copy(), np.array([2.0]))[0]
@@ -49,7 +44,7 @@ def test_whole_samples_are_moved_as_they_are_and_the_ends_repeat() -> None:
     assert (earlier == [row[0, 0], *row[0, :-1]]).all()
 
 
-def test_rows_are_compared_with_what_was_recorded_earlier_and_with_nothing_else() -> None:
+def test_rows_are_compared_with_what_was_recorded_earlier_and_with_nothing_else():
     rng = np.random.default_rng(5)
     target, roots = rng.standard_normal(60), rng.uniform(0.0, 2.0, 60)
     starts, stride = np.array([0, 30]), 7
@@ -65,7 +60,7 @@ def test_rows_are_compared_with_what_was_recorded_earlier_and_with_nothing_else(
     assert np.allclose(rows, expected, rtol=0.0, atol=1e-12)
 
 
-def test_a_comparison_by_a_shift_that_is_no_number_gives_none() -> None:
+def test_a_comparison_by_a_shift_that_is_no_number_gives_none():
     rows, ones = np.ones((3, 1, 4)), np.ones(9)
     compare(rows, ones, ones, np.zeros(1, dtype=np.int64), 2, np.array([0.5, np.nan, np.inf]))
     assert (rows[0] == 0.0).all()

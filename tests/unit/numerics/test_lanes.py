@@ -26,7 +26,7 @@ print(*last, max(widths))
 """
 
 
-def ends() -> list[float]:
+def ends():
     """Where three candidates end."""
     constants, start = axis_constants(load_actuator("emps")), AxisState(*[0.0] * 6)
     command = np.linspace(0.0, 0.01, 50)
@@ -35,7 +35,7 @@ def ends() -> list[float]:
 
 
 @pytest.mark.skipif(not re.match("x86|AMD64", platform.machine()), reason="of x86 alone")
-def test_lanes_are_computed_in_vectors_and_answer_alike_on_another_processor() -> None:
+def test_lanes_are_computed_in_vectors_and_answer_alike_on_another_processor():
     other = {"NUMBA_CPU_NAME": "haswell", "NUMBA_CPU_FEATURES": "+avx2,+fma"}
     path = [os.path.dirname(__file__), os.environ.get("PYTHONPATH", "")]
     done = subprocess.run(

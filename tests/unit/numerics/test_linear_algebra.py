@@ -8,7 +8,7 @@ from ematwin.numerics.linear_algebra import bounded_squares
 
 
 @pytest.mark.parametrize("seed", range(60))
-def test_it_finds_what_scipy_finds(seed: int) -> None:
+def test_it_finds_what_scipy_finds(seed):
     rng = np.random.default_rng(seed)
     d = int(rng.integers(1, 28))
     matrix = rng.standard_normal((d + int(rng.integers(1, 60)), d)) * 10.0 ** rng.uniform(-3, 3, d)
@@ -28,13 +28,13 @@ def test_it_finds_what_scipy_finds(seed: int) -> None:
 
 
 @pytest.mark.parametrize("rounding", [0.0, 1e-14])
-def test_what_says_nothing_stays_where_it_is(rounding: float) -> None:
+def test_what_says_nothing_stays_where_it_is(rounding):
     matrix = np.array([[1.0, 0.0], [1.0, rounding]])
     found = bounded_squares(matrix, np.array([2.0, 4.0]), np.array([-9.0, -9.0]), np.full(2, 9.0))
     assert found == pytest.approx([3.0, 0.0])
 
 
-def test_bounds_that_are_one_hold() -> None:
+def test_bounds_that_are_one_hold():
     matrix, target = np.eye(2), np.array([2.0, 2.0])
     found = bounded_squares(matrix, target, np.zeros(2), np.array([0.0, 1.0]))
     assert found == pytest.approx([0.0, 1.0])

@@ -9,34 +9,34 @@ import pytest
 from ematwin.numerics.side_by_side import cores, side_by_side
 
 
-def test_answers_come_in_the_order_of_the_items() -> None:
+def test_answers_come_in_the_order_of_the_items():
     both = threading.Barrier(2, timeout=10.0)
 
-    def squared(n: int) -> int:
+    def squared(n):
         both.wait()  # two are at work at the same time
         return n * n
 
     assert side_by_side(squared, (3, 1, 2, 5), threads=2) == [9, 1, 4, 25]
 
 
-def test_work_may_share_its_own_work() -> None:
-    def summed(n: int) -> int:
+def test_work_may_share_its_own_work():
+    def summed(n):
         return sum(side_by_side(lambda m: n * m, range(50), threads=4))
 
     assert side_by_side(summed, range(100), threads=4) == [1225 * n for n in range(100)]
 
 
-def test_an_error_reaches_the_caller() -> None:
+def test_an_error_reaches_the_caller():
     for threads in (1, 2):
         with pytest.raises(ZeroDivisionError):
             side_by_side(lambda n: 1 // n, (1, 0), threads)
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-def test_after_an_error_no_further_item_is_begun(threads) -> None:
+def test_after_an_error_no_further_item_is_begun(threads):
     begun = []
 
-    def fails(n: int) -> None:
+    def fails(n):
         begun.append(n)
         time.sleep(0.01)
         raise KeyError(n)
@@ -47,7 +47,7 @@ def test_after_an_error_no_further_item_is_begun(threads) -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork processes")
-def test_a_forked_process_has_threads_of_its_own() -> None:
+def test_a_forked_process_has_threads_of_its_own():
     assert side_by_side(abs, (-1, -2), threads=2) == [1, 2]
     both = threading.Barrier(2, timeout=10.0)
     child = os.fork()
@@ -58,7 +58,7 @@ def test_a_forked_process_has_threads_of_its_own() -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="threads are bound on Linux only")
-def test_cores_are_those_that_this_process_may_use() -> None:
+def test_cores_are_those_that_this_process_may_use():
     usable = os.sched_getaffinity(0)
     os.sched_setaffinity(0, {min(usable)})
     try:

@@ -12,7 +12,7 @@ MOTION = 5.0 * np.sin(2.0 * np.pi * 40.0 * TIME) + 3.0 * TIME
 
 @pytest.mark.parametrize("rate", [2_000.0, 20_000.0])
 @pytest.mark.parametrize("cutoff", [50.0, 100.0, 500.0])
-def test_taps_and_signals_are_those_of_scipy(rate: float, cutoff: float) -> None:
+def test_taps_and_signals_are_those_of_scipy(rate, cutoff):
     b, a = butter(2, cutoff, fs=rate)
     taps = LowPass(cutoff).taps(rate, 3.0)
     np.testing.assert_allclose(taps[:3], b, rtol=1e-9)
@@ -27,7 +27,7 @@ def test_taps_and_signals_are_those_of_scipy(rate: float, cutoff: float) -> None
     np.testing.assert_array_equal(LowPass(cutoff).apply(signal, rate), found)
 
 
-def test_a_signal_in_parts_is_filtered_as_a_whole() -> None:
+def test_a_signal_in_parts_is_filtered_as_a_whole():
     signal = np.random.default_rng(2).standard_normal(300)
     taps = LowPass(200.0).taps(5e3, 0.0)
     whole, _ = filtered(taps, signal)
@@ -37,7 +37,7 @@ def test_a_signal_in_parts_is_filtered_as_a_whole() -> None:
 
 
 @pytest.mark.parametrize("cutoff", [50.0, 100.0, 500.0])
-def test_white_noise_passes_as_far_as_the_impulse_response_says(cutoff: float) -> None:
+def test_white_noise_passes_as_far_as_the_impulse_response_says(cutoff):
     impulse = np.zeros(20_000)
     impulse[1] = 1.0
     response = LowPass(cutoff).apply(impulse, 20_000.0)
@@ -57,20 +57,20 @@ def test_there_are_as_many_as_samples_that_are_that_far_apart(size, stride):
 
 
 @pytest.mark.parametrize("size", [1e-3, 0.1, 2.0])
-def test_noise_is_found_beneath_a_motion(size: float) -> None:
+def test_noise_is_found_beneath_a_motion(size):
     noise = size * np.random.default_rng(1).standard_normal(TIME.size)
     assert white_noise(MOTION + noise) == pytest.approx(size, rel=0.05)
 
 
-def test_a_smooth_trace_has_none() -> None:
+def test_a_smooth_trace_has_none():
     assert white_noise(MOTION) < 1e-4
 
 
-def test_commutations_are_no_noise() -> None:
+def test_commutations_are_no_noise():
     noise = 0.1 * np.random.default_rng(2).standard_normal(TIME.size)
     steps = 4.0 * (np.arange(TIME.size) // 200 % 2)
     assert white_noise(MOTION + steps + noise) == pytest.approx(0.1, rel=0.1)
 
 
-def test_a_few_samples_tell_nothing() -> None:
+def test_a_few_samples_tell_nothing():
     assert white_noise(np.array([0.0, 1.0, 0.0, 1.0])) == 0.0

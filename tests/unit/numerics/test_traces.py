@@ -51,7 +51,7 @@ LOAD = np.linspace(0.0, 0.3, 40)
 RATES = np.linspace(-3.0, -1.0, 37)  # three blocks of lanes, the last one in part
 
 
-def plain(rate: float, start: float) -> np.ndarray:
+def plain(rate, start):
     """The answers (2, S) of one candidate."""
     c, now, rows = Constants(rate, 2.0), State(start, 0.0), []
     for n in range(COMMAND.size):
@@ -66,7 +66,7 @@ def plain(rate: float, start: float) -> np.ndarray:
     return np.array(rows).T
 
 
-def traces(rates: np.ndarray, threads: int | None = None) -> np.ndarray:
+def traces(rates, threads=None):
     """The answers (B, 2, S) of candidates that start at different levels."""
     start = State(np.linspace(0.0, 1.0, rates.size), 0.0)
     found = TRACES(

@@ -11,13 +11,7 @@ import numpy as np
 import pytest
 
 from ematwin.errors import FileError, InputError
-from ematwin.optimizers import (
-    Box,
-    DifferentialEvolution,
-    GreyWolf,
-    Progress,
-    minimize,
-)
+from ematwin.optimizers import Box, DifferentialEvolution, GreyWolf, Progress, minimize
 
 LOWER, UPPER = [0.0] * 4, [1.0] * 4
 OPTIMUM = np.array([0.3, 0.6, 0.4, 0.7])
@@ -337,6 +331,34 @@ def test_an_error_at_the_first_points_names_the_mistake_and_stays_what_it_is():
     with pytest.raises(ValueError, match="ambiguous") as caught:
         minimize(branches, LOWER, UPPER, vectorized=True)
     assert "vectorized=False" in caught.value.__notes__[0]
+
+    def broken(x):
+        raise ValueError("my own mistake")
+
+    with pytest.raises(ValueError, match="my own mistake"):
+        minimize(broken, LOWER, UPPER, "random", 5, 2)
+
+
+@pytest.mark.parametrize("population", [1, 2, 10])
+@pytest.mark.parametrize(
+    "objective",
+    [
+        lambda x: float(x @ x),
+        lambda x: np.sum(x**2),
+        lambda x: x[0] ** 2 + x[1] ** 2,
+        lambda x: sum(value * value for value in x),
+        lambda x: np.linalg.norm(x) ** 2,
+        lambda x: (x**2).sum(axis=-1),
+        lambda points: [float(point @ point) for point in np.atleast_2d(points)],
+    ],
+)
+def test_one_point_or_a_batch_is_found_out(objective, population):
+    settings = [-1, -1], [1, 1], "random", population, 4
+    given = minimize(lambda x: x @ x, *settings, vectorized=False)
+    found = minimize(objective, *settings)
+    assert found.cost == pytest.approx(given.cost, rel=1e-12)
+    np.testing.assert_array_equal(found.x, given.x)
+    assert found.evaluations == given.evaluations
 
 
 def bad(match, **changed):

@@ -16,7 +16,7 @@ from ematwin.optimizers import (
     Whale,
     minimize,
 )
-from ematwin.optimizers.differential_evolution import Best1, Rand1
+from ematwin.optimizers.differential_evolution import best_1, rand_1
 from ematwin.optimizers.genetic_algorithm import HOLLAND, Binary
 from ematwin.optimizers.particle_swarm import INERTIA_1998, Coefficients, Global, Ring
 from naive import optimizers_naive as naive
@@ -43,23 +43,23 @@ CASES = {
     "whale": (Whale, naive.whale),
     "dragonfly": (Dragonfly, naive.dragonfly),
     "swarm": (
-        partial(ParticleSwarm, coefficients=PLAIN, craziness=None, topology=Global()),
+        partial(ParticleSwarm, coefficients=PLAIN, crazy=0.0, topology=Global()),
         partial(naive.particle_swarm, **SWARM),
     ),
     "ring of swarm": (
-        partial(ParticleSwarm, coefficients=PLAIN, craziness=None, topology=Ring(2)),
+        partial(ParticleSwarm, coefficients=PLAIN, crazy=0.0, topology=Ring(2)),
         partial(naive.particle_swarm, **SWARM, ring=2),
     ),
     "growing ring of swarm": (
-        partial(ParticleSwarm, coefficients=PLAIN, craziness=None),
+        partial(ParticleSwarm, coefficients=PLAIN, crazy=0.0),
         partial(naive.particle_swarm, **SWARM, ring="growing"),
     ),
     "rand/1/bin": (
-        partial(DifferentialEvolution, strategy=Rand1(), F=0.6, CR=0.8),
+        partial(DifferentialEvolution, strategy=rand_1, F=0.6, CR=0.8),
         partial(naive.differential_evolution, F=0.6, CR=0.8),
     ),
     "best/1/bin": (
-        partial(DifferentialEvolution, strategy=Best1(), F=0.6, CR=0.5),
+        partial(DifferentialEvolution, strategy=best_1, F=0.6, CR=0.5),
         partial(naive.differential_evolution, F=0.6, CR=0.5, best=True),
     ),
     "binary genetic": (
@@ -68,7 +68,7 @@ CASES = {
     ),
     "Holland's genetic": (partial(GeneticAlgorithm, **HOLLAND), naive.holland),
     "swarm of 1998": (
-        partial(ParticleSwarm, coefficients=INERTIA_1998, craziness=None, topology=Global()),
+        partial(ParticleSwarm, coefficients=INERTIA_1998, crazy=0.0, topology=Global()),
         partial(naive.particle_swarm, inertia=0.9, last=0.4, weight=2.0, limit=0.5),
     ),
 }

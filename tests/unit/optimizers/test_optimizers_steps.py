@@ -16,17 +16,8 @@ from ematwin.optimizers import (
     ParticleSwarm,
     Whale,
 )
-from ematwin.optimizers.differential_evolution import (
-    Mutants,
-    bounced_back,
-    others,
-)
-from ematwin.optimizers.genetic_operators import (
-    Polynomial,
-    Roulette,
-    SimulatedBinary,
-    Tournament,
-)
+from ematwin.optimizers.differential_evolution import bounced_back, others
+from ematwin.optimizers.genetic_operators import Polynomial, Roulette, SimulatedBinary, Tournament
 from ematwin.optimizers.particle_swarm import Coefficients, Global, GrowingRing, Ring
 from naive import optimizers_naive as naive
 
@@ -159,7 +150,7 @@ def test_a_particle_stops_at_a_bound_and_loses_that_speed():
         population=1,
         iterations=10,
         coefficients=Coefficients(1.0, 0.0, 0.0),
-        craziness=None,
+        crazy=0.0,
     )
     start(swarm, [[0.6, 0.1]], [1.0], [[1.0, 0.3]])  # a speed of (0.2, 0.1)
     swarm.rng = Scripted(*[0.0] * 4)
@@ -209,8 +200,8 @@ def test_a_trial_replaces_its_parent_only_if_it_is_no_worse():
 
 def test_mutants_outside_the_box_bounce_back():
     box = Box([0.0, 0.0], [1.0, 1.0])
-    mutants = Mutants(np.array([[-0.4, 0.5], [0.3, 1.6]]), np.array([[0.2, 0.2], [0.3, 0.4]]))
-    bounced = bounced_back(Scripted(0.5), box, mutants)
+    mutants, bases = np.array([[-0.4, 0.5], [0.3, 1.6]]), np.array([[0.2, 0.2], [0.3, 0.4]])
+    bounced = bounced_back(Scripted(0.5), box, mutants, bases)
     assert bounced == pytest.approx(np.array([[0.1, 0.5], [0.3, 0.7]]))
 
 

@@ -17,16 +17,14 @@ class EngineError(EmatwinError):
 class Engine(ABC):
     """Carries runs to processes that do them, each run on one thread.
 
-    Parameters
-    ----------
-    time_limit : float, s, of a run, or None
-    patience : float, s, for which workers that are gone are waited for
-
-    Notes
-    -----
     An engine is given as many runs as it has `free` places, so that a run begins when it is
     submitted. A process that dies takes no run with it: the run is done again, unless it is the
     run that kills.
+
+    Parameters
+    ----------
+    time_limit : s, of a run, or None
+    patience : s, for which workers that are gone are waited for
     """
 
     name: str
@@ -55,13 +53,7 @@ class Engine(ABC):
         """Begin a run."""
 
     def finished(self, timeout: float) -> list[RunResult]:
-        """Give results that have come back; wait up to ``timeout`` s for the first.
-
-        Raises
-        ------
-        EngineError
-            If the engine was lost.
-        """
+        """Give results that have come back; wait up to ``timeout`` s for the first."""
         self._tend()
         results: list[RunResult] = []
         try:
@@ -82,12 +74,10 @@ class Engine(ABC):
     def close(self) -> None:
         """End all processes that the engine started, at once."""
 
-
-def given_up(spec: RunSpec, engine: str, time_limit: float | None, overdue: bool) -> RunResult:
-    """Make the result of a run whose process died each time, or was ended by the watchdog."""
-    provenance = {"engine": engine}
-    if overdue:
-        text = f"ran past its time limit of {time_limit:g} s and did not answer; process ended"
-        return RunResult(spec.id, "timeout", stopped=text, provenance=provenance)
-    text = "its process died each time that it was tried"
-    return RunResult(spec.id, "failed", stopped=text, provenance=provenance)
+    def _given_up(self, spec: RunSpec, overdue: bool) -> RunResult:
+        """The result of a run whose process died each time, or was ended by the watchdog."""
+        status, said = "failed", "its process died each time that it was tried"
+        if overdue:
+            status = "timeout"
+            said = f"ran past its time limit of {self._limit:g} s and did not answer; process ended"
+        return RunResult(spec.id, status, stopped=said, provenance={"engine": self.name})

@@ -6,34 +6,21 @@ scheduler or all of its workers are gone, the engine waits, then submits the run
 """
 
 import logging
+import textwrap
 import time
 from contextlib import suppress
 from typing import Any
 
-from ematwin.benchmarking.engines.base import PATIENCE, Engine, EngineError, given_up
+from ematwin.benchmarking.engines.base import PATIENCE, Engine, EngineError
 from ematwin.benchmarking.execute import execute, hard_limit
 from ematwin.benchmarking.run import RunResult, RunSpec
 from ematwin.errors import MissingExtraError
 
-_CONNECT = 10.0  # s
-_LOOK = 2.0  # s between two looks at the workers, or two trials to connect
+_CONNECT, _LOOK = 10.0, 2.0  # s to connect, and between two looks at the workers
 
 
 class DaskEngine(Engine):
-    """Workers of a Dask scheduler.
-
-    Parameters
-    ----------
-    scheduler : address such as tcp://host:8786, or None to start one with ``workers`` here
-    workers : int
-    time_limit : float, s, of a run, or None
-    patience : float, s, for which a scheduler or workers that are gone are waited for
-
-    Raises
-    ------
-    MissingExtraError
-        If Dask is not installed.
-    """
+    """Workers of a scheduler, tcp://host:8786; None starts one here, with ``workers``."""
 
     name = "dask"
 
@@ -77,8 +64,9 @@ class DaskEngine(Engine):
             self._connect()
         except (OSError, ValueError, TypeError) as error:
             self.close()
+            why = textwrap.shorten(str(error) or type(error).__name__, 120, placeholder="...")
             raise EngineError(
-                f"The scheduler at {self._address} does not answer ({_short(error)}). Start it "
+                f"The scheduler at {self._address} does not answer ({why}). Start it "
                 "with: dask scheduler, and check the address."
             ) from None
         while not self._look():
@@ -165,7 +153,7 @@ class DaskEngine(Engine):
         except self._distributed.KilledWorker:
             seconds = time.monotonic() - since
             overdue = self._limit is not None and seconds >= hard_limit(self._limit)
-            result = given_up(spec, self.name, self._limit, overdue)
+            result = self._given_up(spec, overdue)
         except (OSError, TimeoutError):
             self._disconnect()
             return []
@@ -175,13 +163,7 @@ class DaskEngine(Engine):
         return [result]
 
     def _watch(self) -> None:
-        """Look for workers now and then; connect again where the scheduler is gone.
-
-        Raises
-        ------
-        EngineError
-            If nobody has answered for too long.
-        """
+        """Look for workers now and then; connect again where the scheduler is gone."""
         running = self._client is not None and self._client.status in {"running", "newly-created"}
         if running and time.monotonic() - self._looked < _LOOK:
             return
@@ -219,8 +201,3 @@ class DaskEngine(Engine):
         if self._slots:
             self._answered = self._looked
         return self._slots
-
-
-def _short(error: BaseException) -> str:
-    text = " ".join(str(error).split()) or type(error).__name__
-    return text if len(text) <= 120 else text[:117] + "..."

@@ -13,7 +13,7 @@ import time
 from concurrent.futures import BrokenExecutor, Future
 from typing import Any
 
-from ematwin.benchmarking.engines.base import PATIENCE, Engine, EngineError, given_up
+from ematwin.benchmarking.engines.base import PATIENCE, Engine, EngineError
 from ematwin.benchmarking.execute import execute, hard_limit, warm_up
 from ematwin.benchmarking.run import RunResult, RunSpec
 from ematwin.models.base import Model
@@ -23,27 +23,12 @@ from ematwin.optimizers.registry import register, registered
 
 # one run, one core: no library may share it out again
 _ENVIRONMENT = {
-    name: "1"
-    for name in (
-        "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS",
-        "VECLIB_MAXIMUM_THREADS", "BLIS_NUM_THREADS",
-    )
-}  # fmt: skip
-
-# loky replaces a process that grew by 300 MB since its first call, and warns of a memory leak. The
-# compiler takes more than that, once: the process would lose its records and kernels for nothing.
-_PAUSES = (0.5, 10.0)  # s before the first trial after a death, and at most
+    f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA", "BLIS")
+} | {"VECLIB_MAXIMUM_THREADS": "1"}
 
 
 class LocalEngine(Engine):
-    """Worker processes on this machine.
-
-    Parameters
-    ----------
-    workers : int
-    time_limit : float, s, of a run, or None
-    patience : float, s, for which processes that die are started again
-    """
+    """Worker processes on this machine."""
 
     name = "local"
 
@@ -111,7 +96,7 @@ class LocalEngine(Engine):
         in_vain = worker.deaths >= 3 and time.monotonic() - worker.since >= self._patience
         if spec is not None and (overdue or (started and in_vain)):
             worker.spec, worker.deaths, worker.due = None, 0, 0.0
-            return [given_up(spec, self.name, self._limit, overdue)]
+            return [self._given_up(spec, overdue)]
         if in_vain:
             raise EngineError(
                 f"The worker processes die as soon as they start ({type(error).__name__}), "
@@ -122,27 +107,17 @@ class LocalEngine(Engine):
 
 
 class _Worker:
-    """A process that is started again when it dies.
-
-    Attributes
-    ----------
-    spec : the run that it does, or None
-    ready : bool, its process has started
-    future : of its current task
-    submitted : float, of the monotonic clock, s, when that began
-    deaths : int, in a row
-    since, due : float, when it died first, and when it may be started again
-    """
+    """A process that is started again when it dies; times are of the monotonic clock, s."""
 
     def __init__(self, events: "queue.SimpleQueue[tuple[Any, Any]]") -> None:
         self._events = events
         self._pool: Any = None
-        self.spec: RunSpec | None = None
-        self.ready = False
-        self.future: Future[Any] | None = None
-        self.submitted = 0.0
-        self.deaths = 0
-        self.since = self.due = 0.0
+        self.spec: RunSpec | None = None  # the run that it does
+        self.ready = False  # its process has started
+        self.future: Future[Any] | None = None  # of its current task
+        self.submitted = 0.0  # when that began
+        self.deaths = 0  # in a row
+        self.since = self.due = 0.0  # when it died first, and when it may be started again
 
     def start_if_due(self) -> None:
         """Start the process if there is none and the pause is over."""
@@ -174,7 +149,7 @@ class _Worker:
         """Note a death, and when the next process may start: each pause is twice the last."""
         now = time.monotonic()
         self.since = self.since if self.deaths else now
-        self.due = now + min(_PAUSES[0] * 2.0**self.deaths, _PAUSES[1])
+        self.due = now + min(0.5 * 2.0**self.deaths, 10.0)  # s
         self.deaths += 1
         self.end()
 
@@ -205,6 +180,8 @@ def _prepare_worker(
         register_model(model)
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # loky replaces a process that grew by 300 MB since its first call, for a memory leak. The
+    # compiler takes more than that, once: the process would lose its records and kernels
     process_executor._MAX_MEMORY_LEAK_SIZE = 2_000_000_000
 
     def watch() -> None:

@@ -21,8 +21,7 @@ from itertools import product
 import numpy as np
 
 from ematwin.models.bldc.channels import PHASES, phase_currents
-from ematwin.numerics.remembered import Remembered
-from ematwin.numerics.signals import spread_of, white_noise
+from ematwin.numerics.signals import Remembered, spread_of, white_noise
 from ematwin.recordings.recording import Recording
 
 _OPEN = 0.25  # of the largest of the three currents: more is a commutation

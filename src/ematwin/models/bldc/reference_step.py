@@ -26,8 +26,13 @@ from ematwin.models.bldc.motor import cogging_torque, hall_sector, split_short, 
 from ematwin.models.bldc.state import TruerState
 from ematwin.numerics.backlash import contact_torque, stop_at_ends
 from ematwin.numerics.compile import part
-from ematwin.numerics.friction import advance_mobile, loaded_friction
-from ematwin.numerics.lugre import advance_on_bristles, fading, sliding_torque
+from ematwin.numerics.friction import (
+    advance_mobile,
+    advance_on_bristles,
+    fading,
+    loaded_friction,
+    sliding_torque,
+)
 from ematwin.numerics.scalar import clip, lag
 
 

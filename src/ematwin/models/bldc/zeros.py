@@ -24,8 +24,7 @@ from ematwin.models.bldc.channels import phase_currents
 from ematwin.models.bldc.envelope import projected
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.comparison import Placed
-from ematwin.numerics.remembered import Remembered
-from ematwin.numerics.signals import white_noise
+from ematwin.numerics.signals import Remembered, white_noise
 from ematwin.recordings.recording import Recording
 
 _LOOKED_AT = 5_000  # samples

@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 from ematwin.numerics.backlash import contact_torque, stop_at_ends
 from ematwin.numerics.compile import part, step
-from ematwin.numerics.friction import advance_speed
-from ematwin.numerics.lugre import advance_on_bristles, sliding_torque
+from ematwin.numerics.friction import advance_on_bristles, advance_speed, sliding_torque
 from ematwin.numerics.scalar import sincos
 
 

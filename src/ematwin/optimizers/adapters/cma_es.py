@@ -8,17 +8,10 @@ is spent.
 from __future__ import annotations
 
 import warnings
-from typing import ClassVar
 
 import numpy as np
 
-from ematwin.optimizers.adapters import adapted
 from ematwin.optimizers.base import FloatArray, PopulationOptimizer
-
-
-def _quiet() -> warnings.catch_warnings:
-    """Hold back the package's warnings shortly before it converges."""
-    return warnings.catch_warnings(action="ignore", category=UserWarning)
 
 
 class _Normal:
@@ -32,15 +25,9 @@ class _Normal:
 
 
 class CmaEs(PopulationOptimizer):
-    """CMA-ES of the package ``cma``; the population is its popsize.
+    """CMA-ES of the package ``cma``; the population is its popsize."""
 
-    Parameters
-    ----------
-    box : Box
-    population, iterations, seed : int
-    """
-
-    minimum_population: ClassVar[int] = 4
+    minimum_population = 4
 
     def _start(self) -> FloatArray:
         import cma
@@ -61,24 +48,12 @@ class CmaEs(PopulationOptimizer):
         return self._start() if self._strategy.stop() else self._sampled()
 
     def _sampled(self) -> FloatArray:
-        with _quiet():
+        # the package warns shortly before it converges
+        with warnings.catch_warnings(action="ignore", category=UserWarning):
             self._solutions = self._strategy.ask()
         return self.box.clip(np.array(self._solutions, dtype=np.float64))
 
     def _learn(self, points: FloatArray, costs: FloatArray) -> None:
-        with _quiet():
+        with warnings.catch_warnings(action="ignore", category=UserWarning):
             # cma takes differences of costs
             self._strategy.tell(self._solutions, np.minimum(costs, 1e300).tolist())
-
-
-ALGORITHMS = (
-    adapted(
-        "cma",
-        "CMA-ES of the package cma",
-        "Hansen and Ostermeier (2001), Evol. Comput. 9(2), 159-195; pycma",
-        "cma",
-        lambda: CmaEs,
-        "first mean and step as this package draws them; restarts",
-        aliases=("cma-es", "cmaes"),
-    ),
-)

@@ -7,24 +7,15 @@ numpy 2.4 inside its surrogate model.
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any
 
 import numpy as np
 
-from ematwin.optimizers.adapters import adapted
-from ematwin.optimizers.base import Algorithm, Box, FloatArray, PopulationOptimizer
+from ematwin.optimizers.base import Box, FloatArray, PopulationOptimizer
 
 
 class Nevergrad(PopulationOptimizer):
-    """An optimiser of nevergrad.
-
-    Parameters
-    ----------
-    box : Box
-    population, iterations, seed : int
-    name : str, as in nevergrad's registry
-    """
+    """An optimiser of nevergrad, by its ``name`` in nevergrad's registry."""
 
     def __init__(self, box: Box, *, name: str = "TwoPointsDE", **settings: int) -> None:
         import nevergrad
@@ -53,21 +44,3 @@ class Nevergrad(PopulationOptimizer):
             # nevergrad replaces costs above 5e20, with a warning for each
             self._optimizer.tell(candidate, min(cost, 1e20))
         self._candidates = []
-
-
-def _algorithm(name: str, registered: str, title: str) -> Algorithm:
-    return adapted(
-        f"nevergrad-{name}",
-        f"{title} of nevergrad",
-        f"nevergrad.optimizers.registry[{registered!r}]",
-        "nevergrad",
-        lambda: partial(Nevergrad, name=registered),
-        "none",
-    )
-
-
-ALGORITHMS = (
-    _algorithm("de", "TwoPointsDE", "Differential evolution"),
-    _algorithm("pso", "PSO", "Particle swarm"),
-    _algorithm("oneplusone", "OnePlusOne", "(1+1) evolution strategy"),
-)

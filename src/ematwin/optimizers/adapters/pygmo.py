@@ -9,19 +9,14 @@ to do.
 
 from __future__ import annotations
 
-from functools import partial
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
-from ematwin.optimizers.adapters import adapted
 from ematwin.optimizers.adapters.worker import Evaluate, ThreadedOptimizer
-from ematwin.optimizers.base import Algorithm, Box, FloatArray
+from ematwin.optimizers.base import Box, FloatArray
 
-_SEEDS = 2**31
 _WORST = 1e300  # pygmo's arithmetic on costs must stay finite
-_GOES_ON = "goes on, or restarts, where it ends"
-_ONE_BY_ONE = "; asks for one point at a time, so that its seconds say little of the method"
 
 
 class _Problem:
@@ -48,7 +43,7 @@ class _Problem:
 class Pygmo(ThreadedOptimizer):
     """An algorithm of pygmo, named as in pygmo; ``batched`` if it takes whole generations."""
 
-    minimum_population: ClassVar[int] = 7
+    minimum_population = 7
 
     def __init__(
         self, box: Box, *, name: str = "de", batched: bool = False,
@@ -64,7 +59,7 @@ class Pygmo(ThreadedOptimizer):
 
         problem = pygmo.problem(_Problem(self.box, evaluate))
         make = getattr(pygmo, self.name)
-        seed = self.seed % _SEEDS
+        seed = self.seed % 2**31
         while True:
             together = pygmo.bfe(pygmo.member_bfe()) if self.batched else None
             population = pygmo.population(problem, self.population, b=together, seed=seed)
@@ -77,26 +72,4 @@ class Pygmo(ThreadedOptimizer):
             while population.problem.get_fevals() != spent:
                 spent = population.problem.get_fevals()
                 population = algorithm.evolve(population)
-            seed = (seed + 1) % _SEEDS
-
-
-def _algorithm(name: str, title: str, batched: bool = False, **options: float) -> Algorithm:
-    return adapted(
-        f"pygmo-{name.replace('_', '-')}",
-        f"{title} of pygmo",
-        f"pygmo.{name}",
-        "pygmo",
-        lambda: partial(Pygmo, name=name, batched=batched, options=options),
-        _GOES_ON if batched else _GOES_ON + _ONE_BY_ONE,
-    )
-
-
-ALGORITHMS = (
-    _algorithm("sga", "Genetic algorithm"),
-    _algorithm("de", "Differential evolution", ftol=0.0, xtol=0.0),
-    _algorithm("sade", "Self-adaptive differential evolution", ftol=0.0, xtol=0.0),
-    _algorithm("de1220", "Differential evolution, adaptive variant", ftol=0.0, xtol=0.0),
-    _algorithm("pso", "Particle swarm"),
-    _algorithm("pso_gen", "Generational particle swarm", batched=True),
-    _algorithm("gwo", "Grey wolf"),
-)
+            seed = (seed + 1) % 2**31

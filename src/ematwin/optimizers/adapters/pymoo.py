@@ -7,30 +7,21 @@ holds local functions that cannot be pickled, so none of them is said to be.
 from __future__ import annotations
 
 import importlib
-from functools import partial
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
-from ematwin.optimizers.adapters import adapted
-from ematwin.optimizers.base import Algorithm, Box, FloatArray, PopulationOptimizer
+from ematwin.optimizers.base import Box, FloatArray, PopulationOptimizer
 
-_MODULE = "pymoo.algorithms.soo.nonconvex"
+MODULE = "pymoo.algorithms.soo.nonconvex"
 
 
 class Pymoo(PopulationOptimizer):
-    """An algorithm of pymoo.
+    """An algorithm of pymoo, by the ``name`` of its class; its module has that in lower case."""
 
-    Parameters
-    ----------
-    box : Box
-    population, iterations, seed : int
-    name : str, of the class; its module has the same name in lower case
-    """
-
-    picklable: ClassVar[bool] = False
-    constant_batch: ClassVar[bool] = False
-    minimum_population: ClassVar[int] = 5
+    picklable = False
+    constant_batch = False
+    minimum_population = 5
 
     def __init__(self, box: Box, *, name: str = "GA", **settings: int) -> None:
         super().__init__(box, **settings)
@@ -42,7 +33,7 @@ class Pymoo(PopulationOptimizer):
         from pymoo.core.problem import Problem
         from pymoo.core.termination import NoTermination
 
-        make = getattr(importlib.import_module(f"{_MODULE}.{self.name.lower()}"), self.name)
+        make = getattr(importlib.import_module(f"{MODULE}.{self.name.lower()}"), self.name)
         problem = Problem(
             n_var=self.box.dimension, n_obj=1, xl=self.box.lower.copy(), xu=self.box.upper.copy()
         )
@@ -66,21 +57,3 @@ class Pymoo(PopulationOptimizer):
         finite = np.minimum(costs, 1e300)[:, None]  # pymoo takes differences of costs
         Evaluator().eval(StaticProblem(self._algorithm.problem, F=finite), self._infills)
         self._algorithm.tell(infills=self._infills)
-
-
-def _algorithm(name: str, title: str) -> Algorithm:
-    return adapted(
-        f"pymoo-{name.lower()}",
-        f"{title} of pymoo",
-        f"{_MODULE}.{name.lower()}.{name}",
-        "pymoo",
-        lambda: partial(Pymoo, name=name),
-        "restarts where it has no new point left",
-    )
-
-
-ALGORITHMS = (
-    _algorithm("GA", "Genetic algorithm"),
-    _algorithm("DE", "Differential evolution"),
-    _algorithm("PSO", "Particle swarm"),
-)

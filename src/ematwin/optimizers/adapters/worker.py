@@ -10,7 +10,6 @@ import threading
 from abc import abstractmethod
 from collections.abc import Callable
 from queue import SimpleQueue
-from typing import ClassVar
 
 import numpy as np
 
@@ -31,7 +30,7 @@ class ThreadedOptimizer(PopulationOptimizer):
     box, for ever. The thread starts with the first ``ask``.
     """
 
-    picklable: ClassVar[bool] = False
+    picklable = False
 
     def __init__(self, box: Box, **settings: int) -> None:
         super().__init__(box, **settings)
@@ -93,3 +92,36 @@ class ThreadedOptimizer(PopulationOptimizer):
         if costs is None:
             raise _ClosedError
         return costs
+
+
+class ScipyDifferentialEvolution(ThreadedOptimizer):
+    """``scipy.optimize.differential_evolution``, whole generations at a time.
+
+    SciPy's own defaults (best/1/bin, F drawn from 0.5 to 1, CR 0.7) except: the population is the
+    one asked for, drawn uniformly; its test of convergence and its final polishing are off, so that
+    the budget is spent; a population that has shrunk to one cost starts afresh. SciPy draws the
+    bounds' offenders anew.
+    """
+
+    minimum_population = 5
+
+    def _search(self, evaluate: Evaluate) -> None:
+        from scipy.optimize import differential_evolution
+
+        rng = np.random.default_rng(self.seed)
+
+        def columns(points: FloatArray) -> FloatArray:
+            return evaluate(points.T)
+
+        while True:
+            differential_evolution(
+                columns,
+                np.column_stack([self.box.lower, self.box.upper]),
+                init=self.box.sample(rng, self.population),
+                maxiter=10**9,
+                tol=0.0,
+                polish=False,
+                vectorized=True,
+                updating="deferred",
+                rng=rng,
+            )
