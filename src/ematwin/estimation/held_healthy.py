@@ -26,7 +26,7 @@ class HeldHealthy:
     ----------
     rises : (G,) array, by how many squared standard deviations each is worse than with the fault;
         below zero where the search had not found the best point
-    point : (d,) array, the best point next to the best of them, its fault free again
+    point : (d,) array, the best of them
     evaluations : int
     """
 

@@ -196,8 +196,8 @@ def width_at(
 ) -> Laplace:
     """The width of a peak that is known to lie at a point (d,), without a descent.
 
-    ``information`` (d, d) is that of a peak that is about as wide, where known already: one batch
-    of differences is enough then.
+    ``information`` (d, d) is that of a peak that is about as wide, where known already: one
+    regression is enough then.
     """
     problem = with_shown_noise(problem, problem.residuals(point[None])[0], least_noise)
     z = problem.chart.project(problem.chart.from_values(point[None]))[0]
@@ -254,7 +254,7 @@ def _peak(problem: Problem, z: np.ndarray, slopes: "_Slopes", spent: int) -> Lap
 
 
 class _Slopes(NamedTuple):
-    """Residuals (K,) at a point, their Jacobian (d, K), and the information (d, d) in it."""
+    """Residuals (K,) and Jacobian (d, K) of a regression, and the information (d, d) in it."""
 
     here: np.ndarray
     jacobian: np.ndarray
@@ -266,10 +266,10 @@ class _Slopes(NamedTuple):
 def _slopes(
     seen: _Seen, z: np.ndarray, aliases: Aliases | None, information: np.ndarray | None
 ) -> _Slopes:
-    """Differences along the principal directions of the peak, as long as it is wide there.
+    """Residuals and slopes near ``z`` (d,) along the principal directions of the peak.
 
-    Twice after first ones of each unknown, but once where its ``information`` (d, d) is about
-    known; directions that the kind knows are not differenced.
+    Twice after first slopes along each unknown, but once where its ``information`` (d, d) is about
+    known.
     """
     problem, chart = seen.problem, seen.problem.chart
     known = directions(problem, chart.to_values(z[None])[0], aliases)
