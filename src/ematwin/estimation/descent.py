@@ -5,12 +5,12 @@ already; then at full bandwidth for as long as a stage gains. Unknowns held by a
 the data have no effect at all, evidence and priors decide.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
 
-from ematwin.estimation.aliases import Aliases, Direction, directions, held_pivots
+from ematwin.estimation.aliases import Aliases, directions, held_pivots
 from ematwin.estimation.constants import WORTH
 from ematwin.estimation.levenberg_marquardt import LevenbergMarquardt
 from ematwin.estimation.noise import with_shown_noise
@@ -21,7 +21,6 @@ from ematwin.numerics.linear_algebra import bounded_squares
 STEP = 5e-3  # along directions that data do not see, share of a range
 _STAGES, _LEAST_STAGES, _ITERATIONS = 8, 1, 5
 SAME = 0.97  # ratio of noises with which priors count alike
-_ROUNDS = 2  # along aliases, which curve: ratios stay as they are
 
 
 class TooFarError(Exception):
@@ -83,16 +82,12 @@ class Descent:
         fixed = {name: value for name, value in values.items() if name in still}
         small = problem.holding(fixed) if fixed else problem
         own = [problem.names.index(name) for name in small.names]
-        z, weighed, spent = self._stages(small, start[own])
+        z, spent = self._stages(small, start[own])
         values = small.values(small.chart.to_values(z)[0])
-        point = np.array([values[name] for name in problem.names])
-        if problem is small:
-            point = _along(weighed, point, known)
-            spent += _ROUNDS * (len(known) + 1) if weighed.has_evidence else 0
-        return point, spent
+        return np.array([values[name] for name in problem.names]), spent
 
-    def _stages(self, small: Problem, start: np.ndarray) -> tuple[np.ndarray, Problem, int]:
-        """The best ``z`` (1, d), the problem by the noise of the last stage, and simulations."""
+    def _stages(self, small: Problem, start: np.ndarray) -> tuple[np.ndarray, int]:
+        """The best ``z`` (1, d), and simulations."""
         chart, spent = small.chart, 1
         # each stage looks with long differences again: rough stretches stop a single descent
         first = z = chart.project(chart.from_values(start[None]))
@@ -136,7 +131,7 @@ class Descent:
             weighed, chart.to_values(z), here
         ):
             z = first
-        return z, weighed, spent
+        return z, spent
 
 
 def bounded_step(
@@ -164,25 +159,3 @@ def _cost_of(weighed: Problem, point: np.ndarray, residuals: np.ndarray) -> floa
     if weighed.has_evidence:
         return float(weighed.costs(point)[0])
     return weighed.data_cost(residuals) + float((weighed.prior_distances(point) ** 2).sum())
-
-
-def _along(weighed: Problem, point: np.ndarray, known: Sequence[Direction]) -> np.ndarray:
-    """The point (d,) where evidence and priors have it along directions that data do not see."""
-    if not known:
-        return point
-    chart = weighed.chart
-    z = chart.from_values(point[None])
-    blind = STEP * np.array([one.blind for one in known])
-    for _ in range(_ROUNDS):
-        # all together: directions that share unknowns would follow one another for long
-        near = _beside_data(weighed, chart.to_values(np.vstack([z, z + blind])))
-        far = np.linalg.lstsq((near[1:] - near[0]).T, -near[0], rcond=None)[0]
-        z = chart.project(z + far @ blind)
-    return np.asarray(chart.to_values(z)[0])
-
-
-def _beside_data(weighed: Problem, points: np.ndarray) -> np.ndarray:
-    """Residuals (B, K) of evidence and priors alone, at points (B, d)."""
-    if not weighed.has_evidence:
-        return weighed.prior_distances(points)
-    return np.concatenate(weighed.split(weighed.residuals(points))[1:], axis=1)
