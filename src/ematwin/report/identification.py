@@ -32,9 +32,10 @@ def identification_page(found: Identification) -> str:
         Section("Parts", table=parts_table(found)),
         *uncertainty_sections(found, record),
         Section("Measured and fitted", fit, figure=plot_fit(found)),
-        Section("Convergence", figure=plot_convergence(found)),
-        Section("How it was found", facts=_facts(found, record)),
     ]
+    if len(found.history) > 1:  # where equations show all, nothing is searched
+        sections.append(Section("Convergence", figure=plot_convergence(found)))
+    sections.append(Section("How it was found", facts=_facts(found, record)))
     notes = [*(f"Assumed: {sentence}" for sentence in found.assumed), *found.warnings]
     title = f"{found.actuator.name}: identified faults"
     return render(title, found.verdict.sentence, sections, notes, grade=found.verdict.grade)
