@@ -22,6 +22,7 @@ Directions that a kind knows (`ematwin.estimation.aliases`) are not stepped alon
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -93,9 +94,9 @@ class Laplace:
         jacobian = np.hstack([data / factor, evidence / factor, priors])
         data, evidence, priors = self.problem.split(self.residuals)
         here = np.concatenate([data / factor, evidence / factor, priors])
-        free = inverse(jacobian @ jacobian.T) @ (jacobian @ here)
         # slopes are rough: were they exact, this step would be none
-        return self.z - free - bounded_step(jacobian, here, self.z, self.problem.chart, held)
+        step = bounded_step(jacobian, here, self.z, self.problem.chart, held)
+        return np.asarray(self.z - self.widened(factor) @ self.slope(factor) - step)
 
     def slope(self, factor: float) -> np.ndarray:
         """Half the slope (d,) of minus twice the log density, with the noise of the data so."""
@@ -157,13 +158,12 @@ def peak_near(
     slopes = _slopes(seen, z, aliases, information)
     for _ in range(_STEPS if np.isfinite(slopes.jacobian).all() else 0):
         step = bounded_step(slopes.jacobian, slopes.here, z, chart, held)
-        gain = step @ (slopes.data + slopes.priors) @ step
-        if gain < NOTHING:
+        if step @ slopes.information @ step < NOTHING:
             z, slopes = z + step, slopes._replace(here=slopes.here + step @ slopes.jacobian)
             break
         for share in _SHARES:
             tried = chart.project((z + share * step)[None])[0]
-            there = _slopes(seen, tried, aliases, slopes.data + slopes.priors)
+            there = _slopes(seen, tried, aliases, slopes.information)
             if there.here @ there.here < slopes.here @ slopes.here:
                 z, slopes = tried, there
                 break
@@ -215,6 +215,11 @@ class _Seen:
         self.spent += len(z)
         return self.problem.residuals(self.problem.chart.to_values(z))
 
+    @cached_property
+    def size(self) -> int:
+        """K."""
+        return self.problem.residuals(self.problem.start[None]).shape[1]
+
 
 def prior_information(problem: Problem, z: np.ndarray) -> np.ndarray:
     """Information (d, d) near coordinates (d,) on the unknowns, without the data of a problem."""
@@ -229,7 +234,7 @@ def _of_priors(problem: Problem, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     def distances(z: np.ndarray) -> np.ndarray:
         return problem.prior_distances(chart.to_values(z))
 
-    return _along(distances, z, _SHORTEST * np.eye(len(z)), chart)
+    return _along(distances, z, _SHORTEST * np.eye(len(z)), chart, distances(z[None]).shape[1])
 
 
 def sharp_errors(peak: Laplace, own: int, factor: float) -> np.ndarray:
@@ -244,11 +249,12 @@ def sharp_errors(peak: Laplace, own: int, factor: float) -> np.ndarray:
 
 
 def _peak(problem: Problem, z: np.ndarray, slopes: "_Slopes", spent: int) -> Laplace:
-    mean = z - slopes.covariance @ (slopes.jacobian @ slopes.here) / problem.noise**2
+    covariance = inverse(slopes.information)
+    mean = z - covariance @ (slopes.jacobian @ slopes.here) / problem.noise**2
     left = problem.split(slopes.here)
     cost, evidence = (float(part @ part) for part in left[:2])
     return Laplace(
-        problem, z, mean, slopes.covariance, slopes.data, slopes.priors, cost, evidence, spent,
+        problem, z, mean, covariance, slopes.data, slopes.priors, cost, evidence, spent,
         slopes.jacobian, slopes.here,
     )  # fmt: skip
 
@@ -260,7 +266,7 @@ class _Slopes(NamedTuple):
     jacobian: np.ndarray
     data: np.ndarray
     priors: np.ndarray
-    covariance: np.ndarray
+    information: np.ndarray
 
 
 def _slopes(
@@ -281,7 +287,7 @@ def _slopes(
         information = np.eye(len(z)) / _SHORTEST**2
     for _ in range(passes):
         ways = principal(information, z, chart, still=pivots)
-        here, jacobian = _along(seen, z, ways, chart)
+        here, jacobian = _along(seen, z, ways, chart, seen.size)
         parts = problem.split(jacobian)
         problem.split(here).priors[...], parts.priors[...] = prior, prior_slopes
         for one, change in zip(known, shown, strict=True):
@@ -290,7 +296,7 @@ def _slopes(
         data = (parts.data @ parts.data.T + parts.evidence @ parts.evidence.T) / problem.noise**2
         priors = parts.priors @ parts.priors.T / problem.noise**2
         information = data + priors
-    return _Slopes(here, jacobian, data, priors, inverse(information))
+    return _Slopes(here, jacobian, data, priors, information)
 
 
 def principal(
@@ -339,20 +345,23 @@ def _shown(seen: _Seen, z: np.ndarray, one: Direction) -> np.ndarray | float:
 
 
 def _along(
-    residuals: Callable[[np.ndarray], np.ndarray], z: np.ndarray, ways: np.ndarray, chart: Chart
+    residuals: Callable[[np.ndarray], np.ndarray],
+    z: np.ndarray,
+    ways: np.ndarray,
+    chart: Chart,
+    size: int,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Residuals (K,) and Jacobian (d, K) regressed on points beside ``z`` along ``ways`` (m, d).
 
     On both sides, or on that which has room within the bounds. The Jacobian of unknowns that no way
-    moves is zero. Of long residuals only some ways are asked for at a time.
+    moves is zero. ``size`` is K: of long residuals only some ways are asked for at a time.
     """
     up, down = chart.project(z + ways), chart.project(z - ways)
     cut = [np.any(end != z + way, axis=1) for end, way in ((up, ways), (down, -ways))]
     up[cut[0] & ~cut[1]] = z
     down[cut[1] & ~cut[0]] = z
-    mean = np.zeros(residuals(z[None]).shape[1])
-    change = np.empty((len(ways), len(mean)))
-    many = max(1, LARGEST_BATCH // max(1, 2 * len(mean)))
+    mean, change = np.zeros(size), np.empty((len(ways), size))
+    many = max(1, LARGEST_BATCH // max(1, 2 * size))
     for n in range(0, len(ways), many):
         some = slice(n, n + many)
         above, below = np.split(residuals(np.vstack([up[some], down[some]])), 2)
@@ -360,7 +369,7 @@ def _along(
         mean += (above + below).sum(axis=0) / (2 * len(ways))
     moved = up - down
     free = moved.any(axis=0)
-    jacobian = np.zeros((len(z), len(mean)))
+    jacobian = np.zeros((len(z), size))
     jacobian[free] = np.linalg.solve(moved[:, free], change)
     away = np.concatenate([up, down]).mean(axis=0) - z
     return np.asarray(mean - away @ jacobian), jacobian
