@@ -175,7 +175,8 @@ def assess(
         unsettled=best.unsettled,
         joint=Joint(
             tuple(answers[n].peak for n in likely), peak.problem.model_error, own,
-            peak.problem.comparisons[0].noise, scatter(baseline),
+            peak.problem.comparisons[0].noise, _beside_density(best, baseline),
+            found.descent.aliases,
         ),
         sets=sets,
     )  # fmt: skip
@@ -214,6 +215,18 @@ def _with_scatter(found: Corrected, baseline: Baseline) -> np.ndarray:
         if name in differ:
             covariance[n, n] += (differ[name] / widths[n]) ** 2
     return covariance
+
+
+def _beside_density(found: Corrected, baseline: Baseline) -> dict[str, float]:
+    """By fault, what its density lacks: the error of the model, scatter of healthy recordings."""
+    peak, differ = found.peak, scatter(baseline)
+    chart = peak.problem.chart
+    errors = chart.standard_errors(peak.z, found.model_error + 0.0 * peak.covariance)
+    return {
+        one.name: math.hypot(differ.get(one.name, 0.0), error * (value if one.logarithmic else 1.0))
+        for one, error, value in zip(chart.unknowns, errors, peak.point, strict=True)
+        if one.role == "fault" and one.direction_of is None
+    }
 
 
 def scatter(baseline: Baseline) -> dict[str, float]:

@@ -60,18 +60,9 @@ def held_healthy(
 
     def end(names: Sequence[str]) -> tuple[float, np.ndarray, int]:
         """Squared standard deviations from data and priors, the point (d,), and evaluations."""
-        healthy = {one.name: one.healthy for one in problem.unknowns if one.name in names}
-        if len(problem.names) == len(names):  # nothing else is free
-            point = np.array(list(healthy.values()))
-            return float(problem.costs(point[None])[0]) / noise**2, point, 1
-        small = problem.holding(healthy) if healthy else problem
-        kept = [problem.names.index(one) for one in small.names]
-        start = chart.to_values((peak.z + _step(peak, names))[None])[:, kept]
-        z = small.chart.project(small.chart.from_values(start))[0]
-        near = peak_near(small, z, known[np.ix_(kept, kept)], aliases)
-        values = small.values(near.point)
-        left = near.residuals @ near.residuals / noise**2
-        return float(left), np.array([values[one] for one in problem.names]), near.evaluations
+        z = chart.project((peak.z + _step(peak, names))[None])[0]
+        near = peak_near(problem, z, known, aliases, names)
+        return float(near.residuals @ near.residuals) / noise**2, near.point, near.evaluations
 
     ends = side_by_side(end, [(), *groups], threads)
     heights = np.array([height for height, _, _ in ends])

@@ -25,6 +25,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ematwin.estimation.aliases import Aliases
 from ematwin.estimation.laplace import Laplace
 from ematwin.estimation.problem import Problem
 from ematwin.numerics.linear_algebra import inverse
@@ -62,7 +63,9 @@ class Joint:
     factor : times that the noise of the data is larger (`Problem.model_error`)
     own : how many of the unknowns, the first ones, were searched: faults and requested unknowns
     least_noise : float, in the unit of `Problem.noise`
-    scatter : by fault, standard deviation of estimates on healthy recordings
+    scatter : by fault, standard deviation of what the density lacks: the error of the model, and
+        how estimates on healthy recordings scatter
+    aliases : as of `ematwin.estimation.descent.Descent`
     """
 
     peaks: tuple[Laplace, ...]
@@ -70,6 +73,7 @@ class Joint:
     own: int
     least_noise: float = 0.0
     scatter: Mapping[str, float] = field(default_factory=dict)
+    aliases: Aliases | None = None
 
     @property
     def problem(self) -> Problem:

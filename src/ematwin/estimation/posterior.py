@@ -367,7 +367,7 @@ def _intervals(question: Question, drawn: Draws) -> dict[str, tuple[float, float
 
 
 def _with_scatter(joint: Joint, values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Values (N, d) with the scatter of estimates on healthy recordings, within the bounds."""
+    """Values (N, d) with the scatter that the density lacks, within the bounds."""
     values = values.copy()
     for n, one in enumerate(joint.problem.unknowns):
         if one.name in joint.scatter:

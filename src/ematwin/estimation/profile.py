@@ -1,16 +1,14 @@
-"""Profile likelihood of each fault: the least deviance with the fault held at a value.
+"""Profile likelihood of each fault: how much worse it explains a recording at other values.
 
-Its points come from `ematwin.estimation.tracing`. The 95 % interval ends where the rise of the
-deviance passes 3.84 (Wilks 1938; Venzon and Moolgavkar 1988, J. R. Stat. Soc. C 37, 87-94); its
-shape shows which unknowns a recording cannot determine (Raue et al. 2009, Bioinformatics 25,
-1923-1929).
-
-Impacts make the deviance rough: descents stop before
-everything else has made up for a wrong value, and profiles rise too early. Where the rise along any
-fault scatters by more than `ROUGH` about a parabola, no interval is therefore shorter than
-Laplace's, whose slopes look past that: descents along all faults go through the same misfit.
+From the best point on a fault is moved to both sides, in steps of about equal rise, and everything
+else follows to its peak there. Like all peaks these come from residuals that are regressed over
+their width (`ematwin.estimation.laplace`), so that impacts do not make the rise rough. The 95 %
+interval ends where the rise passes 3.84 (Wilks 1938; Venzon and Moolgavkar 1988, J. R. Stat. Soc. C
+37, 87-94); its shape shows which unknowns a recording cannot determine (Raue et al. 2009,
+Bioinformatics 25, 1923-1929).
 """
 
+import copy
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -19,8 +17,9 @@ from typing import Any
 import numpy as np
 
 from ematwin.errors import InputError
-from ematwin.estimation.constants import COVERAGE, PARTNERS, TRADED
-from ematwin.estimation.tracing import BETTER, Tracer
+from ematwin.estimation.constants import COVERAGE, DECIDES, PARTNERS, TRADED, WORTH
+from ematwin.estimation.interrupt import noting_interrupts
+from ematwin.estimation.laplace import Laplace, peak_near
 from ematwin.estimation.uncertainty import (
     Question,
     Report,
@@ -29,15 +28,15 @@ from ematwin.estimation.uncertainty import (
     strained,
     tells_nothing,
 )
+from ematwin.models.chart import Chart
 from ematwin.models.unknown import Unknown
-from ematwin.showing.text import listed
+from ematwin.numerics.side_by_side import side_by_side
 
 LIMIT = COVERAGE**2  # of the rise: chi-squared distribution of one degree
-NEAR = 16.0  # rise of points to which a parabola is fitted
-ROUGH = 0.5  # root mean square of the rise about it; 0.1 to 0.4 of what impacts hardly touch
+_STRIDE, _LONGEST = 0.7, 0.25  # of a step: standard errors, and at most a share of the range
+_STEPS = 16  # to each side at most
 _AT_BOUND = 2e-3  # share of the range
 _MOVED = 0.7  # standard errors by which others move to each side that are named
-_LONGER = 1.25  # ratio of Laplace's interval to that of the profile from which that is said
 
 
 @dataclass(frozen=True)
@@ -53,7 +52,6 @@ class Profile:
     interval : ends of 95 %
     shape : "bounded", "one-sided", "flat", or "at its bound"
     partners : unknowns that it is traded off against, the strongest first
-    roughness : root mean square of the rise about a parabola; 0 if there are too few points
     """
 
     name: str
@@ -63,12 +61,6 @@ class Profile:
     interval: tuple[float, float]
     shape: str
     partners: tuple[str, ...]
-    roughness: float = 0.0
-
-    @property
-    def rough(self) -> bool:
-        """Whether impacts make the rise too rough to be relied on."""
-        return self.roughness > ROUGH
 
     @property
     def sentence(self) -> str:
@@ -85,7 +77,6 @@ class Profile:
             "interval": list(self.interval),
             "shape": self.shape,
             "partners": list(self.partners),
-            "roughness": self.roughness,
         }
 
 
@@ -139,17 +130,18 @@ class Profiles:
                 f"Profiles are of faults, and only {', '.join(question.problem.names)} was "
                 "searched; search a fault, or use laplace or posterior."
             )
-        tracer = Tracer(question)
+        tracer = _Tracer(question)
         finished = tracer.run(report)
-        profiles = {one.name: _profile(tracer, n) for n, one in enumerate(question.faults)}
-        doubts = [*strained(question), *_lengthened(question, profiles)]
+        values = question.assessed.values
+        profiles = {one.name: tracer.profile(one, values[one.name]) for one in question.faults}
+        doubts = strained(question)
         flat = [name for name, one in profiles.items() if one.shape == "flat"]
         if flat:
             doubts.append(tells_nothing(flat))
-        if tracer.fall > BETTER:
+        if tracer.fall > WORTH:
             doubts.append(
-                "The misfit is rough: profiles still found better answers than the one that they "
-                f"began at (by {tracer.fall:.1f} in the deviance). Use the posterior."
+                "Profiles found a better answer than the one that they began at (by "
+                f"{tracer.fall:.1f} in the deviance). Use the posterior."
             )
         if len(question.joint.peaks) > 1:
             doubts.append(
@@ -165,82 +157,136 @@ class Profiles:
         )  # fmt: skip
 
 
-def _lengthened(question: Question, profiles: dict[str, Profile]) -> list[str]:
-    """Lengthen intervals to hold the answer and, on rough profiles, Laplace's; in words."""
-    rough = any(one.rough for one in profiles.values())
-    longer = []
-    for name, one in profiles.items():
-        (low, high), value = one.interval, question.assessed.values[name]
-        low, high = min(low, value), max(high, value)
-        laplace = question.assessed.intervals[name]
-        ends = (min(low, laplace.low), max(high, laplace.high)) if rough else (low, high)
-        if ends[1] - ends[0] > _LONGER * (high - low):
-            longer.append(name)
-        profiles[name] = replace(one, interval=ends)
-    if not longer:
-        return []
-    return [
-        f"Impacts make the misfit rough along {listed(longer)}, where profiles end too soon; "
-        "the interval is laplace's. Use the posterior."
-    ]
+class _Side:
+    """Peaks with a fault held, from the best point on to one side.
+
+    A magnitude with a direction is held in its own chart: in the components of its vector it is no
+    coordinate. The others are held in the problem's, where a magnitude of zero may grow to every
+    side.
+    """
+
+    def __init__(self, question: Question, fault: Unknown, sign: int) -> None:
+        joint = question.joint
+        problem, z = joint.problem.with_noise(joint.factor * joint.problem.noise), joint.peaks[0].z
+        self.place, self.sign, self.aliases = problem.names.index(fault.name), sign, joint.aliases
+        information: np.ndarray | None = joint.normals[0].precision
+        if any(self.place == magnitude for magnitude, _ in problem.chart.pairs):
+            polar = Chart([replace(one, direction_of=None) for one in problem.unknowns])
+            z = polar.from_values(problem.chart.to_values(z[None]))[0]
+            for _, direction in problem.chart.pairs:  # half a turn to both sides
+                polar.lower[direction], polar.upper[direction] = z[direction] + (-0.5, 0.5)
+            problem, information = copy.copy(problem), None
+            problem.chart = polar
+        self.problem, self.fault = problem, fault
+        self.path = [self._peak(z, information)]
+
+    def _peak(self, z: np.ndarray, information: np.ndarray | None) -> Laplace:
+        return peak_near(self.problem, z, information, self.aliases, {self.fault.name})
+
+    def height(self, peak: Laplace) -> float:
+        """Squared standard deviations from the recording and the priors."""
+        return float(peak.residuals @ peak.residuals) / self.problem.noise**2
+
+    @property
+    def ended(self) -> bool:
+        """Whether the fault has come to the end of its range, or the rise is large enough."""
+        last = self.path[-1]
+        at_bound = last.z[self.place] <= 0.0 if self.sign < 0 else last.z[self.place] >= 1.0
+        heights = [self.height(one) for one in self.path]
+        return bool(at_bound or heights[-1] - min(heights) >= DECIDES or len(self.path) > _STEPS)
+
+    def advance(self) -> None:
+        """The next peak: everything else follows as the last one says."""
+        last, n = self.path[-1], self.place
+        variance = last.covariance[n, n]
+        stride = min(_STRIDE * math.sqrt(variance), _LONGEST)
+        moved = np.clip(last.z[n] + self.sign * stride, 0.0, 1.0) - last.z[n]
+        z = self.problem.chart.project((last.z + moved * last.covariance[n] / variance)[None])[0]
+        z[n] = last.z[n] + moved
+        self.path.append(self._peak(z, last.information))
 
 
-def _profile(tracer: Tracer, fault: int) -> Profile:
-    """The profile from two traces."""
-    one, (down, up) = tracer.faults[fault], tracer.traces[2 * fault : 2 * fault + 2]
-    n, chart = down.place, down.chart
-    path = [*down.path[:0:-1], *up.path]
-    u, deviances = np.array([u for u, _ in path]), np.array([deviance for _, deviance in path])
-    rise, rough = smoothed(u[:, n], deviances - tracer.least)
-    points = chart.to_values(u)
-    best, root = int(np.argmin(rise)), np.sqrt(rise)
-    ends = [
-        _crossing(u[best::-1, n], root[best::-1]),
-        _crossing(u[best:, n], root[best:]),
-    ]
-    low, high = (0.0 if ends[0] is None else ends[0]), (1.0 if ends[1] is None else ends[1])
-    sharpness = math.sqrt(max(tracer.joint.normals[0].precision[n, n], 1e-12))
-    wide = high - low > TRADED * 2.0 * COVERAGE / sharpness
-    partners = _partners(tracer, n, u[rise < NEAR]) if wide and chart is tracer.chart else ()
-    values = points[:, n]
-    lower, upper = tracer.chart.from_unit(np.tile([[low], [high]], len(tracer.errors)))[:, n]
-    reach = COVERAGE * tracer.joint.scatter.get(one.name, 0.0)
-    interval = (
-        max(float(values[best] - math.hypot(values[best] - lower, reach)), one.lower),
-        min(float(values[best] + math.hypot(upper - values[best], reach)), one.upper),
-    )
-    shape = _shape([end is not None for end in ends], float(values[best]), one)
-    return Profile(one.name, values, rise, points, interval, shape, partners, rough)
+class _Tracer:
+    """Two sides of each fault, all of them together.
+
+    Attributes
+    ----------
+    sides : by fault, down and up
+    """
+
+    def __init__(self, question: Question) -> None:
+        self._joint = question.joint
+        both = [(fault, sign) for fault in question.faults for sign in (-1, 1)]
+        found = iter(side_by_side(lambda one: _Side(question, *one), both))
+        self.sides = {fault.name: (next(found), next(found)) for fault in question.faults}
+        self._every = [side for pair in self.sides.values() for side in pair]
+
+    @property
+    def evaluations(self) -> int:
+        """Simulations so far."""
+        return sum(peak.evaluations for side in self._every for peak in side.path)
+
+    @property
+    def fall(self) -> float:
+        """How far below the best point a profile went."""
+        return max(
+            side.height(side.path[0]) - side.height(peak)
+            for side in self._every
+            for peak in side.path
+        )
+
+    def run(self, report: Report) -> bool:
+        """Trace until all rises are large enough; False if Ctrl-C ended it."""
+        with noting_interrupts() as interrupts:
+            try:
+                for step in range(1, _STEPS + 1):
+                    side_by_side(_Side.advance, [one for one in self._every if not one.ended])
+                    interrupts.check()
+                    report(self.evaluations, self.evaluations * _STEPS // step)
+            except KeyboardInterrupt:
+                return False
+        return True
+
+    def profile(self, one: Unknown, value: float) -> Profile:
+        """The profile of a fault from both sides; its interval holds the value of the answer."""
+        down, up = self.sides[one.name]
+        n, chart = up.place, up.problem.chart
+        path = [*down.path[:0:-1], *up.path]
+        u, heights = np.array([peak.z for peak in path]), np.array([up.height(p) for p in path])
+        rise, points = heights - heights.min(), chart.to_values(u)
+        best, root = int(np.argmin(rise)), np.sqrt(rise)
+        ends = [
+            _crossing(u[best::-1, n], root[best::-1]),
+            _crossing(u[best:, n], root[best:]),
+        ]
+        low, high = (0.0 if ends[0] is None else ends[0]), (1.0 if ends[1] is None else ends[1])
+        normal = self._joint.normals[0]
+        sharpness = math.sqrt(max(normal.precision[n, n], 1e-12))
+        wide = high - low > TRADED * 2.0 * COVERAGE / sharpness
+        near = u[rise < DECIDES] if wide and chart is self._joint.problem.chart else u[:0]
+        partners = _partners(chart, n, near, np.sqrt(np.diag(normal.covariance)))
+        values = points[:, n]
+        lower, upper = chart.from_unit(np.tile([[low], [high]], u.shape[1]))[:, n]
+        reach = COVERAGE * self._joint.scatter.get(one.name, 0.0)
+        below = float(values[best] - math.hypot(values[best] - lower, reach))
+        above = float(values[best] + math.hypot(upper - values[best], reach))
+        interval = (max(min(below, value), one.lower), min(max(above, value), one.upper))
+        shape = _shape([end is not None for end in ends], float(values[best]), one)
+        return Profile(one.name, values, rise, points, interval, shape, partners)
 
 
-def _partners(tracer: Tracer, n: int, near: np.ndarray) -> tuple[str, ...]:
-    """Names of unknowns that move along at points (M, d), those other than faults first."""
-    if np.ptp(near[:, n]) == 0.0:
+def _partners(chart: Chart, n: int, near: np.ndarray, errors: np.ndarray) -> tuple[str, ...]:
+    """Names of unknowns that move along at points (M, d), those other than faults first.
+
+    ``errors`` (d,) are standard errors.
+    """
+    if not len(near) or np.ptp(near[:, n]) == 0.0:
         return ()
     # in standard errors while the fault moves by one
-    moved = np.abs(np.polyfit(near[:, n], near, 1)[0]) * tracer.errors[n] / tracer.errors
+    moved = np.abs(np.polyfit(near[:, n], near, 1)[0]) * errors[n] / errors
     along = [k for k in range(len(moved)) if k != n and moved[k] > _MOVED]
-    along.sort(key=lambda k: (tracer.chart.unknowns[k].role == "fault", -moved[k]))
-    return tuple(tracer.chart.names[k] for k in along[:PARTNERS])
-
-
-def smoothed(u: np.ndarray, rise: np.ndarray) -> tuple[np.ndarray, float]:
-    """Rises (n,) over the bottom of a parabola through them, at least 0; and their roughness.
-
-    Impacts make the misfit rough. The least of many rough values is a lucky one, and an interval
-    that began there would be too short.
-    """
-    near = rise < NEAR
-    if near.sum() < 5:  # points that the parabola needs
-        return rise, 0.0
-    at = u[near] - u[near].mean()
-    at /= float(np.abs(at).max()) or 1.0
-    fitted = np.polyfit(at, rise[near], 2)
-    rough = float(np.sqrt(np.mean((rise[near] - np.polyval(fitted, at)) ** 2)))
-    if fitted[0] <= 0.0:
-        return rise, rough
-    lowest = np.clip(-fitted[1] / (2.0 * fitted[0]), at.min(), at.max())
-    return np.maximum(rise - max(float(np.polyval(fitted, lowest)), 0.0), 0.0), rough
+    along.sort(key=lambda k: (chart.unknowns[k].role == "fault", -moved[k]))
+    return tuple(chart.names[k] for k in along[:PARTNERS])
 
 
 def _crossing(u: np.ndarray, root: np.ndarray) -> float | None:
