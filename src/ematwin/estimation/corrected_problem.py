@@ -3,6 +3,12 @@
 Reference minus fast model at one point is taken off the recordings. That difference changes with
 the unknowns: linearly with those that only the reference depends on, and where the fast model lacks
 whole loops, linearly with all. `ematwin.estimation.correction` looks for the minimum with these.
+
+Behind sampled loops the reference scatters: a small change moves a commutation past a sample, and
+the impacts after it. Differences over short steps are made of that. So the reference is asked over
+steps as wide as the unknowns are uncertain, and its difference from the fast model is regressed on
+them (statistical linear regression; Lefebvre, Bruyninckx and De Schutter 2002, IEEE Trans. Autom.
+Control 47(8), 1406-1408). What scatter alone would make of the slopes is left out.
 """
 
 import math
@@ -12,76 +18,156 @@ from typing import NamedTuple
 import numpy as np
 
 from ematwin.errors import ParameterError
-from ematwin.estimation.prior import Prior, coordinate
-from ematwin.estimation.problem import Problem, ResidualChange
+from ematwin.estimation.prior import coordinates
+from ematwin.estimation.problem import Problem
+from ematwin.models.chart import Chart
 from ematwin.models.comparison import Comparison
-from ematwin.models.unknown import Unknown
+from ematwin.numerics.linear_algebra import eigen
 from ematwin.numerics.side_by_side import side_by_side
 
-_BESIDE = 0.1  # standard deviations of the prior
-_NEARLY = 0.01  # of steps one standard deviation long: what changes there is scatter
+_BESIDE = 1e-3  # of a range
 
 
-class _Unseen(NamedTuple):
-    """An unknown on which only the reference depends.
+class _Difference(NamedTuple):
+    """What residuals of the reference change more with the unknowns than those of the fast model.
 
     Attributes
     ----------
-    unknown : Unknown
-    around : float, where the reference was asked: the value, or its logarithm
-    slopes : (K,) array for each recording, how residuals change with it
+    chart : Chart, of the unknowns
+    z : (d,) array, coordinates of the point where the reference was asked
+    here : of each recording (K,), difference that is left there
+    slopes : of each recording (d, K), its change with the coordinates
     """
 
-    unknown: Unknown
-    around: float
-    slopes: list[np.ndarray]
+    chart: Chart
+    z: np.ndarray
+    here: Sequence[np.ndarray]
+    slopes: Sequence[np.ndarray]
 
     def residuals(self, values: Mapping[str, np.ndarray], recording: int) -> np.ndarray:
         """(B, K), as `ResidualChange` says."""
-        moved = coordinate(self.unknown, values[self.unknown.name]) - self.around
-        return np.outer(moved, self.slopes[recording])
+        moved = coordinates(self.chart, values) - self.z
+        return np.asarray(self.here[recording] + moved @ self.slopes[recording])
 
 
 def corrected_at(
-    problem: Problem, point: np.ndarray, like: Problem | None = None
+    problem: Problem,
+    point: np.ndarray,
+    like: Problem | None = None,
+    ways: np.ndarray | None = None,
 ) -> Problem | None:
     """The same problem, corrected by the reference minus the fast model at a point (d,).
 
-    The correction is linear in unknowns that the fast model does not have. Slopes come from
-    ``like``, which was corrected before, of the same recordings though perhaps with other unknowns;
-    those that it lacks take an answer of the reference each.
-    The noise is what recordings are expected to leave beside the reference. None where a
-    recording has no reference, or the reference diverged.
+    The correction is linear in some unknowns: its slopes are regressed on answers of the reference,
+    two along each way. The noise is what recordings are expected to leave beside the reference.
+    None where a recording has no reference, or the reference diverged.
+
+    Parameters
+    ----------
+    problem : not corrected
+    like : corrected before, of the same recordings though perhaps with other unknowns: its slopes
+        serve here too
+    ways : (m, d) array, steps from the point in coordinates, a row each; one along each unknown
+        that the fast model does not have and ``like`` did not have either if not given
     """
-    values = problem.values(point)
+    chart = problem.chart
     first = missed_at(problem, point)
     if first is None:
         return None
-    known = {} if like is None else _slopes_of(like)
     other = corrected_by(problem, first)
-    unseen = [one for one in problem.unknowns if one.name in problem.comparisons[0].unseen]
-    new = [one for one in unseen if one.name not in known]
-    if new:
-        far = {one.name: _likely(one, values[one.name], problem.prior) for one in new}
-        near = {
-            name: values[name] + _NEARLY * (there - values[name]) for name, there in far.items()
-        }
-        moved = [missed_at(problem, point, one) for one in (near, *({n: far[n]} for n in far))]
-        if any(one is None for one in moved):
-            return None
-        before = residuals_each(other, point)
-        steps = [
-            _change(before, corrected_by(problem, one), point) for one in moved if one is not None
-        ]
-        scatter = _size(other, steps[0])
-        for one, moves in zip(new, steps[1:], strict=True):
-            step = coordinate(one, far[one.name]) - coordinate(one, values[one.name])
-            share = _beyond_scatter(_size(other, moves), scatter)
-            known[one.name] = [share / step * part for part in moves]
-    changes: list[ResidualChange] = [
-        _Unseen(one, coordinate(one, values[one.name]), known[one.name]) for one in unseen
-    ]
-    return other.with_comparisons(other.comparisons, changes)
+    z = chart.from_values(point[None])[0]
+    here = residuals_each(other, point)
+    sizes = [len(one) for one in here]
+    slopes = _slopes_of(like, problem.names, sum(sizes))
+    if ways is None:
+        ways = _ways_unseen(problem, point, like)
+    difference = np.zeros(sum(sizes))
+    if len(ways):
+        points = _beside(chart, z, ways)
+        values = chart.to_values(points)
+        asked = side_by_side(lambda one: exact_residuals(problem, one), values)
+        there = [one is not None for one in asked]
+        exact = np.array([np.concatenate(one) for one in asked if one is not None])
+        fast = [other.residuals_of(n, values[there]) for n in range(len(sizes))]
+        moves = np.vstack([np.zeros(len(z)), points[there] - z])
+        changes = np.vstack([difference, exact - np.hstack(fast)]) - moves @ slopes
+        data = np.concatenate([
+            np.arange(size) < size - one.evidence
+            for size, one in zip(sizes, problem.comparisons, strict=True)
+        ])  # fmt: skip
+        independent = sum(one.independent for one in problem.comparisons)
+        own = _slopes_beyond_scatter(moves, changes, data, independent)
+        difference = changes.mean(axis=0) - moves.mean(axis=0) @ own
+        slopes = slopes + own
+    if not slopes.any():
+        return other
+    ends = np.cumsum(sizes)[:-1]
+    parts = np.split(difference, ends), np.split(slopes, ends, axis=1)
+    return other.with_comparisons(other.comparisons, [_Difference(chart, z, *parts)])
+
+
+def _ways_unseen(problem: Problem, point: np.ndarray, like: Problem | None) -> np.ndarray:
+    """Steps (m, d), in coordinates, along unknowns that only the reference has, and ``like`` not.
+
+    One standard deviation of the prior: impacts make shorter differences rough.
+    """
+    known = () if like is None else like.names
+    unseen = problem.comparisons[0].unseen
+    rows = []
+    for n, one in enumerate(problem.unknowns):
+        if one.name.partition("@")[0] not in unseen or one.name in known:
+            continue
+        spread = 0.1 * (1.0 if one.logarithmic else one.width)
+        if one.name in problem.prior.names:
+            m = problem.prior.names.index(one.name)
+            spread = math.sqrt(problem.prior.covariance[m, m])
+        rows.append(spread / problem.chart.widths[n] * np.eye(len(point))[n])
+    return np.array(rows).reshape(len(rows), len(point))
+
+
+def _slopes_beyond_scatter(
+    moves: np.ndarray, changes: np.ndarray, data: np.ndarray, independent: float
+) -> np.ndarray:
+    """Slopes (d, K) of changes (n, K) with moves (n, d), by least squares.
+
+    Scatter makes slopes too. Of the singular values of those of ``data`` (K,) remains what
+    minimises the error (Gavish and Donoho 2017, IEEE Trans. Inf. Theory 63(4), 2137-2152, equation
+    7); nothing of those no larger than scatter's.
+    """
+    away, change = moves - moves.mean(axis=0), changes - changes.mean(axis=0)
+    size = np.abs(away).max(axis=0)
+    size[size == 0.0] = 1.0
+    left, values, right = np.linalg.svd(away / size, full_matrices=False)
+    some = values > 1e-6 * values.max(initial=0.0)
+    left, values, right = left[:, some], values[some], right[some]
+    along = left.T @ change
+    rest = (change - left @ along)[:, data]
+    free = np.maximum(1.0 - 1.0 / len(moves) - np.sum(left**2, axis=1), 1e-9)
+    # the median: along some ways the change curves
+    scatter = max(float(np.median(np.sum(rest**2, axis=1) / free)), 1e-300)
+    squares, vectors = eigen(along[:, data] @ along[:, data].T)
+    ratio, beta = squares / scatter, len(values) / independent
+    seen = ratio > (1.0 + math.sqrt(beta)) ** 2
+    share = np.zeros(len(ratio))
+    share[seen] = np.sqrt((ratio[seen] - beta - 1.0) ** 2 - 4.0 * beta) / ratio[seen]
+    along[:, data] = vectors @ (share[:, None] * (vectors.T @ along[:, data]))
+    slopes = (right.T / values @ along) / size[:, None]
+    slopes[~away.any(axis=0)] = 0.0
+    return np.asarray(slopes)
+
+
+def _beside(chart: Chart, z: np.ndarray, ways: np.ndarray) -> np.ndarray:
+    """Two points (2 m, d) for each of m ways beside coordinates (d,).
+
+    On both sides; at half the step on one side where bounds leave less than half of the other.
+    """
+    length = np.linalg.norm(ways, axis=1)
+    sides = [chart.project(z + step) for step in (ways, -ways)]
+    halves = [chart.project(z + 0.5 * step) for step in (-ways, ways)]
+    return np.vstack([
+        np.where((np.linalg.norm(side - z, axis=1) < 0.5 * length)[:, None], half, side)
+        for side, half in zip(sides, halves, strict=True)
+    ])  # fmt: skip
 
 
 def as_searched(problem: Problem) -> Problem:
@@ -106,26 +192,21 @@ def of_fast_model(problem: Problem) -> Problem:
 def reference_scatter(problem: Problem, point: np.ndarray) -> float:
     """The relative misfit by which the reference differs from one candidate to the next.
 
-    Behind sampled loops they do: a small change moves samples, and these the impacts in a gap.
-    A recording is one such answer. The candidates are a point (d,) and one with parameters beside
-    it, within a tenth of a standard deviation of their prior: of what differs from recording to
-    recording priors are wide. 0 where the kind has no reference.
+    Behind sampled loops they do: a small change moves samples, and these the impacts in a gap. A
+    recording is one such answer. The candidates are a point (d,) and one a thousandth of each range
+    beside it. 0 where the kind has no reference.
     """
-    here = corrected_at(problem, point)
-    if here is None:
+    chart = problem.chart
+    sides = np.random.default_rng(0).choice([-_BESIDE, _BESIDE], len(point))
+    near = chart.project(chart.from_values(point[None]) + sides)
+    beside = [point, chart.to_values(near)[0]]
+    asked = [missed_at(problem, one) for one in beside]
+    if any(one is None for one in asked):
         return 0.0
-    prior = problem.prior.of(one.name for one in problem.unknowns if one.role == "nominal")
-    places = [problem.names.index(name) for name in prior.names]
-    logarithmic = np.array([problem.unknowns[n].logarithmic for n in places], bool)
-    sides = np.random.default_rng(0).choice([-1.0, 1.0], len(places))
-    moves = _BESIDE * sides * np.sqrt(np.diag(prior.covariance))
-    near = point.copy()
-    near[places] = np.where(logarithmic, point[places] * np.exp(moves), point[places] + moves)
-    beside = corrected_at(problem, np.clip(near, problem.lower, problem.upper), here)
-    if beside is None:
-        return 0.0
-    change = here.data_cost(beside.residuals(point[None])[0] - here.residuals(point[None])[0])
-    return problem.relative_misfit(0.5 * change)
+    here, there = (corrected_by(problem, one) for one in asked if one is not None)
+    return problem.relative_misfit(
+        0.5 * _size(here, _change(residuals_each(here, point), there, point))
+    )
 
 
 def missed_at(
@@ -195,22 +276,13 @@ def _size(problem: Problem, change: Sequence[np.ndarray]) -> float:
     return sum(float(np.sum(x[: len(x) - one.evidence] ** 2)) for x, one in pairs)
 
 
-def _beyond_scatter(size: float, scatter: float) -> float:
-    """Share of a change that is no scatter, by the sums of squares of both."""
-    return max(0.0, 1.0 - scatter / size) if size > 0.0 else 0.0
-
-
-def _slopes_of(problem: Problem) -> dict[str, list[np.ndarray]]:
-    """The slopes that a problem was corrected with, by name."""
-    return {one.unknown.name: one.slopes for one in problem.changes if isinstance(one, _Unseen)}
-
-
-def _likely(one: Unknown, value: float, prior: Prior) -> float:
-    """A value one standard deviation from another: impacts make shorter differences rough."""
-    spread = 0.1 if one.logarithmic else 0.1 * one.width
-    if one.name in prior.names:
-        n = prior.names.index(one.name)
-        spread = math.sqrt(prior.covariance[n, n])
-    sign = 1.0 if one.upper - value >= value - one.lower else -1.0
-    moved = value * math.exp(sign * spread) if one.logarithmic else value + sign * spread
-    return min(max(moved, one.lower), one.upper)
+def _slopes_of(like: Problem | None, names: Sequence[str], size: int) -> np.ndarray:
+    """Slopes (d, K) with which a problem was corrected, of the unknowns of another."""
+    slopes = np.zeros((len(names), size))
+    for one in () if like is None else like.changes:
+        if isinstance(one, _Difference):
+            own = [each.name for each in one.chart.unknowns]
+            for n, name in enumerate(names):
+                if name in own:
+                    slopes[n] = np.hstack([part[own.index(name)] for part in one.slopes])
+    return slopes

@@ -13,12 +13,10 @@ until it stays where it is: defect correction (Boehmer, Hemker and Stetter 1984,
 Where R - f changes with x the rounds converge slowly, or not at all. Then the last ones are
 combined to the point from which a round would lead nowhere, if rounds were linear (Anderson 1965,
 J. ACM 12, 547-560, with steps measured in standard errors). Behind loops that the fast model lacks
-its slopes are wrong too. Where equations along the motion show every fault, the peak is theirs, and
-the reference only checks it. Else the reference alone is linearised
-(`ematwin.estimation.linearised`), where equations or rounds end. Rounds then follow its answers
-(Broyden), from the lowest point so far. They end where the peak stays, or where three in succession
-lower nothing. Where the error of the model, below, is then larger than noise, slopes are taken once
-more, over the width that is left.
+its slopes may be wrong too. Where equations along the motion show every fault, the peak is theirs,
+and the reference only checks it. Else, where rounds end with more than noise and the scatter of the
+reference leave, R - f is regressed on steps as wide as the peak, rounds follow, and so on until the
+peak stays.
 
 The truth lies elsewhere within the width of the minimum, where the error of the model differs:
 impacts, ripple and slopes change. With J the slopes of the residuals r, noise s and
@@ -26,32 +24,29 @@ covariance C, a correction at a point v in place of the minimum x moves the mini
 
     C J^T ([R(v) - f(v)] - [R(x) - f(x)]) / s^2
 
-in the first order. `with_model_error` measures that at points drawn from the width, or from the
-steps over which the reference was linearised: the error of the model in this answer. The residual
-beyond noise and this scatter is a discrepancy, and counts by the kind's `Problem.model_error`.
+in the first order. `with_model_error` measures that at points drawn from the width: the error of
+the model in this answer. The residual beyond noise and this scatter is a discrepancy, and counts by
+the kind's `Problem.model_error`.
 """
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from ematwin.estimation.constants import AS_GOOD
-from ematwin.estimation.corrected_problem import corrected_at
+from ematwin.estimation.corrected_problem import (
+    corrected_at,
+    exact_residuals,
+    reference_scatter,
+)
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.laplace import (
     Laplace,
     followed,
     laplace,
     principal,
-    prior_information,
-)
-from ematwin.estimation.linearised import (
-    is_linear,
-    linear_at,
-    missed_by,
-    with_secant,
-    with_slopes,
 )
 from ematwin.estimation.noise import with_channels_reweighed, with_discrepancy
 from ematwin.estimation.problem import Problem
@@ -64,6 +59,7 @@ _SHRINKS = 0.5  # of the step before: less is progress
 _DEPTH = 3  # rounds that are combined
 _IN_VAIN = 3  # rounds in succession that do not lower the cost by a reference that scatters
 _WIDEST = 0.1  # of a range: steps of slopes at most, where little is known before
+_REGRESSIONS = 3  # at most
 _ELSEWHERE = 6  # points within the width at which the error of the model is measured
 
 
@@ -80,7 +76,6 @@ class Corrected:
     model_error : (d, d) array, covariance from the model error elsewhere within the width
     scatter : float, relative misfit by which answers of the reference differ within the width
     cost_scatter : float, standard deviation of the cost of the data among these
-    ways : (d, d) array, steps over which slopes of the reference were taken; None without such
     """
 
     peak: Laplace
@@ -89,7 +84,6 @@ class Corrected:
     model_error: np.ndarray | float = 0.0
     scatter: float = 0.0
     cost_scatter: float = 0.0
-    ways: np.ndarray | None = None
 
     @property
     def covariance(self) -> np.ndarray:
@@ -131,13 +125,8 @@ def corrected(
     """
     chart = problem.chart
     z = chart.project(chart.from_values(start[None]))[0]
-    near = problem.is_informed or is_linear(like)
-    here = linear_at(problem, z) if problem.lacks_forms and near else None
-    if here is not None and problem.is_told:
-        return _along_motion(problem, here, z, descent)
-    if here is not None:
-        ways = principal(prior_information(problem, z), z, chart, _WIDEST)
-        return _linearised(problem, here, z, ways, descent, information, like)
+    if problem.is_told and (answer := exact_residuals(problem, start)) is not None:
+        return _along_motion(problem.with_answer(answer), z, descent)
     here = corrected_at(problem, start, like)
     if here is None:
         return Corrected(
@@ -147,19 +136,12 @@ def corrected(
     last = _lowest(visited) if problem.lacks_forms else visited[-1]
     spent = sum(one.peak.evaluations for one in visited)
     end = Corrected(replace(last.peak, evaluations=spent), last.runs, last.left)
-    if problem.lacks_forms and _leaves_more_than_noise(last):
-        linear = linear_at(problem, last.z)
-        assert linear is not None
-        again, information = descent.afresh(settled=np.inf), last.peak.information
-        ways = principal(information, last.z, chart)
-        nearer = _linearised(problem, linear, last.z, ways, again, information)
-        spent += nearer.peak.evaluations
-        peak = replace(nearer.peak, evaluations=spent)
-        return replace(nearer, peak=peak, rounds=end.rounds + nearer.rounds)
+    if problem.lacks_forms and like is None:
+        return _by_regression(problem, descent.afresh(settled=np.inf), last, end)
     return end
 
 
-def _along_motion(problem: Problem, here: Problem, z: np.ndarray, descent: Descent) -> Corrected:
+def _along_motion(here: Problem, z: np.ndarray, descent: Descent) -> Corrected:
     """The peak of priors and equations, with the reference's residuals there.
 
     From coordinates (d,) at which ``here`` is answered. The closed loop does not move it.
@@ -169,43 +151,36 @@ def _along_motion(problem: Problem, here: Problem, z: np.ndarray, descent: Desce
         peak = laplace(here, here.chart.to_values(z[None])[0], descent)
         moved = peak.z - z
         near = np.abs(moved) <= _STAYS * np.sqrt(np.diag(peak.covariance))
-        there = None if near.all() or runs == _ROUNDS else linear_at(problem, peak.z)
-        if there is None:
+        answer = None if near.all() or runs == _ROUNDS else exact_residuals(here, peak.point)
+        if answer is None:
             return Corrected(peak, runs, moved[None])
-        here, z, runs = there, peak.z, runs + 1
+        here, z, runs = here.with_answer(answer), peak.z, runs + 1
 
 
-def _linearised(
-    problem: Problem,
-    here: Problem,
-    z: np.ndarray,
-    ways: np.ndarray,
-    descent: Descent,
-    information: np.ndarray | None,
-    like: Problem | None = None,
+def _by_regression(
+    problem: Problem, descent: Descent, near: "_Round", found: Corrected
 ) -> Corrected:
-    """The peak by slopes of the reference, from coordinates (d,) at which ``here`` is answered.
+    """The peak by regressions of the reference, from where rounds ended.
 
-    Steps of the first slopes are ``ways``. Those of the second, where the model errs by more than
-    noise leaves, are as wide as the peak of the first.
+    Each is as wide as the peak before, and rounds follow it. They end where the reference leaves no
+    more than noise and its scatter, or where the peak stays.
     """
-    asked, spent = 0, 0
-    for again in (False, True):
-        here, more = with_slopes(problem, here, ways, None if again else like)
-        visited = _rounds_by_slopes(problem, here, z, descent, information)
-        last = visited[-1]
-        asked += more + last.runs - again  # the second start has its answer already
-        spent += sum(one.peak.evaluations for one in visited)
-        if again or is_linear(like):
+    for _ in range(_REGRESSIONS):
+        if not _leaves_more_than_noise(problem, near):
             break
-        wide = with_model_error(Corrected(last.peak, asked, last.left, ways=ways))
-        asked, sharp = wide.rounds, last.peak.covariance
-        if np.trace(np.linalg.solve(sharp, wide.model_error)) <= len(sharp):
+        z, information = near.z, near.peak.information
+        ways = principal(information, z, problem.chart, _WIDEST)
+        here = corrected_at(problem, problem.chart.to_values(z[None])[0], near.here, ways)
+        if here is None:
             break
-        here, z = last.here, last.z
-        ways = principal(np.linalg.inv(wide.covariance), z, problem.chart, _WIDEST)
-        descent, information = descent.afresh(settled=np.inf), last.peak.information
-    return Corrected(replace(last.peak, evaluations=spent), asked, last.left, ways=ways)
+        visited = _rounds(problem, here, z, descent, information)
+        near = _lowest(visited)
+        spent = found.peak.evaluations + sum(one.peak.evaluations for one in visited)
+        asked = found.rounds + 2 * len(ways) + near.runs
+        found = Corrected(replace(near.peak, evaluations=spent), asked, near.left)
+        if len(visited) <= 2:
+            break
+    return found
 
 
 @dataclass(frozen=True)
@@ -229,9 +204,9 @@ class _Round:
 
     @cached_property
     def cost(self) -> float:
-        """Of the data where it began, by the reference; with the priors where it is linearised."""
+        """Of the data where it began, by the reference."""
         left = self.here.residuals(self.here.chart.to_values(self.z[None]))[0]
-        return float(left @ left) if is_linear(self.here) else self.here.data_cost(left)
+        return self.here.data_cost(left)
 
 
 def _lowest(visited: list[_Round]) -> _Round:
@@ -241,9 +216,14 @@ def _lowest(visited: list[_Round]) -> _Round:
     return replace(lowest, runs=last.runs, left=lowest.left if settled else last.left)
 
 
-def _leaves_more_than_noise(one: _Round) -> bool:
-    """Whether a round began where the reference does not fit as well as noise allows."""
-    return one.here.relative_misfit(one.cost) > AS_GOOD * one.here.recorded_misfit
+def _leaves_more_than_noise(problem: Problem, one: _Round) -> bool:
+    """Whether a round began where the reference fits worse than noise and its scatter allow."""
+    left, usual = one.here.relative_misfit(one.cost), one.here.recorded_misfit
+    if left <= AS_GOOD * usual:
+        return False
+    scatter = reference_scatter(problem, problem.chart.to_values(one.z[None])[0])
+    # of this answer, and of the recording as of another
+    return left > AS_GOOD * math.hypot(usual, math.sqrt(2.0) * scatter)
 
 
 def _rounds(
@@ -288,40 +268,6 @@ def _rounds(
     return found
 
 
-def _rounds_by_slopes(
-    problem: Problem, here: Problem, z: np.ndarray, descent: Descent, information: np.ndarray | None
-) -> list[_Round]:
-    """Rounds from coordinates (d,) with slopes of the reference, which follow its answers.
-
-    Each sets out from the lowest point so far.
-    """
-    chart = problem.chart
-    found: list[_Round] = []
-    moved, vain = np.inf, 0
-    for runs in range(1, _ROUNDS + 1):
-        point = chart.to_values(z[None])[0]
-        peak = laplace(
-            here, point, replace(descent, least_noise=here.noise), information=information
-        )
-        descent, information = descent.afresh(settled=np.inf), peak.information
-        errors = np.sqrt(np.diag(peak.covariance))
-        before, moved = moved, float((np.abs(peak.z - z) / errors).max())
-        ends = moved <= _STAYS or _SHRINKS * before < moved <= _NEAR
-        left = np.array([*(one.left[-1] for one in found[1 - _DEPTH :]), peak.z - z])
-        found.append(_Round(z, here, peak, left[-1:] if ends else left, runs))
-        if ends or vain == _IN_VAIN:
-            break
-        there = peak.z
-        while (both := with_secant(problem, here, there, errors)) is None:
-            there = 0.5 * (z + there)  # the reference diverged
-        here, tried = both
-        if _Round(there, tried, peak, left, runs).cost < found[-1].cost:
-            here, z, vain = tried, there, 0
-        else:
-            vain += 1
-    return found
-
-
 def _in_vain(found: list[_Round]) -> bool:
     """Whether the last rounds have not lowered the cost by the reference."""
     costs = [one.cost for one in found]
@@ -352,19 +298,17 @@ def with_model_error(found: Corrected, threads: int | None = None) -> Corrected:
         return found
     peak = found.peak
     problem, chart = peak.problem, peak.problem.chart
-    ways = np.linalg.cholesky(peak.covariance).T if found.ways is None else found.ways
-    draws = np.random.default_rng(0).standard_normal((_ELSEWHERE, len(ways)))
-    there = chart.project(peak.z + draws @ ways)
+    draws = np.random.default_rng(0).standard_normal((_ELSEWHERE, len(peak.z)))
+    there = chart.project(peak.z + draws @ np.linalg.cholesky(peak.covariance).T)
 
     def missed(z: np.ndarray) -> np.ndarray | None:
-        if is_linear(problem):
-            return missed_by(problem, z)
         point = chart.to_values(z[None])
-        other = corrected_at(problem, point[0], problem)
-        if other is None:
+        answer = exact_residuals(problem, point[0])
+        if answer is None:
             return None
-        change = other.with_noise(problem.noise).residuals(point) - problem.residuals(point)
-        return np.asarray(change[0])
+        return np.asarray(
+            (problem.with_answer(answer).residuals(point) - problem.residuals(point))[0]
+        )
 
     known = side_by_side(missed, there, threads)
     changes = np.array([one for one in known if one is not None])

@@ -4,7 +4,7 @@ import copy
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,7 +12,6 @@ from ematwin.errors import EmatwinError
 from ematwin.estimation.constants import TWO_SIGMA
 from ematwin.estimation.equation_fit import EquationFit, energy, with_secant
 from ematwin.estimation.first_sample import found_first_sample
-from ematwin.estimation.linearised import Scatter
 from ematwin.estimation.prior import Prior
 from ematwin.models.comparison import correlation_time
 from ematwin.models.optional import FIRST_SAMPLE, Equation, Values
@@ -29,6 +28,33 @@ _FRACTIONS = (1.0, 0.4, 0.1)  # of a step that are tried
 _LONGEST = 2.0  # of a step, in logarithms
 
 Try = tuple[Callable[[], ParameterSet], Values]  # makes an actuator, with values of a recording
+
+
+class Scatter(NamedTuple):
+    """Covariance of residuals of one recording beside their noise, such as what answers scatter.
+
+    Attributes
+    ----------
+    sizes : (m,) array, standard deviations along its principal parts, in those of the noise
+    parts : (m, K) array, of length one
+    """
+
+    sizes: np.ndarray
+    parts: np.ndarray
+
+    @classmethod
+    def of(cls, rest: np.ndarray, noise: float) -> "Scatter":
+        """The sum over what each of some independent causes changes, (n, K).
+
+        ``noise`` is the standard deviation of an independent residual.
+        """
+        _, sizes, parts = np.linalg.svd(rest, full_matrices=False)
+        return cls(sizes / noise, parts)
+
+    def whitened(self, residuals: np.ndarray) -> np.ndarray:
+        """Residuals (B, K) as if they held noise alone."""
+        less = 1.0 - 1.0 / np.sqrt(1.0 + self.sizes**2)
+        return np.asarray(residuals - (residuals @ self.parts.T * less) @ self.parts)
 
 
 class Equations:

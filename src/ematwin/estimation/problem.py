@@ -66,7 +66,8 @@ class Problem(HasUnknowns):
     starts : (M, d) array
     noise : float, standard deviation of an independent residual: the unit in which priors count
     changes : tuple of ResidualChange, of a problem that the reference corrects
-    linear : ResidualChange that takes the place of the fast model; None where that answers
+    answered : residuals (K,) of each recording, where no unknown moves them; None where the fast
+        model answers
     information : Information, knowledge beside the priors; None without
     trust : float, how far evidence counts: one over its noise in the unit of that expected, 1 at
         most
@@ -104,7 +105,7 @@ class Problem(HasUnknowns):
         self._priors = [self.names.index(name) for name in self.prior.names]
         self._logarithmic = np.array([self.unknowns[n].logarithmic for n in self._priors], bool)
         self.changes: tuple[ResidualChange, ...] = ()
-        self.linear: ResidualChange | None = None
+        self.answered: Sequence[np.ndarray] | None = None
         self.information: Information | None = None
         given = dict(start or {})
         self.start = np.array([given.get(one.name, one.healthy) for one in self.unknowns])
@@ -144,7 +145,7 @@ class Problem(HasUnknowns):
 
         Costs above ``limits`` (B,) may be given as infinite.
         """
-        if self.has_evidence or self.changes or self.linear is not None:
+        if self.has_evidence or self.changes or self.answered is not None:
             residuals = self.residuals(points)
             squares = np.einsum("bk,bk->b", residuals, residuals)
             return np.where(np.isfinite(squares), squares, np.inf)
@@ -180,8 +181,8 @@ class Problem(HasUnknowns):
 
     def residuals_of(self, recording: int, points: np.ndarray) -> np.ndarray:
         """Residuals (B, K) of a recording at points (B, d), evidence not yet weighed."""
-        if self.linear is not None:
-            return self.linear.residuals(self._by_name(points), recording)
+        if self.answered is not None:
+            return np.tile(self.answered[recording], (len(points), 1))
         found = self._compared(recording, points)
         if self.changes:
             values = self._by_name(points)
@@ -299,13 +300,13 @@ class Problem(HasUnknowns):
         """The same problem with other comparisons of its recordings, and changes beside these."""
         other = copy.copy(self)
         other.comparisons, other.changes = tuple(comparisons), tuple(changes)
-        other.linear = None
+        other.answered = None
         return other
 
-    def linearised(self, linear: ResidualChange) -> "Problem":
-        """The same problem with residuals of its recordings that are linear in the unknowns."""
+    def with_answer(self, residuals: Sequence[np.ndarray]) -> "Problem":
+        """The same problem with residuals (K,) of each recording that no unknown moves."""
         other = copy.copy(self)
-        other.linear = linear
+        other.answered = residuals
         return other
 
     def prior_distances(self, points: np.ndarray, informed: bool = True) -> np.ndarray:
@@ -385,7 +386,7 @@ class Problem(HasUnknowns):
         )  # fmt: skip
         other.noise, other.trust = self.noise, self.trust
         other.model_error = self.model_error
-        other.changes, other.linear = self.changes, self.linear
+        other.changes, other.answered = self.changes, self.answered
         other.information = self.information
         return other
 

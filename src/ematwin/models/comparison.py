@@ -51,7 +51,7 @@ class Comparison(ABC):
     ignores: frozenset[str] = frozenset()  # nuisances without effect on the compared channels
     model_error: float = 1.0  # factor on standard errors (`Model.model_error`)
     has_reference: bool = False  # to correct the answers by (`missed`)
-    unseen: frozenset[str] = frozenset()  # parameters on which only the reference depends
+    unseen: frozenset[str] = frozenset()  # unknowns on which only the reference depends
     unplaced: bool = False  # only an answer can show from where the recording counts (`placed`)
 
     @abstractmethod

@@ -102,10 +102,11 @@ class BldcComparison(Comparison):
         current = None if self.rectify else float(self.current[0])
         self.state = initial_state(recording, actuator, current)
         self.constants = kernel_constants(actuator)
-        self.ignores = frozenset(table.POWER if actuator.integrates else (*table.POWER, table.HELD))
+        held = {table.HELD}
+        self.ignores = frozenset(table.POWER) | (set() if actuator.integrates else held)
         self.unseen = frozenset(
             place for place, *_ in actuator.parameters() if place.startswith(table.REFERENCE_ALONE)
-        )
+        ) | (held if actuator.integrates else set())
         self.threads = threads or cores()
         self._filter(low_pass or LowPass())
 

@@ -52,7 +52,8 @@ def kernel_constants(
         short_resistance=1.0 if turns is None else turns.resistance,
         v_supply=drive.supply_voltage,
         v_diode=drive.diode_drop,
-        half_band=drive.hysteresis_band / 2.0,
+        # a current loop modulates its voltage in place of the comparator
+        half_band=drive.hysteresis_band / 2.0 if actuator.current_loop is None else 0.0,
         i_max=drive.current_limit,
         w_max=control.speed_limit,
         k_position=control.position_gain,
