@@ -178,8 +178,7 @@ def identify(
         verdict = judge(known, [record.recording], [alone]).motions[0].verdict
     except KeyboardInterrupt:
         why = "The healthy population was interrupted; these values come from the recording alone."
-        verdict = Verdict("none", (), why, f"No verdict: {why}")
-        return replace(alone, stopped="interrupted", verdict=verdict)
+        return replace(alone, stopped="interrupted", verdict=Verdict.none(why))
     return replace(alone, verdict=verdict)
 
 
