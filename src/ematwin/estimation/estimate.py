@@ -113,7 +113,7 @@ class Estimate:
             ]
         )
 
-    def as_dict(self) -> Any:
+    def as_dict(self) -> dict[str, Any]:
         """Plain JSON values; infinite ones are null."""
         return {"format": FORMAT, **plain(vars(self))}
 

@@ -28,6 +28,7 @@ from ematwin.models.unknown import Unknown
 from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording
 from ematwin.showing.text import (
+    capital,
     in_unit,
     listed,
     number_of,
@@ -207,10 +208,8 @@ def remarks_on(model: Model, actuator: ParameterSet, assessed: Assessment) -> li
     for name, (value, ends) in assessed.nuisances.items():
         one = model.unknown(actuator, name)
         number, between = said_between(value, ends.low, ends.high, one.unit)
-        found.append(
-            f"{one.meaning[:1].upper()}{one.meaning[1:]} is {number} "
-            f"({between}); that was taken into account."
-        )
+        meant = capital(one.meaning)
+        found.append(f"{meant} is {number} ({between}); that was taken into account.")
     faults = {one.name for one in model.faults(actuator) if one.direction_of is None}
     moved = [name for name in assessed.unsettled if name in faults]
     if moved:

@@ -128,7 +128,7 @@ class Identification:
             for place in places
         ]
 
-    def as_dict(self) -> Any:
+    def as_dict(self) -> dict[str, Any]:
         """Plain values, as ``ematwin identify --json`` prints them."""
         return plain({
             "verdict": self.verdict,

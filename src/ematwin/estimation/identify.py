@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -34,30 +33,21 @@ from ematwin.models.base import Model
 from ematwin.models.channels_agree import checked
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import model_of
-from ematwin.optimizers.base import ITERATIONS, POPULATION, Optimizer
 from ematwin.recordings.read import assumptions
 from ematwin.recordings.recording import Recording
 from ematwin.showing.bars import told
-
-_UNSETTLED = (
-    "Where the rotor stands could not be told from the phases that conduct, so no fault can be put "
-    "to a phase: record motor_position."
-)
 
 
 def identified(
     ready: "Prepared",
     actuator: ParameterSet,
     baseline: Baseline,
-    algorithm: str | Search | Optimizer | Any | None = None,
+    search: Search | None = None,
     *,
     budget: int | None = None,
-    population: int = POPULATION,
-    iterations: int = ITERATIONS,
     seed: int = 1,
     only: Iterable[str] | None = None,
     held: Mapping[str, float] | Any | None = None,
-    checkpoint: str | Path | None = None,
     progress: Progress | bool | None = None,
     threads: int | None = None,
     uncertainty: str | Method | None = None,
@@ -65,10 +55,10 @@ def identified(
 ) -> Identification:
     """The values with which the twin answers as a prepared recording.
 
-    Other parameters are as in `ematwin.identify`.
+    ``search`` is the usual one if not given; other parameters are as in `ematwin.identify`.
     """
     model, recording = model_of(actuator), ready.recording
-    if compares_sets(model, algorithm, budget, uncertainty, thresholds):
+    if compares_sets(model, search, budget, uncertainty, thresholds):
         from ematwin.estimation.mixed_effects import identified_by_sets
 
         return identified_by_sets([ready], actuator, baseline, only=only, held=held)
@@ -81,18 +71,13 @@ def identified(
 
     problem = problem_of(recording)
     limits = thresholds_of(thresholds or {}, problem.unknowns, actuator)
-    search: Search = named(
-        model.default_search if algorithm is None else algorithm,
-        population=population, iterations=iterations, checkpoint=checkpoint,
-    )  # fmt: skip
-    usual = algorithm is None and budget is None
+    quick, usual = named(model.default_search), search is None and budget is None
     started = time.perf_counter()
 
     def shown(done: int, cost: float, budget: int) -> tuple[float, str]:
         return done / budget, f"best misfit {cost:.4g}"
 
     with told(progress, "searching", shown) as tell:
-        quick = named(model.default_search)
         where = estimate_initial_angle(
             recording, problem, problem_of, quick, seed=seed, progress=tell
         )
@@ -101,7 +86,7 @@ def identified(
         if found is None or not (usual or found.stopped == "interrupted"):
             if usual:
                 search = usual_search(model, actuator, problem)
-            found = find(problem, search, budget=budget, seed=seed, progress=tell)
+            found = find(problem, search or quick, budget=budget, seed=seed, progress=tell)
         if usual and baseline.calibrated and not ready.barred:
             found = searched_further(problem, found, seed, tell)
         try:
@@ -244,7 +229,11 @@ def estimate_initial_angle(
         recording, said = placed.recording, (placed.said,)
         problem = problem_of(recording)
     else:
-        return InitialAngle(recording, problem, None, said, (_UNSETTLED,))
+        unsettled = (
+            "Where the rotor stands could not be told from the phases that conduct, so no fault "
+            "can be put to a phase: record motor_position."
+        )
+        return InitialAngle(recording, problem, None, said, (unsettled,))
     return InitialAngle(recording, problem, found, said)
 
 

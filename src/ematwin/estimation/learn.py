@@ -46,11 +46,6 @@ from ematwin.showing.text import said
 
 _WRONG = math.log(3.0) / SEARCHED  # width of what a sheet may have wrong: to three times
 
-_CHECK = (
-    "Check the sheet and what is built in. If this actuator may be worn, do not learn from it: "
-    "identify judges it by the template."
-)
-
 
 @dataclass(frozen=True)
 class Learnt:
@@ -161,12 +156,16 @@ def _learnt(
     if frees_parameters(model):  # else the healthy population tells
         scatter = healthy_bias(model, actuator, baseline, comparisons, beside)
     progress(1.0)
+    advice = (
+        "Check the sheet and what is built in. If this actuator may be worn, do not learn from "
+        "it: identify judges it by the template."
+    )
     return Learnt(
         actuator, replace(baseline, scatter=scatter),
         nominal_parameters(forms.actuator, fit.nominals, prior),
         _tied(prior),
         [
-            *(f"{sentence} {_CHECK}" for sentence in beyond.values()),
+            *(f"{sentence} {advice}" for sentence in beyond.values()),
             *_notes(misfit, floor, end.peak.problem.is_told),
         ],
         forms,

@@ -90,9 +90,9 @@ def rivals_of(
         noise = peak.problem.comparisons[0].model_error * peak.problem.noise
         unit = max(1.0, SIGMAS * assessed.cost_scatter / noise**2 / DECIDES)
     return [
-        first.rival(form, one[0], one[1] / unit)
-        for form, one in zip(forms, ends, strict=True)
-        if one is not None and one[1] < DECIDES * unit
+        first.rival(form, end.peak, end.rise / unit)
+        for form, end in zip(forms, ends, strict=True)
+        if end is not None and end.rise < DECIDES * unit
     ]
 
 

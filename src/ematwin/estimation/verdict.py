@@ -61,7 +61,7 @@ class Verdict:
         """The sentence in the colour of its grade, in a notebook."""
         return markup.verdict(self.sentence, self.grade)
 
-    def as_dict(self) -> Any:
+    def as_dict(self) -> dict[str, Any]:
         """For JSON."""
         return plain(vars(self))
 
