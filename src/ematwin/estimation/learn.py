@@ -226,15 +226,13 @@ def _tied(prior: Prior) -> list[tuple[str, ...]]:
 def _notes(misfit: float, floor: float, told: bool) -> list[str]:
     """Sentences on what healthy recordings leave; ``told`` as `Problem.is_told`."""
     left = f"The twin leaves {100.0 * misfit:.1f} % of the healthy recordings unexplained"
-    if misfit > WORST and told:
+    if misfit > WORST:
         return [
             f"{left} once its loops are closed, as near instability. Recordings are judged by the "
             "equations along their motion alone."
-        ]
-    if misfit > WORST:
-        return [
-            f"{left}. It judges no recording where it leaves more than {100.0 * WORST:.0f} %: this "
-            "actuator has something that the twin has not, such as loops near instability."
+            if told
+            else f"{left}. It judges no recording where it leaves more than {100.0 * WORST:.0f} %: "
+            "this actuator has something that the twin has not, such as loops near instability."
         ]
     if misfit < WORSE * floor:
         return []

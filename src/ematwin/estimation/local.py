@@ -1,6 +1,7 @@
 """Local descents: Levenberg-Marquardt from known starts, and SciPy's method from random ones."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -63,28 +64,26 @@ class ScipyLeastSquares(SlopeSearch):
                 f"{tally.budget}."
             )
         middle = 0.5 * (chart.lower + chart.upper)
-        known: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
 
-        def slopes(z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-            """A point (d,), its residuals (K,) and Jacobian (K, d), both from one batch."""
-            nonlocal known
-            if known is None or not np.array_equal(z, known[0]):
-                # away from the nearer bound
-                step = np.where(z > middle, -LONGEST_DIFFERENCE, LONGEST_DIFFERENCE)
-                found = tally.residuals(np.concatenate([z[None], z + np.diag(step)]))
-                cost = float(found[0] @ found[0])
-                tally.offer(z, cost if np.isfinite(cost) else np.inf)
-                # where the twin diverged it is far from the recording in every sample
-                found = np.where(np.isfinite(found), found, 1e6)
-                known = z.copy(), found[0], ((found[1:] - found[0]) / step[:, None]).T
-            return known
+        @lru_cache(maxsize=1)  # SciPy asks for residuals and Jacobian of a point one by one
+        def slopes(point: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
+            """Residuals (K,) and Jacobian (K, d), both from one batch."""
+            z = np.array(point)
+            # away from the nearer bound
+            step = np.where(z > middle, -LONGEST_DIFFERENCE, LONGEST_DIFFERENCE)
+            found = tally.residuals(np.concatenate([z[None], z + np.diag(step)]))
+            cost = float(found[0] @ found[0])
+            tally.offer(z, cost if np.isfinite(cost) else np.inf)
+            # where the twin diverged it is far from the recording in every sample
+            found = np.where(np.isfinite(found), found, 1e6)
+            return found[0], ((found[1:] - found[0]) / step[:, None]).T
 
         rng = np.random.default_rng(seed)
         while True:  # until the budget is spent
             least_squares(
-                lambda z: slopes(z)[1],
+                lambda z: slopes(tuple(z))[0],
                 chart.from_values(chart.from_unit(rng.random((1, size))))[0],
-                lambda z: slopes(z)[2],
+                lambda z: slopes(tuple(z))[1],
                 (chart.lower, chart.upper),
                 max_nfev=50,  # of one descent of SciPy
             )
