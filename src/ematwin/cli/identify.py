@@ -128,7 +128,7 @@ def identify(
 
 def print_findings(found: "ematwin.Identification") -> None:
     """The verdict, then the table for people."""
-    from ematwin.estimation.findings import fault_cells
+    from ematwin.estimation.identification import fault_cells
     from ematwin.report.identification import uncertainty_table
     from ematwin.report.page import Row, Table
 

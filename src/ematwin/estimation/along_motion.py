@@ -73,21 +73,11 @@ def informed(
 ) -> tuple[Problem, np.ndarray] | None:
     """A problem with the evidence of the equations along the motion, and their estimate (d,).
 
-    Parameters
-    ----------
-    problem : with everything free
-    start : (d,) array, values from which to descend
-    most : squared standard deviations; where no fewer would be left the problem is given up
-    like : of the same recordings, with which this one is compared: its standard deviations count,
-        and its first samples
-
-    None where only the fast model is needed, where no recording has equations: positions are
-    lacking, or where loops would be unstable at the start.
-
-    Raises
-    ------
-    TooFarError
-        If more than ``most`` would be left.
+    Everything is free, and descends from ``start`` (d,). `TooFarError` if more than ``most``
+    squared standard deviations would be left. ``like`` is a problem of the same recordings, with
+    which this one is compared: its standard deviations count, and its first samples. None where
+    only the fast model is needed, where no recording has equations (positions are lacking), or
+    where loops would be unstable at the start.
     """
     if not problem.lacks_forms:
         return None

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ematwin.errors import ParameterError
-from ematwin.estimation.constants import SEARCHED, TWO_SIGMA
+from ematwin.estimation.constants import DETERMINED, SEARCHED, TWO_SIGMA
 from ematwin.estimation.prior import Prior
 from ematwin.estimation.problem import Problem
 from ematwin.models.base import Model
@@ -27,57 +27,34 @@ from ematwin.validation import load_toml
 FORMAT = 1
 
 _TERMS = ("N", "N*m", "kg", "kg*m^2", "N*s/m", "N*m*s/rad")  # of a balance of forces or torques
-_KNOWN = 1e-3  # share of its spread that is left of what counts as known
 
 
 @dataclass(frozen=True)
 class NominalParameter:
-    """One fitted parameter.
+    """One fitted parameter, SI units."""
 
-    Attributes
-    ----------
-    place : e.g. "screw.friction_force"
-    value, template : SI units
-    standard_error : SI units
-    determined : whether the recordings say more of it than the template does
-    """
-
-    place: str
+    place: str  # e.g. "screw.friction_force"
     value: float
     template: float
     standard_error: float
-    determined: bool
+    determined: bool  # the recordings say more of it than the template does
 
 
 @dataclass(frozen=True)
 class Baseline:
-    """Prior knowledge of an actuator.
+    """Prior knowledge of an actuator."""
 
-    Attributes
-    ----------
-    prior : of its parameters (logarithms), and of nuisances where healthy recordings tell them
-    misfit : float, relative: what healthy recordings left; NaN if there were none
-    expected_misfit : float, what noise and the twin's known error alone leave
-    scatter : by fault, how far healthy recordings are found off healthy
-    recordings : how many healthy ones
-    has_load : whether they held the load
-    exact : whether parameters, load and sensors are exactly as given, as in a simulation
-    known : what counts as known as good as exactly, and does not drift
-    forms : a sentence on the forms that healthy recordings show and the file had left out; "" if
-        there are none
-    absent_forms : names of those that were looked for and explain nothing
-    """
-
-    prior: Prior
-    misfit: float = math.nan
-    expected_misfit: float = math.nan
+    prior: Prior  # of its parameters, and of nuisances where healthy recordings tell them
+    misfit: float = math.nan  # relative, what healthy recordings left; NaN if there were none
+    expected_misfit: float = math.nan  # what noise and the twin's known error alone leave
+    # by fault, how far healthy recordings are found off healthy
     scatter: Mapping[str, float] = field(default_factory=dict)
-    recordings: int = 0
-    has_load: bool = True
-    exact: bool = False
-    known: frozenset[str] = frozenset()
-    forms: str = ""
-    absent_forms: tuple[str, ...] = ()
+    recordings: int = 0  # how many healthy ones
+    has_load: bool = True  # they held the load
+    exact: bool = False  # parameters, load and sensors are exactly as given, as in a simulation
+    known: frozenset[str] = frozenset()  # as good as exactly, and without drift
+    forms: str = ""  # on those that healthy recordings show and the file had left out
+    absent_forms: tuple[str, ...] = ()  # names of those that explain nothing
 
     @property
     def calibrated(self) -> bool:
@@ -101,7 +78,7 @@ class Baseline:
         chosen = list(unknowns)
         prior = with_nuisances(self.prior, (o for o in chosen if o.spread is not None))
         names = {one.name for one in chosen}
-        tight = np.array([_KNOWN if name in names else 1.0 for name in prior.names])
+        tight = np.array([1e-3 if name in names else 1.0 for name in prior.names])
         return replace(
             self,
             prior=replace(prior, covariance=prior.covariance * np.outer(tight, tight)),
@@ -136,17 +113,9 @@ class Baseline:
 
     @classmethod
     def from_table(cls, table: Any, what: str) -> "Baseline":
-        """Read the result of `as_table`.
-
-        Raises
-        ------
-        ParameterError
-            If it is damaged or of a newer ematwin.
-        """
+        """Read the result of `as_table`; `ParameterError` if damaged or of a newer ematwin."""
         try:
-            written = table["format"]
-            if not isinstance(written, int):
-                raise ValueError(f"its format is {written!r}")
+            written = int(table["format"])
             if written > FORMAT:
                 raise ParameterError(
                     f"The baseline of {what} was written by a newer ematwin (format {written}, "
@@ -179,6 +148,22 @@ class Baseline:
                 f"The baseline of {what} is damaged ({type(error).__name__}: {error}). Make it "
                 "anew with ematwin calibrate."
             ) from None
+
+
+def nominal_parameters(
+    template: ParameterSet, unknowns: Iterable[Unknown], found: Prior
+) -> list[NominalParameter]:
+    """Fitted parameters, from their distribution."""
+    errors = np.sqrt(np.diag(found.covariance)).tolist()
+    known = {n: (x, s) for n, x, s in zip(found.names, found.mean.tolist(), errors, strict=True)}
+    parameters = []
+    for one in unknowns:
+        (mean, error), assumed = known[one.name], one.spread or 0.0
+        value = math.exp(mean) if one.logarithmic else mean
+        told = error < DETERMINED * assumed
+        error *= value if one.logarithmic else 1.0
+        parameters.append(NominalParameter(one.name, value, template.value(one.name), error, told))
+    return parameters
 
 
 def baseline_of(given: Any, actuator: ParameterSet) -> Baseline:

@@ -1,17 +1,19 @@
-"""The least squares of one equation along the recorded motion, for all recordings."""
+"""The least squares of one equation along the recorded motion, for all recordings.
+
+The linearised residuals of a fit tell what other residuals would leave after a fit of their own,
+and what is left of stretches that the fit has not seen (cross-validation).
+"""
 
 import copy
 import math
 from collections.abc import Callable, Sequence
-from functools import partial
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from ematwin.errors import EmatwinError
 from ematwin.estimation.constants import TWO_SIGMA
-from ematwin.estimation.equation_fit import EquationFit, energy, with_secant
-from ematwin.estimation.first_sample import found_first_sample
 from ematwin.estimation.prior import Prior
 from ematwin.models.comparison import correlation_time
 from ematwin.models.optional import FIRST_SAMPLE, Equation, Values
@@ -20,57 +22,101 @@ from ematwin.models.unknown import Unknown
 from ematwin.numerics.side_by_side import side_by_side
 
 WIDE = 3.0  # standard deviation of the logarithm of what no file states
-_ROUNDS = 20  # of a fit, at most
-_CORRECTIONS = 5  # by the reference, at most
 _ENDS = 0.05  # relative fall of the cost at which a fit ends
 _STEP = 0.01  # of a logarithm, or of a radian, that is differenced
-_FRACTIONS = (1.0, 0.4, 0.1)  # of a step that are tried
 _LONGEST = 2.0  # of a step, in logarithms
 
-Try = tuple[Callable[[], ParameterSet], Values]  # makes an actuator, with values of a recording
 
+@dataclass(frozen=True)
+class EquationFit:
+    """A fit of one equation to all recordings."""
 
-class Scatter(NamedTuple):
-    """Covariance of residuals of one recording beside their noise, such as what answers scatter.
+    equations: "Equations"  # that were fitted
+    actuator: ParameterSet  # with the values found
+    places: tuple[str, ...]  # of the d fitted parameters
+    left: np.ndarray  # (K,), recording after recording, as shares of the norm to be explained
+    slopes: np.ndarray  # (d, K), by the coordinates of the fit
+    pull: np.ndarray  # (d,), gradient of the prior, in the unit of the cost
+    prior: np.ndarray  # (d, d), its curvature
+    weight: float  # the cost of an independent residual
+    alike: float = 0.0  # of the idealisation error of the equations, one sample in all
 
-    Attributes
-    ----------
-    sizes : (m,) array, standard deviations along its principal parts, in those of the noise
-    parts : (m, K) array, of length one
-    """
+    def at(self, some: Any) -> "EquationFit":
+        """The same of some of the residuals alone."""
+        return replace(self, left=self.left[some], slopes=self.slopes[:, some])
 
-    sizes: np.ndarray
-    parts: np.ndarray
+    @property
+    def cost(self) -> float:
+        """Share of the energy that is left."""
+        return float(self.left @ self.left)
 
-    @classmethod
-    def of(cls, rest: np.ndarray, noise: float) -> "Scatter":
-        """The sum over what each of some independent causes changes, (n, K).
+    @property
+    def step(self) -> np.ndarray:
+        """(d,) step to the least squares of the linearised residuals."""
+        curvature = self.prior + self.slopes @ self.slopes.T
+        return _least(curvature, self.pull + self.slopes @ self.left)
 
-        ``noise`` is the standard deviation of an independent residual.
+    @property
+    def information(self) -> tuple[np.ndarray, np.ndarray]:
+        """Inverse covariance (d, d) and its gradient (d,) here, by the recordings alone."""
+        unit = self.weight + self.alike
+        return self.slopes @ self.slopes.T / unit, self.slopes @ self.left / unit
+
+    def projected(self, left: np.ndarray, scaled: bool) -> float:
+        """What would be left of other residuals (K,) if all that is fitted were fitted anew.
+
+        With ``scaled`` the change from this fit's residuals to them may be of any size, as that by
+        a parameter of a form is; infinite where the size would be negative, which no form has.
         """
-        _, sizes, parts = np.linalg.svd(rest, full_matrices=False)
-        return cls(sizes / noise, parts)
+        slopes, prior, pull = self.slopes, self.prior, self.pull
+        if scaled:
+            slopes = np.vstack([slopes, left - self.left])
+            prior, pull = np.pad(prior, (0, 1)), np.pad(pull, (0, 1))
+        moments, slope = slopes @ slopes.T, slopes @ left
+        step = _least(prior + moments, pull + slope)
+        if scaled and step[-1] < -1.0:
+            return math.inf
+        return float(left @ left + step @ (2.0 * slope + moments @ step))
 
-    def whitened(self, residuals: np.ndarray) -> np.ndarray:
-        """Residuals (B, K) as if they held noise alone."""
-        less = 1.0 - 1.0 / np.sqrt(1.0 + self.sizes**2)
-        return np.asarray(residuals - (residuals @ self.parts.T * less) @ self.parts)
+    def held_back(self) -> np.ndarray:
+        """Energy left in each stretch by a fit that has not seen its recording, or its stretch."""
+        parts = self.equations.parts
+        stretches = [np.array_split(np.arange(part.start, part.stop), 6) for part in parts]
+        groups = stretches if len(parts) > 1 else [[one] for one in stretches[0]]
+        found = []
+        for group in groups:
+            unseen = np.zeros(self.left.size, dtype=bool)
+            unseen[np.concatenate(group)] = True
+            step = self.at(~unseen).step
+            lefts = (self.left[some] + step @ self.slopes[:, some] for some in group)
+            found += [float(left @ left) for left in lefts]
+        return np.array(found)
+
+    def beats(self, other: "EquationFit") -> bool:
+        """Whether held-out data are explained better, by more than the scatter of the gain."""
+        gain = np.log(other.held_back() / self.held_back())
+        return bool(gain.mean() > TWO_SIGMA * gain.std(ddof=1) / math.sqrt(gain.size))
+
+
+def _least(curvature: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+    """(d,) step to the minimum of a quadratic form."""
+    return np.asarray(-np.linalg.lstsq(curvature, gradient, rcond=1e-12)[0])
+
+
+def with_secant(slopes: np.ndarray, step: np.ndarray, change: np.ndarray) -> np.ndarray:
+    """Slopes (d, K) of residuals that changed by ``change`` (K,) on a step (d,).
+
+    Broyden's update (1965, Math. Comp. 19, 577-593), the least one by which slopes agree with it.
+    """
+    return slopes + np.outer(step / (step @ step), change - step @ slopes)
 
 
 class Equations:
     """One equation of several recordings, and its least squares.
 
-    Parameters
-    ----------
-    template : whose tolerances hold the parameters
-    equations : one for each recording
-    known : what other equations tell of the parameters, in place of the tolerances
-    beside : load, sensors and timing, which differ from recording to recording: the changes they
-        may make (`Equation.changes`) count as noise, with their covariance
-
-    Attributes
-    ----------
-    first_samples : when the loops sampled first in each recording, s
+    Parameters are held by the tolerances of a template, or in their place by what other equations
+    tell of them, ``known``. Load, sensors and timing, which differ from recording to recording, are
+    ``beside``: the changes they may make (`Equation.changes`) count as noise.
     """
 
     def __init__(
@@ -81,29 +127,53 @@ class Equations:
         beside: Sequence[Unknown] = (),
     ) -> None:
         self.each, self._stated, self._known = equations, stated_values(template), known
-        self.first_samples = [0.0] * len(equations)
+        self.first_samples = [0.0] * len(equations)  # of the loops in each recording, s
+        lefts = side_by_side(lambda one: one.left(template, {}), equations)
+        ends = np.cumsum([left.size for left in lefts]).tolist()
+        # of the residuals, those of each recording
+        self.parts = [slice(a, b) for a, b in zip([0, *ends], ends, strict=False)]
         self._size = math.sqrt(sum(one.size**2 for one in equations))
-        self._beside = [_changed_by(beside, one, template) for one in equations]
+        pairs = zip(equations, lefts, strict=True)
+        self._beside = [_changed_by(beside, one, left, template) for one, left in pairs]
+
+    def least(self, actuator: ParameterSet) -> float:
+        """Energy that noise and the errors of the equation leave."""
+        return sum((one.least(actuator) * one.size / self._size) ** 2 for one in self.each)
 
     def alike(self, actuator: ParameterSet) -> float:
         """Energy that the equation's own error leaves, alike throughout."""
         return sum((one.alike(actuator) * one.size / self._size) ** 2 for one in self.each)
 
-    def _left(self, actuator: ParameterSet) -> list[np.ndarray]:
-        return [self._left_of(n, actuator, {}) for n in range(len(self.each))]
+    def _some(self, only: int | None) -> list[tuple[int, Equation]]:
+        return [one for one in enumerate(self.each) if only in (None, one[0])]
+
+    def _left(
+        self, actuator: ParameterSet, instant: float | None = None, only: int | None = None
+    ) -> np.ndarray:
+        """(K,) of all recordings, or of the ``only`` one, with its first sample at an instant."""
+        return np.concatenate([
+            self._share(n, one.left(actuator, {
+                FIRST_SAMPLE: self.first_samples[n] if instant is None else instant
+            }))
+            for n, one in self._some(only)
+        ])  # fmt: skip
+
+    def _share(self, n: int, left: np.ndarray) -> np.ndarray:
+        """Residuals of a recording as shares of all that is to be explained, whitened."""
+        parts, shares = self._beside[n]
+        return np.asarray(left - (shares * (parts @ left)) @ parts) / self._size
 
     def _left_each(
-        self, tries: Sequence[Try], some: Sequence[int]
-    ) -> list[list[np.ndarray] | None]:
-        """What each actuator leaves of some recordings; None of one that would be unstable."""
-        each = [one for n in some if (one := self.each[n].each) is not None]
-        together = len(each) == len(some)
+        self, actuator: ParameterSet, tries: Sequence[Values], only: int | None = None
+    ) -> list[np.ndarray | None]:
+        """(K,) with each of some values by place; None of those with which it would be unstable."""
+        some = self._some(only)
+        together = all(one.each is not None for _, one in some)
 
-        def of(one: Try) -> Any:
-            make, values = one
+        def of(values: Values) -> Any:
             try:
-                actuator = make()
-                return actuator if together else [self._left_of(n, actuator, values) for n in some]
+                tried = with_values(actuator, values)
+                return tried if together else self._left(tried, values.get(FIRST_SAMPLE), only)
             except EmatwinError:
                 return None
 
@@ -111,50 +181,22 @@ class Equations:
         stable = [one for one in found if one is not None]
         if not (together and stable):
             return found
-        both = zip(some, each, strict=True)
-        lefts = [[self._share(n, left) for left in one(stable)] for n, one in both]
+        lefts = [[self._share(n, x) for x in one.each(stable)] for n, one in some if one.each]
         rest = zip(*lefts, strict=True)
-        return [None if one is None else list(next(rest)) for one in found]
-
-    def _left_of(self, n: int, actuator: ParameterSet, values: Values) -> np.ndarray:
-        """What an actuator leaves of a recording, as a share of all that is to be explained."""
-        given = {FIRST_SAMPLE: values.get(FIRST_SAMPLE, self.first_samples[n])}
-        return self._share(n, self.each[n].left(actuator, given))
-
-    def _share(self, n: int, left: np.ndarray) -> np.ndarray:
-        beside = self._beside[n]
-        return (left if beside is None else beside.whitened(left[None])[0]) / self._size
-
-    def least(self, actuator: ParameterSet) -> float:
-        """Energy that noise and the errors of the equation leave."""
-        return sum((one.least(actuator) * one.size / self._size) ** 2 for one in self.each)
+        return [None if one is None else np.concatenate(next(rest)) for one in found]
 
     def ranked(
         self, fit: EquationFit, starts: Sequence[tuple[Values, bool]], only: int | None = None
     ) -> list[Values]:
         """Values in the order of what they leave after a fit of all else, without unstable ones.
 
-        Parameters
-        ----------
-        starts : values, and whether the change that they make may be of any size
-        only : the recording that is looked at; all if not given
+        ``starts`` also say whether the change that values make may be of any size.
         """
-        some = range(len(self.each)) if only is None else [only]
-        part = fit if only is None else fit.of(only)
-
-        tries = [(partial(with_values, fit.actuator, values), values) for values, _ in starts]
-        lefts = self._left_each(tries, some)
+        part = fit if only is None else fit.at(self.parts[only])
+        lefts = self._left_each(fit.actuator, [values for values, _ in starts], only)
         pairs = zip(lefts, starts, strict=True)
         costs = np.array([np.inf if x is None else part.projected(x, y[1]) for x, y in pairs])
         return [starts[n][0] for n in np.argsort(costs, kind="stable") if np.isfinite(costs[n])]
-
-    def near(self, actuator: ParameterSet) -> "Equations":
-        """The same, corrected by the reference at an actuator; itself where none is."""
-        if all(one.near is None for one in self.each):
-            return self
-        other = copy.copy(self)
-        other.each = [one if one.near is None else one.near(actuator) for one in self.each]
-        return other
 
     def fitted(
         self, actuator: ParameterSet, places: Sequence[str], like: EquationFit | None = None
@@ -166,15 +208,14 @@ class Equations:
         its end, and fitted again, until that gains no more.
         """
         fit = self._minimum(actuator, places, like)
-        for _ in range(_CORRECTIONS):
-            other = self.near(fit.actuator)
-            if other is self:
+        for _ in range(5):  # by the reference, at most
+            if all(one.near is None for one in self.each):
                 break
-            before, fit = (
-                energy(other._left(fit.actuator)),
-                other._minimum(fit.actuator, places, fit),
-            )
-            if fit.cost > (1.0 - _ENDS) * before:
+            other = copy.copy(self)
+            other.each = [one.near(fit.actuator) if one.near else one for one in self.each]
+            left = other._left(fit.actuator)
+            fit = other._minimum(fit.actuator, places, fit)
+            if fit.cost > (1.0 - _ENDS) * float(left @ left):
                 break
         return fit
 
@@ -183,7 +224,7 @@ class Equations:
     ) -> EquationFit:
         here = self._linearised(actuator, places, self._left(actuator), like)
         fresh = like is None
-        for _ in range(_ROUNDS):
+        for _ in range(20):  # at most
             before, after = here, self._stepped(here)
             ends = after is None or after.cost > (1.0 - _ENDS) * before.cost
             here = after or before
@@ -196,18 +237,16 @@ class Equations:
 
     def _stepped(self, here: EquationFit) -> EquationFit | None:
         """The fit after a step that lowers its cost, with slopes that agree; None without one."""
-        for fraction in _FRACTIONS:
+        for fraction in (1.0, 0.4, 0.1):
             step = np.clip(fraction * here.step, -_LONGEST, _LONGEST)
             try:
-                tried = _moved(here.actuator, here.places, step)
+                steps = dict(zip(here.places, step.tolist(), strict=True))
+                tried = with_values(here.actuator, _moved(here.actuator, steps))
             except EmatwinError:
                 continue
             left = self._left(tried)
-            if energy(left) < here.cost:
-                slopes = [
-                    with_secant(one, step, there - r)
-                    for one, r, there in zip(here.slopes, here.left, left, strict=True)
-                ]
+            if left @ left < here.cost:
+                slopes = with_secant(here.slopes, step, left - here.left)
                 return self._fit(tried, here.places, left, slopes)
         return None
 
@@ -215,36 +254,27 @@ class Equations:
         self,
         actuator: ParameterSet,
         places: Sequence[str],
-        here: list[np.ndarray],
+        here: np.ndarray,
         like: EquationFit | None = None,
     ) -> EquationFit:
         """The fit at an actuator with residuals ``here``; slopes that ``like`` has are taken."""
-        known = {} if like is None else {place: n for n, place in enumerate(like.places)}
-        columns = [
-            [one[known[place]] for one in like.slopes] if like is not None and place in known
-            else [np.zeros_like(r) for r in here]
-            for place in places
-        ]  # fmt: skip
-        new, eye = [n for n, place in enumerate(places) if place not in known], np.eye(len(places))
+        known = {} if like is None else dict(zip(like.places, like.slopes, strict=True))
+        slopes = np.array([known.get(place, np.zeros_like(here)) for place in places])
+        new = [n for n, place in enumerate(places) if place not in known]
         for step in (_STEP, -_STEP):  # at a border of stability, or of what a file may hold
-            tries: list[Try] = [(partial(_moved, actuator, places, step * eye[n]), {}) for n in new]
-            lefts = self._left_each(tries, range(len(here)))
+            lefts = self._left_each(actuator, [_moved(actuator, {places[n]: step}) for n in new])
             for n, left in zip(new, lefts, strict=True):
                 if left is not None:
-                    columns[n] = [(there - r) / step for there, r in zip(left, here, strict=True)]
+                    slopes[n] = (left - here) / step
             new = [n for n, left in zip(new, lefts, strict=True) if left is None]
-        slopes = [np.array([column[n] for column in columns]) for n in range(len(here))]
         return self._fit(actuator, places, here, slopes)
 
     def _fit(
-        self,
-        actuator: ParameterSet,
-        places: Sequence[str],
-        left: list[np.ndarray],
-        slopes: list[np.ndarray],
+        self, actuator: ParameterSet, places: Sequence[str], left: np.ndarray, slopes: np.ndarray
     ) -> EquationFit:
         """A fit with the prior that the template and other equations give."""
-        weight = energy(left) / sum(r.size / correlation_time(r) for r in left)
+        each = [left[part] for part in self.parts]
+        weight = float(left @ left) / sum(r.size / correlation_time(r) for r in each)
         away, precision = np.zeros(len(places)), np.eye(len(places)) / WIDE**2
         for n, place in enumerate(places):
             if place in self._stated:
@@ -264,11 +294,10 @@ class Equations:
         other = copy.copy(self)
 
         def found(n: int) -> float:
-            part, instants = fit.of(n), self.each[n].first_samples(actuator)
+            part, instants = fit.at(self.parts[n]), self.each[n].first_samples(actuator)
 
             def cost(instant: float) -> float:
-                left = self._left_of(n, actuator, {FIRST_SAMPLE: instant})
-                return part.projected([left], scaled=False)
+                return part.projected(self._left(actuator, instant, n), scaled=False)
 
             return found_first_sample(cost, instants) if instants else self.first_samples[n]
 
@@ -276,12 +305,39 @@ class Equations:
         return other.fitted(actuator, fit.places, fit)
 
 
+def found_first_sample(
+    cost: Callable[[float], float], instants: Sequence[Sequence[float]]
+) -> float:
+    """The instant at which the sampled loops of a drive sampled first in a recording.
+
+    A voltage between two samples stays as it is, so the current after a commutation depends on how
+    long before it the loop had sampled. The share of commutations on the wrong side of a sample,
+    and the cost, grow with the error of the instant, to both sides. The cost hardly depends on
+    which sample of the current is the first of the speed as well. So the first row is compared,
+    then the best column, then nearer instants, with steps that are halved. Rows are the same
+    instants (s) in one sample time after the other, evenly spaced.
+    """
+
+    def best_of(some: Sequence[float]) -> tuple[float, float]:
+        return min(zip(side_by_side(cost, some), some, strict=True))
+
+    _, share = best_of(instants[0])
+    column = instants[0].index(share)
+    least, best = best_of([row[column] for row in instants])
+    step = instants[0][1] - instants[0][0]
+    for _ in range(3):  # to a 64th of a sample time
+        step *= 0.5
+        least, best = min((least, best), best_of([best - step, best + step]))
+    return best
+
+
 def _changed_by(
-    beside: Sequence[Unknown], equation: Equation, actuator: ParameterSet
-) -> Scatter | None:
+    beside: Sequence[Unknown], equation: Equation, left: np.ndarray, actuator: ParameterSet
+) -> tuple[np.ndarray, np.ndarray]:
     """What load, sensors and timing of a recording may change in an equation, by their priors.
 
-    None where they change nothing that may pass for a form.
+    Directions (m, K) of length one, and the shares (m,) of residuals along them that whitening
+    takes off.
     """
     slopes = equation.changes(actuator)
     changes = [
@@ -289,11 +345,11 @@ def _changed_by(
         for one in beside
         if one.name in slopes and one.spread is not None
     ]
-    if not changes:
-        return None
-    left, noise = equation.left(actuator, {}), equation.least(actuator) * equation.size
-    independent = math.sqrt(left.size / correlation_time(left))
-    return Scatter.of(np.array(changes), noise / independent)
+    _, sizes, parts = np.linalg.svd(
+        np.reshape(changes, (len(changes), left.size)), full_matrices=False
+    )
+    noise = equation.least(actuator) * equation.size / math.sqrt(left.size / correlation_time(left))
+    return parts, 1.0 - 1.0 / np.sqrt(1.0 + (sizes / noise) ** 2)
 
 
 def with_values(actuator: ParameterSet, values: Values) -> ParameterSet:
@@ -321,10 +377,10 @@ def has_sign(actuator: ParameterSet, place: str) -> bool:
     return actuator.limits(place)[0] >= 0.0
 
 
-def _moved(actuator: ParameterSet, places: Sequence[str], step: np.ndarray) -> ParameterSet:
-    """The actuator with parameters moved by steps (d,), of logarithms where they have a sign."""
-    values = {}
-    for place, one in zip(places, step.tolist(), strict=True):
-        value = actuator.value(place)
-        values[place] = value * math.exp(one) if has_sign(actuator, place) else value + one
-    return actuator.changed(values)
+def _moved(actuator: ParameterSet, steps: Values) -> Values:
+    """Values of parameters moved by steps, of logarithms where they have a sign."""
+    return {
+        place: actuator.value(place) * math.exp(step) if has_sign(actuator, place)
+        else actuator.value(place) + step
+        for place, step in steps.items()
+    }  # fmt: skip

@@ -6,14 +6,14 @@ recordings nor the twin. An estimate travels as JSON.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any, Self
 
 import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.showing import markup
-from ematwin.showing.results import frame
+from ematwin.showing.results import frame, plain
 
 FORMAT = 1
 
@@ -115,27 +115,7 @@ class Estimate:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values; infinite ones are null."""
-        return {
-            "format": FORMAT,
-            "names": list(self.names),
-            "values": self.values.tolist(),
-            "covariance": [[x if math.isfinite(x) else None for x in row] for row in
-                           self.covariance.tolist()],
-            "units": dict(self.units),
-            "healthy": dict(self.healthy),
-            "ranges": dict(self.ranges),
-            "directions": dict(self.directions),
-            "held": dict(self.held),
-            "misfit": self.misfit,
-            "actuator": self.actuator,
-            "kind": self.kind,
-            "fingerprint": self.fingerprint,
-            "labels": dict(self.labels),
-            "source": self.source,
-            "when": self.when,
-            "statistics": dict(self.statistics),
-            "warnings": list(self.warnings),
-        }  # fmt: skip
+        return {"format": FORMAT, **plain(vars(self))}
 
     @classmethod
     def from_dict(cls, table: Mapping[str, Any]) -> Self:
@@ -153,22 +133,13 @@ class Estimate:
                     f"The estimate was written by a newer ematwin (format {written}, this one "
                     f"knows {FORMAT}). Update ematwin."
                 )
-            covariance = [[math.inf if x is None else x for x in r] for r in table["covariance"]]
-            rest = {
-                name: table[name]
-                for name in (
-                    "units", "healthy", "ranges", "directions", "held", "misfit", "actuator",
-                    "kind", "fingerprint", "labels", "source", "when", "statistics",
-                )
-            }  # fmt: skip
-            d = len(table["names"])
-            return cls(
-                tuple(table["names"]),
-                np.array(table["values"], dtype=float).reshape(d),
-                np.array(covariance, dtype=float).reshape(d, d),
-                warnings=tuple(table["warnings"]),
-                **rest,
-            )
+            known = {one.name: table[one.name] for one in fields(cls)}
+            covariance = [[math.inf if x is None else x for x in r] for r in known["covariance"]]
+            d = len(known["names"])
+            known["names"], known["warnings"] = tuple(known["names"]), tuple(known["warnings"])
+            known["values"] = np.array(known["values"], dtype=float).reshape(d)
+            known["covariance"] = np.array(covariance, dtype=float).reshape(d, d)
+            return cls(**known)
         except (KeyError, TypeError, ValueError) as error:
             if isinstance(error, InputError):
                 raise

@@ -6,7 +6,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from ematwin.estimation.estimate import Estimate
 from ematwin.estimation.intervals import Interval
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
-from ematwin.estimation.spike_and_slab import FaultSets
 from ematwin.estimation.verdict import INTERVAL, Verdict, judged, most_misfit
 from ematwin.models.base import Model
 from ematwin.models.channels_agree import LATEST
@@ -29,54 +28,45 @@ from ematwin.models.unknown import Unknown
 from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording
 from ematwin.showing.text import (
+    capital,
     in_unit,
     listed,
     number_of,
-    plain,
-    said,
     said_between,
     with_interval,
 )
 
 if TYPE_CHECKING:
-    from ematwin.estimation.identification import Identification
+    pass
 
-_DISTRUSTED = 0.33  # share of its weight with which evidence counts
-_FITS_EARLIER = 0.5  # of what is left of a channel, RMS, once a delay is taken off it
-_FITS = 0.3  # times the misfit in SI: other units are what was meant
-_SATURATED = 0.01  # share of the samples of a current
 _VAGUE = 0.05  # standard error, as a share of the range, above which a fault is not determined
 
 
 def verdict_on(
     model: Model,
     actuator: ParameterSet,
-    faults: Sequence[Unknown],
-    sets: FaultSets | None,
-    intervals: Mapping[str, Interval],
-    physical: Mapping[str, tuple[float, Interval]],
-    *,
-    calibrated: bool,
+    problem: Problem,
+    assessed: Assessment,
+    baseline: Baseline,
     obstacles: Sequence[str],
 ) -> Verdict:
-    """The verdict on a recording, or why there is none.
-
-    ``sets`` is None after an interruption, which is among the obstacles.
-    """
-    faults = [one for one in faults if one.direction_of is None]
-    anything = dict.fromkeys((one.name for one in faults), 1.0)
+    """The verdict on a recording, or why there is none; after an interruption there is not."""
+    sets = assessed.sets
+    if sets is None:
+        return Verdict.none(" ".join(obstacles))
+    faults = [one for one in problem.unknowns if one.role == "fault" and one.direction_of is None]
     return judged(
-        anything if sets is None else sets.probabilities,
-        1.0 if sets is None else sets.faulty,
-        anything if sets is None else sets.beyond(TELLING),
-        calibrated=calibrated,
+        sets.probabilities,
+        sets.faulty,
+        sets.beyond(TELLING),
+        calibrated=baseline.calibrated,
         reach={
-            one.name: max(abs(end - one.healthy) for end in vars(intervals[one.name]).values())
+            one.name: max(abs(end - one.healthy) for end in assessed.intervals[one.name])
             / one.width
             for one in faults
         },
-        found={one.name: size_of(one, actuator, *physical[one.name]) for one in faults},
-        ranges={one.name: range_of(one, actuator, *physical[one.name]) for one in faults},
+        found={one.name: size_of(one, actuator, *assessed.physical[one.name]) for one in faults},
+        ranges={one.name: range_of(one, actuator, *assessed.physical[one.name]) for one in faults},
         obstacles=obstacles,
         ambiguities={
             name: one.ambiguity
@@ -102,21 +92,17 @@ def obstacles_to(
         told.append("The search was interrupted; these values are the best found until then.")
     counts = recording.provenance.get("saturated_samples", {})
     for name, count in counts.items():
-        if count > _SATURATED * len(recording):
+        if count > 0.01 * len(recording):
             told.append(
                 f"{name} is saturated in {100.0 * count / len(recording):.0f} % of its samples. "
                 "Record it with a wider range."
             )
     missing = load is not None and load not in recording.channels
     if missing and load not in problem.held and baseline.has_load:
+        but = ", and the healthy ones had" if baseline.calibrated else "; it was taken as zero"
         told.append(
-            f"The recording has no {load}"
-            + (
-                ", and the healthy ones had. "
-                if baseline.calibrated
-                else "; it was taken as zero. "
-            )
-            + "Record it, or say what it was (load=0 if there was none)."
+            f"The recording has no {load}{but}. Record it, or say what it was (load=0 if there was "
+            "none)."
         )
     has_reference = problem.comparisons[0].has_reference
     limit = most_misfit(baseline.misfit, has_reference, assessed.scatter)
@@ -175,7 +161,7 @@ def late_channel(problem: Problem, values: Mapping[str, float]) -> list[str]:
             for lag in range(most + 1)
         ]
         lag = int(np.argmin(left))
-        if 0 < lag < most and left[lag] < _FITS_EARLIER * left[0]:
+        if 0 < lag < most and left[lag] < 0.5 * left[0]:  # RMS, the delay taken off
             tried.append((left[lag] / left[0], name, lag))
     if not tried:
         return []
@@ -222,10 +208,8 @@ def remarks_on(model: Model, actuator: ParameterSet, assessed: Assessment) -> li
     for name, (value, ends) in assessed.nuisances.items():
         one = model.unknown(actuator, name)
         number, between = said_between(value, ends.low, ends.high, one.unit)
-        found.append(
-            f"{one.meaning[:1].upper()}{one.meaning[1:]} is {number} "
-            f"({between}); that was taken into account."
-        )
+        meant = capital(one.meaning)
+        found.append(f"{meant} is {number} ({between}); that was taken into account.")
     faults = {one.name for one in model.faults(actuator) if one.direction_of is None}
     moved = [name for name in assessed.unsettled if name in faults]
     if moved:
@@ -236,19 +220,13 @@ def remarks_on(model: Model, actuator: ParameterSet, assessed: Assessment) -> li
     for other in assessed.others:
         answer = ", ".join(f"{name} {value:.2g}" for name, value in other.items())
         found.append(f"Another answer explains the recording nearly as well: {answer}.")
-    if assessed.trust < _DISTRUSTED:
+    if assessed.trust < 0.33:  # share of its weight with which evidence counts
         found.append(
             "The recorded voltages or the current of the supply differ from the twin "
             f"{1.0 / assessed.trust:.0f} times as much as they should, and count accordingly less. "
             "Check their units, their signs and the order of the phases."
         )
     return found
-
-
-def caveats_of(problem: Problem, verdict: Verdict) -> list[str]:
-    """What belongs to the faults that are named, each sentence once."""
-    said = (one.caveat for one in problem.unknowns if one.name in verdict.faults and one.caveat)
-    return list(dict.fromkeys(said))
 
 
 def doubts_of(
@@ -297,7 +275,7 @@ def _fitting_units(problem: Problem) -> list[str]:
             tried.append((other.relative_misfit(float(other.costs(point)[0])), units))
     stated = next((misfit for misfit, units in tried if not units), math.inf)
     best, units = min(tried, key=lambda each: each[0], default=(math.inf, {}))
-    if not units or best > 1.0 or best > _FITS * stated:
+    if not units or best > 1.0 or best > 0.3 * stated:  # SI may be what was meant
         return []
     said = listed([f'unit = "{unit}" for {name}' for name, unit in units.items()])
     return [
@@ -306,30 +284,3 @@ def _fitting_units(problem: Problem) -> list[str]:
         "is what they are, state it in the map or in the names of the file, as in "
         f"“{next(iter(units))} [{next(iter(units.values()))}]”."
     ]
-
-
-class FaultCells(NamedTuple):
-    """A fault as a row of a table; ``interval`` and ``k_interval`` are "held" without one."""
-
-    name: str
-    value: str  # with its unit
-    interval: str
-    healthy: str
-    k: str
-    k_interval: str
-    meaning: str
-
-
-def fault_cells(found: "Identification") -> list[FaultCells]:
-    """Values of an identification for people, with the digits that their intervals deserve."""
-    rows = []
-    for row in found.physical:
-        value, between = said(row.value, row.unit), "held"
-        if row.name in found.physical_values:
-            value, between = said_between(*found.physical_values[row.name], row.unit)
-        k, ends = plain(row.normalised, 4), "held"
-        if row.name in found.intervals:
-            k, ends = with_interval(row.normalised, *found.intervals[row.name])
-        healthy = number_of(row.healthy, row.unit)
-        rows.append(FaultCells(row.name, value, between, healthy, k, ends, row.meaning))
-    return rows

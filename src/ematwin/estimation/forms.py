@@ -22,9 +22,9 @@ import numpy as np
 
 from ematwin.errors import EmatwinError
 from ematwin.estimation.constants import DECIDES
-from ematwin.estimation.equation_fit import EquationFit
 from ematwin.estimation.equations import (
     WIDE,
+    EquationFit,
     Equations,
     coordinate,
     has_sign,
@@ -37,48 +37,31 @@ from ematwin.models.comparison import Comparison
 from ematwin.models.optional import Choices, Equation, Form, Values
 from ematwin.models.parameter_set import ParameterSet
 
-_MATTERS = 0.1  # share of what is left that a form has to explain
-_BEAM = 3  # choices of one form that are tried with those of the next
 SURE = 0.004  # least standard error: simulators of other make differ by so much of a parameter
 
 
 class Explained(NamedTuple):
-    """Forms of an equation that joined together, such as two loops that pass for one another.
+    """Forms of an equation that joined together, such as two loops that pass for one another."""
 
-    Attributes
-    ----------
-    equation : its name
-    forms : how many, the next ones of `FoundForms.found`
-    share : of the residual of that equation without forms, by which they lower it
-    """
-
-    equation: str
-    forms: int
-    share: float
+    equation: str  # its name
+    forms: int  # how many, the next ones of `FoundForms.found`
+    share: float  # of the residual of that equation without forms, by which they lower it
 
 
 @dataclass(frozen=True)
 class FoundForms:
-    """Forms that recordings show.
+    """Forms that recordings show."""
 
-    Attributes
-    ----------
-    actuator : template with their sections
-    found : the forms found, a phrase each
-    explained : how much of the residual they explain, in their order
-    absent : names of those that were tried and explain nothing
-    first_samples : first samples of the loops that were found, s, by number of the recording
-    before, after : share of the recordings' energy that the equations leave without and with them
-    values : of all that the equations hold, forms and parameters of the file, by place
-    """
-
-    actuator: ParameterSet
-    found: tuple[str, ...] = ()
-    explained: tuple[Explained, ...] = ()
-    absent: tuple[str, ...] = ()
+    actuator: ParameterSet  # template with their sections
+    found: tuple[str, ...] = ()  # a phrase on each
+    explained: tuple[Explained, ...] = ()  # how much of the residual they explain, in their order
+    absent: tuple[str, ...] = ()  # names of those that were tried and explain nothing
+    # share of the recordings' energy that the equations leave without and with them
     before: float = 0.0
     after: float = 0.0
+    # of all that the equations hold, forms and parameters of the file, by place
     values: Mapping[str, float] = field(default_factory=dict)
+    # of the loops that were found, s, by number of the recording
     first_samples: Mapping[int, float] = field(default_factory=dict)
 
     @property
@@ -111,9 +94,9 @@ def find_forms(
     beside = [one for one in model.unknowns(template) if one.marginal]
     for n, some in enumerate(by_name.values()):
         equations = Equations(result.actuator, list(some.values()), known, beside)
-        result, fit = _Selection(result, equations).run()
+        result, fit = _selected(result, equations)
         fits.append(fit)
-        known = _together(template, fits)
+        known = _all_fits(template, fits)
         if any(fit.equations.first_samples):
             first_samples |= zip(some, fit.equations.first_samples, strict=True)
         progress((n + 1) / len(by_name))
@@ -126,7 +109,7 @@ def find_forms(
     return replace(result, values=values, first_samples=first_samples)
 
 
-def _together(template: ParameterSet, fits: Sequence[EquationFit]) -> Prior:
+def _all_fits(template: ParameterSet, fits: Sequence[EquationFit]) -> Prior:
     """Combine the tolerances of a template with the fits of several equations."""
     places = list(dict.fromkeys(place for fit in fits for place in fit.places))
     known = stated_values(template)
@@ -148,160 +131,149 @@ def _together(template: ParameterSet, fits: Sequence[EquationFit]) -> Prior:
     return Prior(tuple(places), mean, covariance + SURE**2 * np.eye(len(places)))
 
 
-class _Selection:
-    """Forward selection of the forms of one equation, given for each recording."""
+def _selected(known: FoundForms, equations: Equations) -> tuple[FoundForms, EquationFit]:
+    """Forward selection of the forms of one equation: all forms so far, and its fit."""
+    first = equations.each[0]
+    stated = [form for form in first.forms if form.is_stated(known.actuator)]
+    wanted = dict.fromkeys((*first.fitted, *(p for form in stated for p in form.fitted)))
+    places = [
+        one
+        for one in wanted
+        if known.actuator.value(one) > 0.0 or not has_sign(known.actuator, one)
+    ]
+    fit = plain = equations.fitted(known.actuator, places)
+    rest = [form for form in first.forms if form not in stated]
+    found, absent, gains = list[Form](), list[Form](), list[Explained]()
 
-    def __init__(self, known: FoundForms, equations: Equations) -> None:
-        self._known, self._equations = known, equations
+    def gained(more: EquationFit, new: Sequence[Form]) -> None:
+        nonlocal fit, absent
+        gains.append(Explained(first.name, len(new), (fit.cost - more.cost) / plain.cost))
+        fit, absent = more, [form for form in absent if form not in new]
+        found.extend(new)
 
-    def run(self) -> tuple[FoundForms, EquationFit]:
-        """Add the forms of this equation; return the forms so far and its fit."""
-        known, first = self._known, self._equations.each[0]
-        stated = [form for form in first.forms if form.is_stated(known.actuator)]
-        wanted = dict.fromkeys((*first.fitted, *(p for form in stated for p in form.fitted)))
-        places = [
-            one
-            for one in wanted
-            if known.actuator.value(one) > 0.0 or not has_sign(known.actuator, one)
-        ]
-        fit = plain = self._equations.fitted(known.actuator, places)
-        rest = [form for form in first.forms if form not in stated]
-        found: list[Form] = []
-        gains: list[Explained] = []
-        absent: list[Form] = []
-        while rest and fit.cost > _least(fit):
-            more, new = self._with_more(fit, found, rest, len(rest))
-            if len(new) > 1:  # each has to explain something, and not another's part
-                alone, one = self._with_more(fit, found, rest, 1)
-                if one and not self._matters(more, alone):
-                    more, new = alone, one
-            if not new:
-                absent += rest
-                break
-            if found and self._matters(more, fit):  # or is it other choices of those found before?
-                fit = self._chosen(fit, found)
-            if self._matters(more, fit):
-                share = (fit.cost - more.cost) / plain.cost
-                gains.append(Explained(first.name, len(new), share))
-                fit = more
-                found += new
-                rest, absent = [*rest, *absent], []
-            else:
-                absent += new
-            rest = [form for form in rest if form not in new]
-        for choices in first.together if found else ():
-            if fit.cost <= _least(fit):
-                break
-            together = self._together(fit, choices)
-            if together.cost < fit.cost - DECIDES * fit.weight:
-                new = [form for form in absent if form.is_stated(together.actuator)]
-                share = (fit.cost - together.cost) / plain.cost
-                gains += [Explained(first.name, len(new), share)] if new else []
-                absent = [form for form in absent if form not in new]
-                found, fit = [*found, *new], together
-        if first.first_samples(fit.actuator) and not any(fit.equations.first_samples):
-            other = fit.equations.with_first_samples(fit, fit.actuator)
-            if other.cost < fit.cost - DECIDES * fit.weight:
-                fit = other
-        if any(fit.equations.first_samples):  # which other choices suit, now that these are known
-            fit = self._chosen(fit, found)
-        told = self._told(plain, fit, found, absent)
-        told = replace(told, explained=(*self._known.explained, *gains))
-        # what noise does not explain is a discrepancy, alike throughout
-        beyond = max(0.0, fit.cost - _least(fit))
-        return told, replace(fit, alike=fit.equations.alike(fit.actuator) + beyond)
-
-    def _with_more(
-        self, fit: EquationFit, found: Sequence[Form], rest: Sequence[Form], most: int
-    ) -> tuple[EquationFit, list[Form]]:
-        """The fit with the best start that adds at most so many forms, and these; or none."""
-        starts = [
-            (one, bool(form.fitted))
-            for form in rest
-            for one in form.starts(fit.actuator)
-            if _count(rest, one) <= most
-        ]
-        ranked = fit.equations.ranked(fit, starts)
-        if not ranked:
-            return fit, []
-        best = with_values(fit.actuator, ranked[0])
-        new = [form for form in rest if form.is_stated(best)]
-        places = dict.fromkeys((*fit.places, *(place for form in new for place in form.fitted)))
-        return self._chosen(fit.equations.fitted(best, [*places], fit), [*found, *new]), new
-
-    def _matters(self, more: EquationFit, fit: EquationFit) -> bool:
-        """Whether forms explain a share of the residual beyond noise, and held-back data better.
-
-        And more than the equation's own error, which may resemble a form.
-        """
-        noise = min(_least(more), more.cost)
-        if more.cost - noise >= (1.0 - _MATTERS) * (fit.cost - noise) or not more.beats(fit):
-            return False
-        own = more.equations.alike(more.actuator)
-        return fit.cost - more.cost > DECIDES * (more.weight + own)
-
-    def _chosen(self, fit: EquationFit, forms: Sequence[Form]) -> EquationFit:
-        """The fit with the alternatives chosen from lists, form by form."""
-        for form in forms:
-            starts = [(one, False) for one in form.alternatives(fit.actuator)]
-            for values in fit.equations.ranked(fit, starts)[:1]:
-                other = fit.equations.fitted(with_values(fit.actuator, values), fit.places, fit)
-                fit = min(fit, other, key=lambda one: one.cost)
-        return fit
-
-    def _together(self, fit: EquationFit, choices: Choices) -> EquationFit:
-        """What several forms hold, chosen together by beam search, with the first samples.
-
-        The recording with the largest trace chooses.
-        """
-        main = int(np.argmax([one.size for one in fit.equations.each]))
-        kept: list[Values] = [{}]
-        for some in choices:
-            beside = [(one, with_values(fit.actuator, one)) for one in kept]
-            starts = [{**one, **more} for one, actuator in beside for more in some(actuator)]
-            each = {tuple(sorted(one.items())): (one, False) for one in starts}
-            kept = fit.equations.ranked(fit, list(each.values()), main)[:_BEAM] or kept
-        actuators = [with_values(fit.actuator, one) for one in kept]
-        ends = [fit.equations.with_first_samples(fit, one) for one in actuators]
-        return min(ends, key=lambda end: end.cost)
-
-    def _told(
-        self, plain: EquationFit, fit: EquationFit, found: Sequence[Form], absent: Sequence[Form]
-    ) -> FoundForms:
-        """The result, with the sections of the forms found in the actuator."""
-        known = self._known
-        every = (*known.absent, *(form.name for form in absent))
-        if not found:
-            return replace(known, absent=every)
-        # of a section that the file has, only what belongs to a form: the rest keeps its tolerance
-        own = {place for form in found for place in (*form.places, *form.fitted)}
-        sections = {place.partition(".")[0] for form in found for place in form.places}
-        values = {
-            place: value
-            for place, value, *_ in fit.actuator.parameters()
-            if place.partition(".")[0] in sections
-            and (place in own or known.actuator.parameter(place) is None)
-        }
-        try:
-            actuator = known.actuator.changed(values)
-        except EmatwinError:  # unstable with the file's gains, and not with those fitted beside
-            fitted = {place: fit.actuator.value(place) for place in fit.places}
-            actuator = known.actuator.changed({**values, **fitted})
-        return replace(
-            known,
-            actuator=actuator,
+    while rest and fit.cost > _least(fit):
+        more, new = _with_more(fit, found, rest, len(rest))
+        if len(new) > 1:  # each has to explain something, and not another's part
+            alone, one = _with_more(fit, found, rest, 1)
+            if one and not _matters(more, alone):
+                more, new = alone, one
+        if not new:
+            absent += rest
+            break
+        if found and _matters(more, fit):  # or is it other choices of those found before?
+            fit = _chosen(fit, found)
+        rest = [form for form in rest if form not in new]
+        if _matters(more, fit):
+            gained(more, new)
+            rest, absent = [*rest, *absent], []
+        else:
+            absent += new
+    for choices in first.together if found else ():
+        if fit.cost <= _least(fit):
+            break
+        together = _together(fit, choices)
+        if together.cost < fit.cost - DECIDES * fit.weight:
+            if new := [form for form in absent if form.is_stated(together.actuator)]:
+                gained(together, new)
+            fit = together
+    if first.first_samples(fit.actuator) and not any(fit.equations.first_samples):
+        other = fit.equations.with_first_samples(fit, fit.actuator)
+        if other.cost < fit.cost - DECIDES * fit.weight:
+            fit = other
+    if any(fit.equations.first_samples):  # which other choices suit, now that these are known
+        fit = _chosen(fit, found)
+    told = replace(known, absent=(*known.absent, *(form.name for form in absent)))
+    if found:
+        told = replace(
+            told,
+            actuator=_with_sections(known.actuator, fit, found),
             found=(*known.found, *(form.said(fit.actuator) for form in found)),
-            absent=every,
+            explained=(*known.explained, *gains),
             before=known.before + plain.cost,
             after=known.after + fit.cost,
         )
+    # what noise does not explain is a discrepancy, alike throughout
+    beyond = max(0.0, fit.cost - _least(fit))
+    return told, replace(fit, alike=fit.equations.alike(fit.actuator) + beyond)
+
+
+def _with_more(
+    fit: EquationFit, found: Sequence[Form], rest: Sequence[Form], most: int
+) -> tuple[EquationFit, list[Form]]:
+    """The fit with the best start that adds at most so many forms, and these; or none."""
+    starts = [
+        (one, bool(form.fitted))
+        for form in rest
+        for one in form.starts(fit.actuator)
+        if sum(any(place in one for place in other.places) for other in rest) <= most
+    ]
+    ranked = fit.equations.ranked(fit, starts)
+    if not ranked:
+        return fit, []
+    best = with_values(fit.actuator, ranked[0])
+    new = [form for form in rest if form.is_stated(best)]
+    places = dict.fromkeys((*fit.places, *(place for form in new for place in form.fitted)))
+    return _chosen(fit.equations.fitted(best, [*places], fit), [*found, *new]), new
+
+
+def _matters(more: EquationFit, fit: EquationFit) -> bool:
+    """Whether forms explain a tenth of the residual beyond noise, and held-back data better.
+
+    And more than the equation's own error, which may resemble a form.
+    """
+    noise = min(_least(more), more.cost)
+    if more.cost - noise >= 0.9 * (fit.cost - noise) or not more.beats(fit):
+        return False
+    own = more.equations.alike(more.actuator)
+    return fit.cost - more.cost > DECIDES * (more.weight + own)
+
+
+def _chosen(fit: EquationFit, forms: Sequence[Form]) -> EquationFit:
+    """The fit with the alternatives chosen from lists, form by form."""
+    for form in forms:
+        starts = [(one, False) for one in form.alternatives(fit.actuator)]
+        for values in fit.equations.ranked(fit, starts)[:1]:
+            other = fit.equations.fitted(with_values(fit.actuator, values), fit.places, fit)
+            fit = min(fit, other, key=lambda one: one.cost)
+    return fit
+
+
+def _together(fit: EquationFit, choices: Choices) -> EquationFit:
+    """What several forms hold, chosen together by beam search, with the first samples.
+
+    The recording with the largest trace chooses.
+    """
+    main = int(np.argmax([one.size for one in fit.equations.each]))
+    kept: list[Values] = [{}]
+    for some in choices:
+        beside = [(one, with_values(fit.actuator, one)) for one in kept]
+        starts = [{**one, **more} for one, actuator in beside for more in some(actuator)]
+        each = {tuple(sorted(one.items())): (one, False) for one in starts}
+        kept = fit.equations.ranked(fit, list(each.values()), main)[:3] or kept
+    actuators = [with_values(fit.actuator, one) for one in kept]
+    ends = [fit.equations.with_first_samples(fit, one) for one in actuators]
+    return min(ends, key=lambda end: end.cost)
+
+
+def _with_sections(known: ParameterSet, fit: EquationFit, found: Sequence[Form]) -> ParameterSet:
+    """The actuator with the sections of the forms found, as they were fitted.
+
+    Of a section that the file has, only what belongs to a form: the rest keeps its tolerance.
+    """
+    own = {place for form in found for place in (*form.places, *form.fitted)}
+    sections = {place.partition(".")[0] for form in found for place in form.places}
+    values = {
+        place: value
+        for place, value, *_ in fit.actuator.parameters()
+        if place.partition(".")[0] in sections and (place in own or known.parameter(place) is None)
+    }
+    try:
+        return known.changed(values)
+    except EmatwinError:  # unstable with the file's gains, and not with those fitted beside
+        fitted = {place: fit.actuator.value(place) for place in fit.places}
+        return known.changed({**values, **fitted})
 
 
 def _least(fit: EquationFit) -> float:
     """Energy that noise and the errors of its equations leave."""
     return fit.equations.least(fit.actuator)
-
-
-def _count(forms: Sequence[Form], values: Values) -> int:
-    """How many of the forms a start sets."""
-    return sum(any(place in values for place in form.places) for form in forms)

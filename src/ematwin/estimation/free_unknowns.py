@@ -13,14 +13,12 @@ def unknowns_of(
     model: Model, actuator: Any, only: Iterable[str] | None, held: Any
 ) -> tuple[list[Unknown], dict[str, float]]:
     """Free unknowns, and values of those that are held."""
-    places: dict[str, float] = {}
-    given = held
-    if isinstance(held, Mapping):
-        places = {name: float(value) for name, value in held.items() if "." in name}
-        given = {name: value for name, value in held.items() if "." not in name}
-        for place, value in places.items():
-            model.unknown(actuator, place).check(value)
-    values = model.values_of(actuator, given)
+    given = held if isinstance(held, Mapping) else {}
+    places = {name: float(value) for name, value in given.items() if "." in name}
+    for place, value in places.items():
+        model.unknown(actuator, place).check(value)
+    others = {name: value for name, value in given.items() if name not in places}
+    values = model.values_of(actuator, others if places else held)
     every = [one for one in model.unknowns(actuator) if one.role in ("fault", "nuisance")]
     own = [one for one in every if not one.marginal]
     if only is None:
@@ -42,8 +40,7 @@ def unknowns_of(
     left_out = {one.name for one in free}
     left_out |= {one.name for one in model.unknowns(actuator) if one.role == "symptom"}
     # held at healthy by nobody's wish: these join where intervals are formed
-    asked = set(held) if isinstance(held, Mapping) else set()
-    left_out |= {one.name for one in every if one.marginal and one.name not in asked}
+    left_out |= {one.name for one in every if one.marginal and one.name not in given}
     fixed = {**values, **places}
     return free, {name: value for name, value in fixed.items() if name not in left_out}
 

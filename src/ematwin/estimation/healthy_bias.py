@@ -29,7 +29,6 @@ from ematwin.models.unknown import Unknown
 from ematwin.numerics.side_by_side import side_by_side
 from ematwin.numerics.signals import spread_of
 
-_LEAST_ODD = 0.05  # share of a range by which a healthy recording may differ from the others
 _ODD = 6.0  # standard deviations
 
 
@@ -47,28 +46,30 @@ def healthy_bias(
     Laird 1986, Control. Clin. Trials 7, 177-188). The other is estimated with the faults alone
     free and all else as learnt: there the faults absorb the whole error of the twin.
 
-    Parameters
-    ----------
-    model, actuator : as learnt
-    baseline : prior knowledge of it, without this
-    comparisons : the healthy recordings
-    beside : load and sensors of each, by name, as learnt
-
-    Raises
-    ------
-    RecordError
-        If one of them is unlike the others.
+    ``baseline`` is without this; ``beside`` are load and sensors of each recording, as learnt.
+    `RecordError` if one of them is unlike the others.
     """
     faults = [one for one in model.faults(actuator) if one.direction_of is None]
     # recordings of one occasion: nothing has drifted since
     now = replace(baseline, recordings=0)
     compared = [model.compare(one.recording, actuator) for one in comparisons]
-    found = side_by_side(lambda one: _judged(model, actuator, now, one), compared)
+
+    def judged(one: Comparison, search: Search | None = None) -> _Judged:
+        """The faults of a recording, all else free as it is known."""
+        problem = as_searched(Problem([one], lowered(model.faults(actuator))))
+        end = find(problem, search or usual_search(model, actuator, problem))
+        seen = assess(model, actuator, problem, end, now)
+        chosen = [n for n, one in enumerate(problem.unknowns) if one.direction_of is None]
+        values = np.array([seen.values[problem.names[n]] for n in chosen])
+        told = seen.joint is not None and seen.joint.peaks[0].problem.is_told
+        return _Judged(values, np.sqrt(np.diag(seen.covariance))[chosen], seen.cost, told)
+
+    found = side_by_side(judged, compared)
     settled, left = list(found), set(range(len(found)))
     while odd := _odd(faults, settled):
         n, said = odd
         # a search may end beside a healthy minimum that explains the recording as well
-        near = _judged(model, actuator, now, compared[n], LocalDescent()) if n in left else None
+        near = judged(compared[n], LocalDescent()) if n in left else None
         if near is None or near.cost > AS_GOOD**2 * found[n].cost:
             raise RecordError(f"{name_of(comparisons, n)} {said}")
         settled[n] = near
@@ -94,32 +95,12 @@ def _descended_to(
 
 
 class _Judged(NamedTuple):
-    """Faults (d,) of a recording, without directions, and their standard errors.
+    """Faults of a recording, without directions."""
 
-    ``cost`` is of the data; ``is_told`` as of `Problem`.
-    """
-
-    values: np.ndarray
-    errors: np.ndarray
-    cost: float
-    is_told: bool
-
-
-def _judged(
-    model: Model,
-    actuator: ParameterSet,
-    baseline: Baseline,
-    compared: Comparison,
-    search: Search | None = None,
-) -> _Judged:
-    """The faults of a recording, all else free as it is known."""
-    problem = as_searched(Problem([compared], lowered(model.faults(actuator))))
-    end = find(problem, search or usual_search(model, actuator, problem))
-    seen = assess(model, actuator, problem, end, baseline)
-    values = np.array([seen.values[name] for name in problem.names])
-    chosen = [n for n, one in enumerate(problem.unknowns) if one.direction_of is None]
-    told = seen.joint is not None and seen.joint.peaks[0].problem.is_told
-    return _Judged(values[chosen], np.sqrt(np.diag(seen.covariance))[chosen], seen.cost, told)
+    values: np.ndarray  # (d,)
+    errors: np.ndarray  # (d,), standard
+    cost: float  # of the data
+    is_told: bool  # as of `Problem`
 
 
 def _odd(faults: Sequence[Unknown], found: Sequence[_Judged]) -> tuple[int, str] | None:
@@ -133,7 +114,7 @@ def _odd(faults: Sequence[Unknown], found: Sequence[_Judged]) -> tuple[int, str]
     width = np.array([one.width + one.slack for one in faults])
     away = np.abs(values - np.median(values, axis=0)) / width
     scatter = np.hypot(spread_of(away, axis=0), errors / width)
-    usual = np.maximum(scatter, _LEAST_ODD / _ODD)
+    usual = np.maximum(scatter, 0.05 / _ODD)  # so much of a range is never odd
     n, k = (int(x) for x in np.unravel_index(np.argmax(away / usual), away.shape))
     if away[n, k] <= _ODD * usual[n, k]:
         return None

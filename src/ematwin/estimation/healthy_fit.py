@@ -9,6 +9,7 @@ recordings are fitted together, with sensors and load of each.
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -27,7 +28,7 @@ from ematwin.estimation.local import LocalDescent
 from ematwin.estimation.multistart import MultistartDescent
 from ematwin.estimation.noise import noise_at
 from ematwin.estimation.problem import Problem
-from ematwin.estimation.search import find
+from ematwin.estimation.search import Tally, find
 from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
@@ -37,11 +38,7 @@ from ematwin.recordings.recording import Recording
 Progress = Callable[[float], None]
 
 _SEARCHES = 8  # at most: of one actuator in sixty six of them end in the same wrong valley
-_EQUALLY_DEEP = 1.1  # ratio of misfits
 _TRIED = 2  # ends of searches from which all recordings are fitted together
-_WITHOUT = 0.5  # times the misfit with it that recordings leave without an odd one
-_COMMANDS = 2  # different ones that the search looks at
-_LOAD_GAIN = 0.01  # while calibrating the load is taken as a load cell states it
 
 
 def healthy_nuisances(
@@ -50,7 +47,7 @@ def healthy_nuisances(
     """Load and sensors that matter to healthy recordings; the load as a load cell states it."""
     unknowns = model.unknowns(actuator)
     found = [
-        replace(one, spread=_LOAD_GAIN) if one.name == "load_gain" else one
+        replace(one, spread=0.01) if one.name == "load_gain" else one
         for one in effective(unknowns, comparisons)
     ]
     if frees_parameters(model):
@@ -63,14 +60,11 @@ def expected_misfit(comparisons: Sequence[Comparison], command: str) -> float:
     """The relative misfit that noise and the twin's known error leave; noise from repeats."""
     known = comparisons[0].expected_misfit
     shares = []
-    for n, one in enumerate(comparisons):
-        for other in comparisons[n + 1 :]:
-            if one.whitened or not same_command(one.recording, other.recording, command):
-                continue
+    for one, other in combinations(comparisons, 2):
+        if not one.whitened and same_command(one.recording, other.recording, command):
             mine, theirs = one.measured(), other.measured()
             gap = sum(float(np.sum((mine[k] - theirs[k]) ** 2)) for k in mine)
-            size = sum(float(np.sum(mine[k] ** 2)) for k in mine)
-            shares.append(0.5 * gap / size)
+            shares.append(0.5 * gap / sum(float(np.sum(mine[k] ** 2)) for k in mine))
     # the two that are most alike: one may be faulty
     noise = min(shares, default=0.0)
     return max(known, float(np.sqrt(noise)))
@@ -85,20 +79,12 @@ def same_command(a: Recording, b: Recording, command: str) -> bool:
 
 
 class Fitted(NamedTuple):
-    """The minimum of all recordings together.
-
-    Attributes
-    ----------
-    end : Corrected
-    misfit : float, relative, of all recordings
-    alone : float, misfit of the recordings searched
-    scatter : float, of the reference from one candidate to the next (`reference_scatter`)
-    """
+    """The minimum of all recordings together."""
 
     end: Corrected
-    misfit: float
-    alone: float
-    scatter: float
+    misfit: float  # relative, of all recordings
+    alone: float  # of the recordings searched
+    scatter: float  # of the reference from one candidate to the next (`reference_scatter`)
 
     @property
     def values(self) -> dict[str, float]:
@@ -184,7 +170,11 @@ class HealthyFit:
         nearer = corrected_at(problem, problem.start)
         if nearer is None:
             return None
-        peak = laplace(nearer, problem.start, Descent(self._aliases, settled=np.inf))
+        peak = laplace(
+            nearer,
+            problem.start,
+            Descent(self._aliases, settled=np.inf),
+        )
         left = nearer.relative_misfit(peak.cost)
         return (peak.point, left) if left < AS_GOOD * nearer.expected_misfit else None
 
@@ -201,14 +191,11 @@ class HealthyFit:
         for n, (cost, z) in enumerate(ends[:_TRIED]):
             point = sought.chart.to_values(z[None])[0]
             start = dict(zip(sought.names, point.tolist(), strict=True))
-            first = [
-                start.get(name.partition("@")[0], value)
-                for name, value in zip(problem.names, problem.start, strict=True)
-            ]
+            pairs = zip(problem.names, problem.start, strict=True)
+            first = np.array([start.get(name.partition("@")[0], value) for name, value in pairs])
             # what a search has found fits as it is: smoothed currents hardly tell an inductance
-            settled = AS_GOOD * sought.relative_misfit(cost)
-            nearer = corrected_at(problem, np.array(first)) or problem
-            peak = laplace(nearer, np.array(first), Descent(self._aliases, settled=settled))
+            near = Descent(self._aliases, settled=AS_GOOD * sought.relative_misfit(cost))
+            peak = laplace(corrected_at(problem, first) or problem, first, near)
             tell(0.6 + 0.2 * (n + 1) / _TRIED)
             if best is None or peak.cost < best.cost:
                 best = peak
@@ -225,17 +212,17 @@ class HealthyFit:
         chosen: list[Comparison] = []
         for one in comparisons:
             known = (same_command(one.recording, c.recording, command) for c in chosen)
-            if len(chosen) < _COMMANDS and not any(known):
+            if len(chosen) < 2 and not any(known):  # different commands
                 chosen.append(one)
         problem = Problem(chosen, [*(searched_range(one) for one in self.nominals), *clocks])
         problem = as_searched(problem)
-        search = MultistartDescent(problem, budget=20_000, seed=1)  # it takes 1,300
+        search = MultistartDescent(Tally(problem, 20_000))  # it takes 1,300
         ends: list[tuple[float, np.ndarray]] = []
         for n, end in enumerate(search.searches(_SEARCHES)):
             ends.append(end)
             tell(0.6 * (n + 1) / _SEARCHES)
             ends.sort(key=lambda one: one[0])
-            agree = len(ends) > 1 and ends[1][0] < _EQUALLY_DEEP**2 * ends[0][0]
+            agree = len(ends) > 1 and ends[1][0] < 1.1**2 * ends[0][0]
             # a floor is known where a recording was repeated
             low = problem.relative_misfit(ends[0][0]) < AS_GOOD * self.floor
             if agree and (low or len(comparisons) == 1):
@@ -250,7 +237,7 @@ def refuse_odd(fit: HealthyFit, comparisons: Sequence[Comparison], misfit: float
         others = [one for k, one in enumerate(comparisons) if k != n]
         left.append(fit.run(others).misfit)
     best = int(np.argmin(left))
-    if left[best] > _WITHOUT * misfit:
+    if left[best] > 0.5 * misfit:
         return  # no better without any of them: the twin lacks something
     if len(comparisons) == 2:
         raise RecordError(

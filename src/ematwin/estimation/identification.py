@@ -1,14 +1,15 @@
 """What an identification gives: a verdict, and values with their intervals."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ematwin.estimation.estimate import Estimate
-from ematwin.estimation.findings import fault_cells
+from ematwin.estimation.uncertainty import Uncertainty
 from ematwin.estimation.verdict import Verdict
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
@@ -16,11 +17,8 @@ from ematwin.models.registry import model_of
 from ematwin.models.unknown import PhysicalValue
 from ematwin.recordings.recording import Recording
 from ematwin.showing import markup
-from ematwin.showing.results import drawn, frame_of_rows, page_written
-from ematwin.showing.text import counted
-
-if TYPE_CHECKING:
-    from ematwin.estimation.uncertainty import Uncertainty
+from ematwin.showing.results import drawn, frame, page_written, plain
+from ematwin.showing.text import counted, number_of, said, said_between, with_interval
 
 
 @dataclass(frozen=True)
@@ -76,13 +74,13 @@ class Identification:
     provenance: dict[str, Any] = field(default_factory=dict)
     intervals: dict[str, tuple[float, float]] = field(default_factory=dict)
     physical_values: dict[str, tuple[float, float, float]] = field(default_factory=dict)
-    contrasts: dict[str, tuple[float, tuple[float, float]]] = field(default_factory=dict)
-    nuisances: dict[str, tuple[float, tuple[float, float]]] = field(default_factory=dict)
+    contrasts: Mapping[str, tuple[float, tuple[float, float]]] = field(default_factory=dict)
+    nuisances: Mapping[str, tuple[float, tuple[float, float]]] = field(default_factory=dict)
     others: tuple[dict[str, float], ...] = ()
     fitted: dict[str, float] = field(default_factory=dict)
     calibrated: bool = False
     recording: Recording | None = field(default=None, repr=False, compare=False)
-    uncertainty: "Uncertainty | None" = None
+    uncertainty: Uncertainty | None = None
     reference_runs: int = 0
     probabilities: dict[str, float] = field(default_factory=dict)
 
@@ -132,90 +130,60 @@ class Identification:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, as ``ematwin identify --json`` prints them."""
-        return {
-            "verdict": self.verdict.as_dict(),
-            "intervals": {name: list(ends) for name, ends in self.intervals.items()},
+        return plain({
+            "verdict": self.verdict,
+            "intervals": self.intervals,
             "calibrated": self.calibrated,
             "faults": self.values,
-            "standard_error": {
-                name: value if math.isfinite(value) else None
-                for name, value in self.standard_error.items()
-            },
+            "standard_error": self.standard_error,
             "probability": self.probabilities,
             "physical": {
                 row.name: {
-                    "value": row.value,
-                    "healthy": row.healthy,
-                    "unit": row.unit,
-                    **self._physical_ends(row.name),
+                    "value": row.value, "healthy": row.healthy, "unit": row.unit,
+                    **dict(zip(("low", "high"), self._physical_ends(row.name), strict=False)),
                 }
                 for row in self.physical
             },
-            "contrasts": {
-                name: {"value": value, "low": low, "high": high}
-                for name, (value, (low, high)) in self.contrasts.items()
+            "contrasts": _spans(self.contrasts),
+            "nuisances": _spans(self.nuisances),
+            "other_answers": self.others,
+            "present": self.present,
+            **{
+                name: getattr(self, name)
+                for name in (
+                    "cost", "relative_misfit", "evaluations", "reference_runs", "seconds",
+                    "algorithm", "seed", "stopped", "searched", "warnings", "assumed",
+                )
             },
-            "nuisances": {
-                name: {"value": value, "low": low, "high": high}
-                for name, (value, (low, high)) in self.nuisances.items()
-            },
-            "other_answers": list(self.others),
-            "present": list(self.present),
-            "cost": self.cost,
-            "relative_misfit": self.relative_misfit,
-            "evaluations": self.evaluations,
-            "reference_runs": self.reference_runs,
-            "seconds": self.seconds,
-            "algorithm": self.algorithm,
-            "seed": self.seed,
-            "stopped": self.stopped,
-            "searched": list(self.searched),
-            "warnings": self.warnings,
-            "assumed": self.assumed,
             "actuator": self.actuator.name,
             "kind": self.estimate.kind,
             "estimate": self.estimate.as_dict(),
             "provenance": self.provenance,
             "uncertainty": None if self.uncertainty is None else self.uncertainty.as_dict(),
-        }
+        })  # fmt: skip
 
-    def _physical_ends(self, name: str) -> dict[str, float]:
-        if name not in self.physical_values:
-            return {}
-        _, low, high = self.physical_values[name]
-        return {"low": low, "high": high}
+    def _physical_ends(self, name: str) -> tuple[float, ...]:
+        """Low and high end; none where there is no interval."""
+        return self.physical_values.get(name, ())[1:]
 
     def to_frame(self) -> Any:
         """A pandas DataFrame with a row for each fault, by name; needs pandas."""
-        return frame_of_rows(
-            (
-                {
-                    "fault": row.name,
-                    "value": row.value,
-                    "low": self._physical_ends(row.name).get("low", math.nan),
-                    "high": self._physical_ends(row.name).get("high", math.nan),
-                    "healthy": row.healthy,
-                    "unit": row.unit,
-                    "k": row.normalised,
-                    "k_low": self.intervals.get(row.name, (math.nan,) * 2)[0],
-                    "k_high": self.intervals.get(row.name, (math.nan,) * 2)[1],
-                    "present": row.name in self.present,
-                    "meaning": row.meaning,
-                }
-                for row in self.physical
-            ),
-            "fault",
-        )
+        rows = []
+        for row in self.physical:
+            low, high = self._physical_ends(row.name) or (math.nan, math.nan)
+            k_low, k_high = self.intervals.get(row.name, (math.nan, math.nan))
+            rows.append({
+                "fault": row.name, "value": row.value, "low": low, "high": high,
+                "healthy": row.healthy, "unit": row.unit, "k": row.normalised, "k_low": k_low,
+                "k_high": k_high, "present": row.name in self.present, "meaning": row.meaning,
+            })  # fmt: skip
+        return frame(rows, "fault")
 
     to_dataframe = to_frame
 
     def plot(self, kind: str = "faults") -> Any:
         """A figure of plotly: "faults" (deviations from healthy), "fit" or "convergence"."""
-        return drawn(
-            self,
-            kind,
-            {"faults": "plot_faults", "fit": "plot_fit", "convergence": "plot_convergence"},
-        )
+        return drawn(self, kind, {one: f"plot_{one}" for one in ("faults", "fit", "convergence")})
 
     def report(self, path: str | Path) -> None:
         """Write its page (.html), which holds all that it shows."""
@@ -228,18 +196,18 @@ class Identification:
             for row in fault_cells(self)
         ]
         marked = [n for n, row in enumerate(self.physical) if row.name in self.present]
-        return "".join(
-            [
-                markup.verdict(self.verdict.sentence, self.verdict.grade),
-                markup.table(("fault", "value", "95 %", "healthy", "meaning"), rows, marked),
-                markup.note(
-                    f"{self.actuator.name}, misfit {100.0 * self.relative_misfit:.2f} %, "
-                    f"{self.effort}"
-                ),
-                *(markup.note(f"Assumed: {sentence}") for sentence in self.assumed),
-                *(markup.note(f"Warning: {warning}") for warning in self.warnings),
-            ]
-        )
+        misfit = f"misfit {100.0 * self.relative_misfit:.2f} %"
+        return "".join([
+            markup.verdict(self.verdict.sentence, self.verdict.grade),
+            markup.table(("fault", "value", "95 %", "healthy", "meaning"), rows, marked),
+            markup.note(f"{self.actuator.name}, {misfit}, {self.effort}"),
+            *(markup.note(sentence) for sentence in self._notes),
+        ])  # fmt: skip
+
+    @property
+    def _notes(self) -> list[str]:
+        assumed = [f"Assumed: {sentence}" for sentence in self.assumed]
+        return [*assumed, *(f"Warning: {warning}" for warning in self.warnings)]
 
     @property
     def effort(self) -> str:
@@ -257,8 +225,41 @@ class Identification:
         lines.append(
             f"misfit {100.0 * self.relative_misfit:.2f} %, {self.effort}; stopped: {self.stopped}"
         )
-        lines += [f"Assumed: {sentence}" for sentence in self.assumed]
-        lines += [f"Warning: {warning}" for warning in self.warnings]
+        lines += self._notes
         if self.uncertainty is not None:
             lines += ["", str(self.uncertainty)]
         return "\n".join(lines)
+
+
+def _spans(found: Mapping[str, tuple[float, tuple[float, float]]]) -> dict[str, dict[str, float]]:
+    return {
+        name: {"value": value, "low": low, "high": high}
+        for name, (value, (low, high)) in found.items()
+    }
+
+
+class FaultCells(NamedTuple):
+    """A fault as a row of a table; ``interval`` and ``k_interval`` are "held" without one."""
+
+    name: str
+    value: str  # with its unit
+    interval: str
+    healthy: str
+    k: str
+    k_interval: str
+    meaning: str
+
+
+def fault_cells(found: Identification) -> list[FaultCells]:
+    """Values of an identification for people, with the digits that their intervals deserve."""
+    rows = []
+    for row in found.physical:
+        value, between = said(row.value, row.unit), "held"
+        if row.name in found.physical_values:
+            value, between = said_between(*found.physical_values[row.name], row.unit)
+        k, ends = number_of(row.normalised, ""), "held"
+        if row.name in found.intervals:
+            k, ends = with_interval(row.normalised, *found.intervals[row.name])
+        healthy = number_of(row.healthy, row.unit)
+        rows.append(FaultCells(row.name, value, between, healthy, k, ends, row.meaning))
+    return rows

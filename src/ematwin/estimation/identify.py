@@ -1,113 +1,92 @@
 """From one recording to the faults, by the values with which the twin answers as it does."""
 
 import time
-from collections.abc import Iterable, Mapping
-from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.estimation.along_motion import NO_SEARCH, usual_search
-from ematwin.estimation.assess import assess, unassessed
+from ematwin.estimation.assess import Assessment, assess, unassessed
 from ematwin.estimation.baseline import Baseline
 from ematwin.estimation.corrected_problem import as_searched
 from ematwin.estimation.estimate import Estimate
 from ematwin.estimation.findings import (
-    caveats_of,
     doubts_of,
     obstacles_to,
     remarks_on,
     verdict_on,
 )
 from ematwin.estimation.identification import Identification
-from ematwin.estimation.initial_angle import estimate_initial_angle
-from ematwin.estimation.intervals import Interval
 from ematwin.estimation.local import LocalDescent
 from ematwin.estimation.multistart import Multistart, good_fit
 from ematwin.estimation.problem import Problem
-from ematwin.estimation.rivals import Rival, hints, objections, qualified, rivals_of
+from ematwin.estimation.rivals import rivals_of, weighed
 from ematwin.estimation.search import Found, Progress, Search, find, named
+from ematwin.estimation.thresholds import thresholds_of
+from ematwin.estimation.uncertainty import Method, Question, Uncertainty
+from ematwin.estimation.uncertainty import named as way_of
 from ematwin.estimation.verdict import Verdict
 from ematwin.models.base import Model
 from ematwin.models.channels_agree import checked
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import model_of
-from ematwin.optimizers.base import ITERATIONS, POPULATION, Optimizer
 from ematwin.recordings.read import assumptions
 from ematwin.recordings.recording import Recording
 from ematwin.showing.bars import told
-
-if TYPE_CHECKING:
-    from ematwin.estimation.thresholds import Threshold
-    from ematwin.estimation.uncertainty import Method
 
 
 def identified(
     ready: "Prepared",
     actuator: ParameterSet,
     baseline: Baseline,
-    algorithm: str | Search | Optimizer | Any | None = None,
+    search: Search | None = None,
     *,
     budget: int | None = None,
-    population: int = POPULATION,
-    iterations: int = ITERATIONS,
     seed: int = 1,
     only: Iterable[str] | None = None,
     held: Mapping[str, float] | Any | None = None,
-    checkpoint: str | Path | None = None,
     progress: Progress | bool | None = None,
     threads: int | None = None,
-    uncertainty: "str | Method | None" = None,
+    uncertainty: str | Method | None = None,
     thresholds: Mapping[str, float | str] | None = None,
 ) -> Identification:
     """The values with which the twin answers as a prepared recording.
 
-    Other parameters are as in `ematwin.identify`.
+    ``search`` is the usual one if not given; other parameters are as in `ematwin.identify`.
     """
     model, recording = model_of(actuator), ready.recording
-    if compares_sets(model, algorithm, budget, uncertainty, thresholds):
+    if compares_sets(model, search, budget, uncertainty, thresholds):
         from ematwin.estimation.mixed_effects import identified_by_sets
 
         return identified_by_sets([ready], actuator, baseline, only=only, held=held)
-    warnings = list(ready.warnings)
     if thresholds and uncertainty is None:
         uncertainty = "laplace"
-    method = None
-    if uncertainty is not None:  # imported where it is asked for: most identifications are not
-        from ematwin.estimation.uncertainty import named as way_of
-
-        method = way_of(uncertainty)
+    method = None if uncertainty is None else way_of(uncertainty)
 
     def problem_of(one: Recording) -> Problem:
-        made = Problem.of(one, actuator, only=only, held=held, threads=threads)
-        return as_searched(made)
+        return as_searched(Problem.of(one, actuator, only=only, held=held, threads=threads))
 
     problem = problem_of(recording)
-    limits: dict[str, Threshold] = {}
-    if thresholds:
-        from ematwin.estimation.thresholds import thresholds_of
-
-        limits = thresholds_of(thresholds, problem.unknowns, actuator)
-    search: Search = named(
-        model.default_search if algorithm is None else algorithm,
-        population=population, iterations=iterations, checkpoint=checkpoint,
-    )  # fmt: skip
-    usual = algorithm is None and budget is None
+    limits = thresholds_of(thresholds or {}, problem.unknowns, actuator)
+    quick, usual = named(model.default_search), search is None and budget is None
     started = time.perf_counter()
-    with told(progress, "searching", _shown) as tell:
-        quick = named(model.default_search)
+
+    def shown(done: int, cost: float, budget: int) -> tuple[float, str]:
+        return done / budget, f"best misfit {cost:.4g}"
+
+    with told(progress, "searching", shown) as tell:
         where = estimate_initial_angle(
             recording, problem, problem_of, quick, seed=seed, progress=tell
         )
         recording, problem = where.recording, where.problem
-        warnings += where.said
         found = where.found
         if found is None or not (usual or found.stopped == "interrupted"):
             if usual:
                 search = usual_search(model, actuator, problem)
-            found = find(problem, search, budget=budget, seed=seed, progress=tell)
+            found = find(problem, search or quick, budget=budget, seed=seed, progress=tell)
         if usual and baseline.calibrated and not ready.barred:
             found = searched_further(problem, found, seed, tell)
         try:
@@ -121,8 +100,6 @@ def identified(
             assessed = unassessed(model, actuator, problem, found, baseline)
         sure = None
         if method is not None and assessed.joint is not None:
-            from ematwin.estimation.uncertainty import Question
-
             question = Question(problem, actuator, assessed, assessed.joint, limits)
             best = found.cost
 
@@ -131,50 +108,62 @@ def identified(
                     tell(spent, best, most)
 
             sure = method.run(question, seed=seed, report=tell_more)
-    point = np.array([assessed.values[name] for name in problem.names])
     cost = found.cost if found.problem is not None else assessed.cost
+    point = np.array([assessed.values[name] for name in problem.names])
     estimate = estimate_of(
-        model, actuator, problem, point, assessed.covariance, problem.relative_misfit(cost),
-        recording, dict(problem.comparisons[0].statistics),
-    )  # fmt: skip
-    warnings += doubts_of(estimate, found, problem, assessed.sharp_errors)
-    warnings += remarks_on(model, actuator, assessed)
+        actuator, problem, point, assessed.covariance, problem.relative_misfit(cost), recording
+    )
     obstacles = [
         *ready.barred,
         *model.excitation(recording, actuator),
         *obstacles_to(model.load, recording, problem, found, estimate.misfit, assessed, baseline),
         *where.obstacles,
     ]
-    faults = [one for one in problem.unknowns if one.role == "fault"]
-
-    def judged(obstacles: list[str]) -> Verdict:
-        return verdict_on(
-            model, actuator, faults, assessed.sets, assessed.intervals, assessed.physical,
-            calibrated=baseline.calibrated, obstacles=obstacles,
-        )  # fmt: skip
-
-    verdict = judged(obstacles)
+    verdict = verdict_on(model, actuator, problem, assessed, baseline, obstacles)
+    hints: list[str] = []
     if found.problem is None:
-        rivals: list[Rival] = []
         try:
             rivals = rivals_of(model, actuator, problem, assessed, baseline, verdict, threads)
-            objected = objections(rivals, verdict)
+            verdict, hints = weighed(rivals, verdict)
         except KeyboardInterrupt:
             found = replace(found, stopped="interrupted")
-            objected = ["Interrupted before other forms of the faults were tried."]
-        warnings += hints(rivals, verdict)
-        if objected:
-            verdict = judged(objected)
-        verdict = qualified(rivals, verdict)
-    warnings += caveats_of(problem, verdict)
-    seconds = time.perf_counter() - started
+            verdict = Verdict.none("Interrupted before other forms of the faults were tried.")
+    warnings = [
+        *ready.warnings,
+        *where.said,
+        *doubts_of(estimate, found, problem, assessed.sharp_errors),
+        *remarks_on(model, actuator, assessed),
+        *hints,
+        *dict.fromkeys(o.caveat for o in problem.unknowns if o.caveat and o.name in verdict.faults),
+    ]
+    return concluded(
+        actuator, recording, problem, estimate, found, assessed, verdict, warnings, baseline,
+        started, sure,
+    )  # fmt: skip
+
+
+def concluded(
+    actuator: ParameterSet,
+    recording: Recording,
+    problem: Problem,
+    estimate: Estimate,
+    found: Found,
+    assessed: Assessment,
+    verdict: Verdict,
+    warnings: list[str],
+    baseline: Baseline,
+    started: float,
+    uncertainty: Uncertainty | None = None,
+) -> Identification:
+    """Collect the result of a search, its assessment and the verdict for a user."""
+    values = dict(zip(problem.names, estimate.values.tolist(), strict=True))
     return Identification(
         verdict=verdict,
         estimate=estimate,
-        faults=model.as_faults(problem.values(point)),
+        faults=model_of(actuator).as_faults({**problem.held, **values}),
         cost=found.cost,
         evaluations=found.evaluations,
-        seconds=seconds,
+        seconds=time.perf_counter() - started,
         history=found.history,
         algorithm=found.method,
         seed=found.seed,
@@ -184,18 +173,68 @@ def identified(
         assumed=assumptions(recording),
         actuator=actuator,
         provenance=recording.provenance,
-        intervals=_ends(assessed.intervals, problem.names),
-        physical_values={name: (x, i.low, i.high) for name, (x, i) in assessed.physical.items()},
-        contrasts={name: (x, (i.low, i.high)) for name, (x, i) in assessed.contrasts.items()},
-        nuisances={name: (x, (i.low, i.high)) for name, (x, i) in assessed.nuisances.items()},
+        intervals={name: assessed.intervals[name] for name in problem.names},
+        physical_values={name: (x, *ends) for name, (x, ends) in assessed.physical.items()},
+        contrasts=assessed.contrasts,
+        nuisances=assessed.nuisances,
         others=assessed.others,
         fitted={n: x for n, x in assessed.values.items() if n not in problem.names},
         calibrated=baseline.calibrated,
         recording=recording,
-        uncertainty=sure,
+        uncertainty=uncertainty,
         reference_runs=assessed.reference_runs,
         probabilities={} if assessed.sets is None else assessed.sets.probabilities,
     )
+
+
+@dataclass(frozen=True)
+class InitialAngle:
+    """A recording that is counted as its twin counts."""
+
+    recording: Recording
+    problem: Problem  # of it
+    found: Found | None = None  # by the default search there; None where none was needed
+    said: tuple[str, ...] = ()  # sentences on the turns applied
+    obstacles: tuple[str, ...] = ()  # sentences on why it cannot be placed
+
+
+def estimate_initial_angle(
+    recording: Recording,
+    problem: Problem,
+    problem_of: Callable[[Recording], Problem],
+    search: Search,
+    *,
+    seed: int,
+    progress: Progress | None,
+) -> InitialAngle:
+    """Estimate the initial rotor angle of a recording that does not state it.
+
+    A short in one phase looks like a short in another where the twin's rotor stands a third of a
+    turn off, and the conducting phases show where it stands only beside a twin that moves as
+    recorded. So a quick search is run, the recording is counted from the rotor angle that its
+    answer shows, and again, until nothing is left to turn (`Comparison.placed`).
+    """
+    if not problem.comparisons[0].unplaced:
+        return InitialAngle(recording, problem)
+    said: tuple[str, ...] = ()
+    for _ in range(4):  # at most; one or two are usual
+        found = find(problem, search, seed=seed, progress=progress)
+        if found.stopped == "interrupted":
+            break
+        placed = problem.comparisons[0].placed(problem.values(found.point))
+        if placed is None:
+            break
+        if placed.recording is None:
+            return InitialAngle(recording, problem, found, said, (placed.said,))
+        recording, said = placed.recording, (placed.said,)
+        problem = problem_of(recording)
+    else:
+        unsettled = (
+            "Where the rotor stands could not be told from the phases that conduct, so no fault "
+            "can be put to a phase: record motor_position."
+        )
+        return InitialAngle(recording, problem, None, said, (unsettled,))
+    return InitialAngle(recording, problem, found, said)
 
 
 def searched_further(problem: Problem, near: Found, seed: int, tell: Progress | None) -> Found:
@@ -203,7 +242,7 @@ def searched_further(problem: Problem, near: Found, seed: int, tell: Progress | 
 
     A reference corrects what the twin of a calibrated actuator misses, so that a poor fit is one.
     """
-    descended = near.method == LocalDescent().name and near.stopped == "converged"
+    descended = near.method == LocalDescent.name and near.stopped == "converged"
     poor = problem.relative_misfit(near.cost) > good_fit(problem)
     if not (descended and poor and problem.comparisons[0].has_reference):
         return near
@@ -217,73 +256,43 @@ def compares_sets(model: Model, *asked: Any) -> bool:
     return model.recordings_differ and not any(asked)
 
 
-def _shown(done: int, cost: float, budget: int) -> tuple[float, str]:
-    """The share done of a search, and words beside it."""
-    return done / budget, f"best misfit {cost:.4g}"
-
-
 class Prepared(NamedTuple):
-    """A recording as it is compared.
+    """A recording as it is compared."""
 
-    Attributes
-    ----------
-    recording : at the rate at which it is compared
-    warnings : sentences on doubts about it
-    barred : sentences on channels that forbid a verdict
-    """
-
-    recording: Recording
-    warnings: list[str]
-    barred: list[str]
+    recording: Recording  # at the rate at which it is compared
+    warnings: list[str]  # sentences on doubts about it
+    barred: list[str]  # sentences on channels that forbid a verdict
 
 
 def prepared(recording: Recording, actuator: ParameterSet, load: float | None = None) -> Prepared:
     """A recording that is checked, with the load that is given, at the rate it is compared at.
 
-    Raises
-    ------
-    RecordError
-        If it cannot be identified from.
-    InputError
-        If it has a load already, or the kind takes none.
+    `RecordError` if it cannot be identified from, `InputError` if it has a load already, or the
+    kind takes none.
     """
     model = model_of(actuator)
-    recording = _loaded(model, recording, load)
+    if load is not None:
+        if isinstance(load, bool) or not isinstance(load, int | float | np.number):
+            raise InputError(f"load must be a number in SI units, received {load!r}.")
+        if model.load is None:
+            raise InputError(f"The kind {model.kind} takes no load; leave it out.")
+        if model.load in recording.channels:
+            raise InputError(
+                f"{recording.name} holds the load already; leave {load:g} out, or drop the channel."
+            )
+        recording = recording.changed(**{model.load: np.full(len(recording), float(load))})
     doubts, barred = checked(model, recording, actuator)
     warnings = [*recording.provenance.get("warnings", []), *doubts]
     return Prepared(model.averaged(recording), warnings, barred)
 
 
-def _loaded(model: Model, recording: Recording, load: float | None) -> Recording:
-    """The recording with a constant load, where one is given."""
-    if load is None:
-        return recording
-    if isinstance(load, bool) or not isinstance(load, int | float | np.number):
-        raise InputError(f"load must be a number in SI units, received {load!r}.")
-    if model.load is None:
-        raise InputError(f"The kind {model.kind} takes no load; leave it out.")
-    if model.load in recording.channels:
-        raise InputError(
-            f"{recording.name} holds the load already; leave {load:g} out, or drop the channel."
-        )
-    return recording.changed(**{model.load: np.full(len(recording), float(load))})
-
-
-def _ends(
-    intervals: Mapping[str, Interval], names: Iterable[str]
-) -> dict[str, tuple[float, float]]:
-    return {name: (intervals[name].low, intervals[name].high) for name in names}
-
-
 def estimate_of(
-    model: Model,
     actuator: ParameterSet,
     problem: Problem,
     point: np.ndarray,
     spread: np.ndarray,
     misfit: float,
     recording: Recording,
-    statistics: Mapping[str, float] | None = None,
 ) -> Estimate:
     """The estimate that a point of a problem of one recording is."""
     unknowns = problem.unknowns
@@ -298,10 +307,10 @@ def estimate_of(
         held=dict(problem.held),
         misfit=misfit,
         actuator=actuator.name,
-        kind=model.kind,
+        kind=model_of(actuator).kind,
         fingerprint=actuator.fingerprint,
         labels=recording.labels,
         source=recording.source or str(recording.provenance.get("file", "")),
         when=None if recording.start is None else recording.start.isoformat(),
-        statistics=statistics or {},
+        statistics=dict(problem.comparisons[0].statistics),
     )

@@ -10,7 +10,6 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
-from typing import Any
 
 
 class InterruptNoted:
@@ -32,20 +31,16 @@ def noting_interrupts() -> Iterator[InterruptNoted]:
 
     Outside the main thread, which alone receives signals, nothing is changed.
     """
-    noted = InterruptNoted()
-    if threading.current_thread() is not threading.main_thread():
+    noted, main = InterruptNoted(), threading.current_thread() is threading.main_thread()
+    before = signal.getsignal(signal.SIGINT)
+    if not (main and callable(before)):  # ignored, or not ours to know
         yield noted
         return
-    before: Any = signal.getsignal(signal.SIGINT)
 
     def handle(number: int, frame: FrameType | None) -> None:
         noted.pressed = True
-        if callable(before):
-            before(number, frame)
+        before(number, frame)
 
-    if not callable(before):  # ignored, or not ours to know
-        yield noted
-        return
     signal.signal(signal.SIGINT, handle)
     try:
         yield noted

@@ -7,7 +7,7 @@ belongs to it.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -24,8 +24,7 @@ _NEAR = 0.15  # of an interval: so close to a bound it begins there
 _WIDE = 12.0  # sharp standard errors: an interval that others than noise make
 
 
-@dataclass(frozen=True)
-class Interval:
+class Interval(NamedTuple):
     """Where a value lies, 95 %."""
 
     low: float

@@ -21,10 +21,10 @@ from ematwin.estimation.baseline import (
     Baseline,
     NominalParameter,
     frees_parameters,
+    nominal_parameters,
     uncertain,
 )
 from ematwin.estimation.constants import (
-    DETERMINED,
     EXPLAINED,
     IMPLAUSIBLE,
     SEARCHED,
@@ -44,32 +44,20 @@ from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
 from ematwin.showing.text import said
 
-_TOGETHER = 3.0  # times the misfit of one recording alone that several leave together
-_TIED = 0.9  # correlation of two parameters of which only ratio or product is known
 _WRONG = math.log(3.0) / SEARCHED  # width of what a sheet may have wrong: to three times
 
 
 @dataclass(frozen=True)
 class Learnt:
-    """An actuator as healthy recordings show it.
+    """An actuator as healthy recordings show it."""
 
-    Attributes
-    ----------
-    actuator : template with the values that were found
-    baseline : knowledge of it after calibration
-    parameters : fitted ones, and whether they are determined
-    tied : groups of places whose ratios or products alone are known
-    notes : sentences on doubts
-    forms : that were looked for; None of kinds without
-    nuisances : values of load and sensors by name, of each recording; empty of kinds without
-    """
-
-    actuator: ParameterSet
-    baseline: Baseline
-    parameters: list[NominalParameter]
-    tied: list[tuple[str, ...]]
-    notes: list[str]
-    forms: FoundForms | None = None
+    actuator: ParameterSet  # template with the values that were found
+    baseline: Baseline  # knowledge of it after calibration
+    parameters: list[NominalParameter]  # fitted ones
+    tied: list[tuple[str, ...]]  # places whose ratios or products alone are known
+    notes: list[str]  # sentences on doubts
+    forms: FoundForms | None = None  # that were looked for; None of kinds without
+    # values of load and sensors by name, of each recording; empty of kinds without
     nuisances: Sequence[Mapping[str, float]] = ()
 
 
@@ -79,19 +67,9 @@ def learn(
     comparisons: Sequence[Comparison],
     progress: Progress = lambda share: None,
 ) -> Learnt:
-    """Fit an actuator to healthy recordings.
+    """Fit an actuator to healthy recordings, or means of several, from a template.
 
-    Parameters
-    ----------
-    model : its kind
-    template : parameters to start from, with their tolerances
-    comparisons : healthy recordings, or means of several, beside the twin of the template
-    progress : called with the share done
-
-    Raises
-    ------
-    RecordError
-        If one recording is unlike the others, or they contradict the template.
+    `RecordError` if one recording is unlike the others, or they contradict the template.
     """
     if model.recordings_differ:
         return Learnt(*learn_effects(model, template, comparisons, progress), [], [])
@@ -99,14 +77,11 @@ def learn(
         baseline = Baseline.of_template(model, template)
         return Learnt(template, replace(baseline, recordings=len(comparisons)), [], [], [])
     forms = find_forms(model, template, comparisons, lambda share: progress(0.2 * share))
-    recordings = [
-        one.recording.with_first_sample(forms.first_samples[n])
-        if n in forms.first_samples
-        else one.recording
-        for n, one in enumerate(comparisons)
-    ]
     if not (forms.found or any(forms.first_samples.values())):
         return _learnt(model, template, comparisons, forms, progress)
+    recordings = [one.recording for one in comparisons]
+    for n, instant in forms.first_samples.items():
+        recordings[n] = recordings[n].with_first_sample(instant)
     try:
         beside = [model.compare(one, forms.actuator) for one in recordings]
         return _learnt(model, template, beside, forms, progress)
@@ -147,7 +122,7 @@ def _learnt(
     beyond = _beyond_tolerance(found.values, nominals, template)
     end, misfit, alone, jitter = found
     explained = found.explains(floor) or found.explains_along_motion
-    unlike = misfit > max(_TOGETHER * alone, EXPLAINED) and not explained
+    unlike = misfit > max(3.0 * alone, EXPLAINED) and not explained  # than of one alone
     if unlike and len(comparisons) > 1:
         refuse_odd(fit, comparisons, misfit)
     progress(0.8)
@@ -172,27 +147,30 @@ def _learnt(
         forms=forms.said,
         absent_forms=forms.absent,
     )
+    own = {name: name.partition("@") for name in values if name not in places}
     beside = [
-        {name.partition("@")[0]: x for name, x in values.items() if _is_of(n, name, places)}
+        {name: values[full] for full, (name, _, of) in own.items() if of in ("", str(n))}
         for n in range(len(comparisons))
     ]
     scatter: Mapping[str, float] = {}
     if frees_parameters(model):  # else the healthy population tells
         scatter = healthy_bias(model, actuator, baseline, comparisons, beside)
     progress(1.0)
+    advice = (
+        "Check the sheet and what is built in. If this actuator may be worn, do not learn from "
+        "it: identify judges it by the template."
+    )
     return Learnt(
         actuator, replace(baseline, scatter=scatter),
-        _parameters(forms.actuator, fit.nominals, prior),
+        nominal_parameters(forms.actuator, fit.nominals, prior),
         _tied(prior),
-        [*map(_as_finding, beyond.values()), *_notes(misfit, floor, end.peak.problem.is_told)],
+        [
+            *(f"{sentence} {advice}" for sentence in beyond.values()),
+            *_notes(misfit, floor, end.peak.problem.is_told),
+        ],
         forms,
         beside,
     )  # fmt: skip
-
-
-def _is_of(n: int, name: str, places: Sequence[str]) -> bool:
-    """Whether an unknown is load or sensor of the nth recording."""
-    return name not in places and name.partition("@")[2] in ("", str(n))
 
 
 def _prior(end: Corrected, places: Sequence[str]) -> Prior:
@@ -236,61 +214,25 @@ def _beyond_tolerance(
     return {name: text for _, name, text in sorted(told, reverse=True)}
 
 
-def _as_finding(sentence: str) -> str:
-    """What to do about a parameter beyond its tolerance where the recordings are explained."""
-    return (
-        f"{sentence} Check the sheet and what is built in. If this actuator may be worn, do not "
-        "learn from it: identify judges it by the template."
-    )
-
-
-def _parameters(
-    template: ParameterSet, nominals: Sequence[Unknown], prior: Prior
-) -> list[NominalParameter]:
-    errors = np.sqrt(np.diag(prior.covariance))
-    found = []
-    for one, mean, error in zip(nominals, prior.mean, errors, strict=True):
-        value = math.exp(mean) if one.logarithmic else float(mean)
-        scale = value if one.logarithmic else 1.0
-        assert one.spread is not None
-        found.append(
-            NominalParameter(
-                one.name, value, template.value(one.name), float(error * scale),
-                bool(error < DETERMINED * one.spread),
-            )
-        )  # fmt: skip
-    return found
-
-
 def _tied(prior: Prior) -> list[tuple[str, ...]]:
     """Groups of parameters that move together."""
     errors = np.sqrt(np.diag(prior.covariance))
-    together = np.abs(prior.covariance / np.outer(errors, errors)) > _TIED
-    left, groups = set(range(len(errors))), []
-    while left:
-        group, grown = set(), {min(left)}
-        while grown:
-            group |= grown
-            near = {int(k) for n in grown for k in np.flatnonzero(together[n])}
-            grown = near - group
-        left -= group
-        if len(group) > 1:
-            groups.append(tuple(prior.names[n] for n in sorted(group)))
-    return groups
+    together = np.abs(prior.covariance / np.outer(errors, errors)) > 0.9
+    linked = np.linalg.matrix_power(together, len(errors))  # over others as well
+    groups = [tuple(np.array(prior.names)[row].tolist()) for row in linked]
+    return [one for one in dict.fromkeys(groups) if len(one) > 1]
 
 
 def _notes(misfit: float, floor: float, told: bool) -> list[str]:
     """Sentences on what healthy recordings leave; ``told`` as `Problem.is_told`."""
     left = f"The twin leaves {100.0 * misfit:.1f} % of the healthy recordings unexplained"
-    if misfit > WORST and told:
+    if misfit > WORST:
         return [
             f"{left} once its loops are closed, as near instability. Recordings are judged by the "
             "equations along their motion alone."
-        ]
-    if misfit > WORST:
-        return [
-            f"{left}. It judges no recording where it leaves more than {100.0 * WORST:.0f} %: this "
-            "actuator has something that the twin has not, such as loops near instability."
+            if told
+            else f"{left}. It judges no recording where it leaves more than {100.0 * WORST:.0f} %: "
+            "this actuator has something that the twin has not, such as loops near instability."
         ]
     if misfit < WORSE * floor:
         return []

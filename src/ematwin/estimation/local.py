@@ -1,20 +1,17 @@
 """Local descents: Levenberg-Marquardt from known starts, and SciPy's method from random ones."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.estimation.levenberg_marquardt import LONGEST_DIFFERENCE, LevenbergMarquardt
-from ematwin.estimation.multistart import DEFAULT_BUDGET
-from ematwin.estimation.problem import Problem
-from ematwin.estimation.search import Found, Report, Tally, by_slopes
-
-ITERATIONS = 12
+from ematwin.estimation.search import SlopeSearch, Tally
 
 
 @dataclass(frozen=True)
-class LocalDescent:
+class LocalDescent(SlopeSearch):
     """Levenberg-Marquardt from where the kind of actuator suggests.
 
     For problems with one minimum, where samples all over the box would add nothing. Every start is
@@ -27,32 +24,24 @@ class LocalDescent:
     """
 
     starts: np.ndarray | None = None
-    iterations: int = ITERATIONS
+    iterations: int = 12
     name: str = "levenberg-marquardt"
-    smallest_budget: int = 1
-    planned: int = DEFAULT_BUDGET
 
-    def run(self, problem: Problem, *, budget: int | None, seed: int, report: Report) -> Found:
-        """Descend; after an interruption with the best found until then."""
-        tally = Tally(problem, self.planned if budget is None else budget, report)
-        chart = problem.chart
-
-        def work() -> None:
-            starts = problem.starts if self.starts is None else np.atleast_2d(self.starts)
-            points = chart.project(chart.from_values(starts[: tally.budget]))
-            descent = LevenbergMarquardt.start(points, tally.residuals, damping=1e-3)
-            for iteration in range(self.iterations + 1):
-                if iteration:
-                    descent.iterate(tally.residuals, chart.lower, chart.upper, chart.project)
-                end = descent.best(1)
-                tally.offer(end.points[0], float(end.costs[0]), told=iteration > 0)
-            tally.stopped = "converged"
-
-        return by_slopes(self.name, tally, seed, work)
+    def descend(self, tally: Tally, seed: int) -> None:
+        """All starts side by side."""
+        problem, chart = tally.problem, tally.problem.chart
+        starts = problem.starts if self.starts is None else np.atleast_2d(self.starts)
+        points = chart.project(chart.from_values(starts[: tally.budget]))
+        descent = LevenbergMarquardt.start(points, tally.residuals, damping=1e-3)
+        for iteration in range(self.iterations + 1):
+            if iteration:
+                descent.iterate(tally.residuals, chart.lower, chart.upper, chart.project)
+            end = descent.best(1)
+            tally.offer(end.points[0], float(end.costs[0]))
+        tally.stopped = "converged"
 
 
-@dataclass(frozen=True)
-class ScipyLeastSquares:
+class ScipyLeastSquares(SlopeSearch):
     """`scipy.optimize.least_squares` from random starts, to compare the default method with.
 
     Branch, Coleman and Li (1999), SIAM J. Sci. Comput. 21, 1-23 ("trf", SciPy's own tolerances).
@@ -61,53 +50,40 @@ class ScipyLeastSquares:
     of the length that the default method takes.
     """
 
-    name: str = "scipy-trf"
-    smallest_budget: int = 32  # one Jacobian of up to 31 unknowns
-    planned: int = DEFAULT_BUDGET
+    name = "scipy-trf"
+    smallest_budget = 32  # one Jacobian of up to 31 unknowns
 
-    def run(self, problem: Problem, *, budget: int | None, seed: int, report: Report) -> Found:
-        """Descend from start after start; after an interruption with the best until then.
-
-        Raises
-        ------
-        InputError
-            If the budget does not pay for one Jacobian.
-        """
+    def descend(self, tally: Tally, seed: int) -> None:
+        """From start after start; `InputError` if the budget does not pay for one Jacobian."""
         from scipy.optimize import least_squares
 
-        tally = Tally(problem, self.planned if budget is None else budget, report)
-        size, chart = len(problem.names), problem.chart
+        size, chart = len(tally.problem.names), tally.problem.chart
         if tally.budget <= size:
             raise InputError(
                 f"{self.name} needs a budget of at least {size + 1} evaluations, received "
                 f"{tally.budget}."
             )
         middle = 0.5 * (chart.lower + chart.upper)
-        known: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
 
-        def slopes(z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-            """A point (d,), its residuals (K,) and Jacobian (K, d), both from one batch."""
-            nonlocal known
-            if known is None or not np.array_equal(z, known[0]):
-                # away from the nearer bound
-                step = np.where(z > middle, -LONGEST_DIFFERENCE, LONGEST_DIFFERENCE)
-                found = tally.residuals(np.concatenate([z[None], z + np.diag(step)]))
-                cost = float(found[0] @ found[0])
-                tally.offer(z, cost if np.isfinite(cost) else np.inf)
-                # where the twin diverged it is far from the recording in every sample
-                found = np.where(np.isfinite(found), found, 1e6)
-                known = z.copy(), found[0], ((found[1:] - found[0]) / step[:, None]).T
-            return known
+        @lru_cache(maxsize=1)  # SciPy asks for residuals and Jacobian of a point one by one
+        def slopes(point: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
+            """Residuals (K,) and Jacobian (K, d), both from one batch."""
+            z = np.array(point)
+            # away from the nearer bound
+            step = np.where(z > middle, -LONGEST_DIFFERENCE, LONGEST_DIFFERENCE)
+            found = tally.residuals(np.concatenate([z[None], z + np.diag(step)]))
+            cost = float(found[0] @ found[0])
+            tally.offer(z, cost if np.isfinite(cost) else np.inf)
+            # where the twin diverged it is far from the recording in every sample
+            found = np.where(np.isfinite(found), found, 1e6)
+            return found[0], ((found[1:] - found[0]) / step[:, None]).T
 
-        def work() -> None:
-            rng = np.random.default_rng(seed)
-            while True:
-                least_squares(
-                    lambda z: slopes(z)[1],
-                    chart.from_values(chart.from_unit(rng.random((1, size))))[0],
-                    lambda z: slopes(z)[2],
-                    (chart.lower, chart.upper),
-                    max_nfev=50,  # of one descent of SciPy
-                )
-
-        return by_slopes(self.name, tally, seed, work)
+        rng = np.random.default_rng(seed)
+        while True:  # until the budget is spent
+            least_squares(
+                lambda z: slopes(tuple(z))[0],
+                chart.from_values(chart.from_unit(rng.random((1, size))))[0],
+                lambda z: slopes(tuple(z))[1],
+                (chart.lower, chart.upper),
+                max_nfev=50,  # of one descent of SciPy
+            )

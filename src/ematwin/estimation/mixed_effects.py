@@ -20,25 +20,25 @@ from typing import Any
 import numpy as np
 
 from ematwin.errors import InputError
+from ematwin.estimation.assess import unassessed
 from ematwin.estimation.baseline import Baseline
 from ematwin.estimation.constants import APART, BEFOREHAND, IMPLAUSIBLE, WORSE, WORST
 from ematwin.estimation.findings import implausible, unexplained, verdict_on
 from ematwin.estimation.free_unknowns import unknowns_of
 from ematwin.estimation.identification import Identification
-from ematwin.estimation.identify import Prepared, estimate_of
+from ematwin.estimation.identify import Prepared, concluded, estimate_of
 from ematwin.estimation.intervals import Interval, deviations, physical_of
 from ematwin.estimation.prior import Prior, coordinate
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.random_effects import Peak, effects_of, fit
+from ematwin.estimation.search import Found
 from ematwin.estimation.spike_and_slab import SEED, FaultSet, FaultSets
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import model_of
 from ematwin.models.unknown import Unknown
-from ematwin.recordings.read import assumptions
 
 _SECOND = 0.1  # probability that a faulty actuator has a second fault
-_SLAB = 2.0  # standard deviations of the slab from healthy to the far end of a range
 _DRAWS = 2000
 
 
@@ -66,13 +66,16 @@ def assessed_sets(
         peaks[(name,)] = [peak_of((name,), start)]
     lead = min(peaks, key=lambda names: _left(peaks[names][0]))
     # what the scan found with all else healthy may be the further one of two minima
-    peaks[lead] = _distinct([*peaks[lead], peak_of(lead, none.values)], 1)
+    both = sorted([*peaks[lead], peak_of(lead, none.values)], key=_left)
+    places = [peak.problem.chart.from_values(peak.point[None])[0, 0] for peak in both]
+    peaks[lead] = both if abs(places[1] - places[0]) > APART else both[:1]
     # from where a fault led it, a descent without that fault may end lower
     peaks[()] = [min(none, peak_of((), peaks[lead][0].values), key=_left)]
 
     def log_of(size: int, peak: Peak, noise_of: Peak) -> tuple[float, np.ndarray]:
         """Logarithm of the probability at a peak of a set, but for a constant; its covariance."""
-        log, covariance = peak.with_noise_of(noise_of).approximated()
+        weighed = peak.problem.with_comparisons(noise_of.problem.comparisons)
+        log, covariance = peak._replace(problem=weighed).approximated()
         return log + math.log(_beforehand(size, len(slabs))), covariance
 
     # a second fault only beside a first one that explains more than its prior takes
@@ -93,18 +96,6 @@ def assessed_sets(
     ]
     sets.sort(key=lambda one: -one.probability)
     return FaultSets(tuple(faults), tuple(sets)), each[int(np.argmax(shares))][1], spent
-
-
-def _distinct(peaks: Sequence[Peak], size: int) -> list[Peak]:
-    """Peaks, the lowest first, without those whose ``size`` faults are as at a lower one."""
-    kept: list[Peak] = []
-    places: list[np.ndarray] = []
-    for peak in sorted(peaks, key=_left):
-        place = peak.problem.chart.from_values(peak.point[None])[0, :size]
-        if all(np.any(np.abs(place - other) > APART) for other in places):
-            kept.append(peak)
-            places.append(place)
-    return kept
 
 
 def _drawn(
@@ -133,7 +124,7 @@ def _left(peak: Peak) -> float:
 def _slab(one: Unknown) -> Unknown:
     """A fault that is there: normally distributed, its range within two standard deviations."""
     ends = coordinate(one, np.array([one.lower, one.upper]))
-    return replace(one, spread=float(np.abs(ends - coordinate(one, one.healthy)).max()) / _SLAB)
+    return replace(one, spread=float(np.abs(ends - coordinate(one, one.healthy)).max()) / 2.0)
 
 
 def _beforehand(size: int, count: int) -> float:
@@ -169,18 +160,10 @@ def identified_by_sets(
     only: Iterable[str] | None = None,
     held: Mapping[str, float] | Any | None = None,
 ) -> Identification:
-    """Identify the faults of an actuator from several recordings of one state.
+    """Identify the faults of an actuator from several prepared recordings of one state.
 
-    Parameters
-    ----------
-    ready : prepared recordings
-    actuator, baseline : as calibrated, or as its file says
-    only, held : faults that are looked for, and values of others; as in `ematwin.identify`
-
-    Raises
-    ------
-    InputError
-        If no fault is left, or something is named that is none.
+    ``only`` and ``held`` are as of `ematwin.identify`. `InputError` if no fault is left, or
+    something is named that is none.
     """
     model = model_of(actuator)
     started = time.perf_counter()
@@ -195,63 +178,47 @@ def identified_by_sets(
     effects = [one for one in effects_of(model, actuator, baseline) if one.name not in fixed]
     comparisons = [model.compare(one.recording, actuator) for one in ready]
     sets, peak, spent = assessed_sets(comparisons, faults, effects, fixed)
+    first, problem = ready[0].recording, Problem(comparisons[:1], faults, held=fixed)
+    each = peak.each(effects)
     values, intervals, errors = {}, {}, []
     for one in faults:
-        drawn = sets.given(one.name)
-        values[one.name] = float(np.median(drawn.of(one.name)))
-        intervals[one.name] = Interval(*sets.interval(one, values[one.name]))
-        errors.append(deviations(one, drawn.of(one.name), values[one.name]).std())
-    physical = {
-        one.name: physical_of(one, actuator, values[one.name], intervals[one.name])
-        for one in faults
-    }
-    obstacles = list(
-        dict.fromkeys(
-            text
-            for one in ready
-            for text in (*one.barred, *model.excitation(one.recording, actuator))
-        )
-    )
-    each = peak.each(effects)
-    obstacles += _obstacles(peak, effects, each, baseline, comparisons)
-    verdict = verdict_on(
-        model, actuator, faults, sets, intervals, physical, calibrated=baseline.calibrated,
-        obstacles=obstacles,
-    )  # fmt: skip
-    cost = float(peak.misfits**2 @ [one.independent for one in comparisons])
-    misfit = math.sqrt(cost / sum(one.scale for one in comparisons))
-    first = ready[0].recording
-    problem = Problem(comparisons[:1], faults, held=fixed)
-    point = np.array([values[name] for name in problem.names])
+        drawn = sets.given(one.name).of(one.name)
+        values[one.name] = value = float(np.median(drawn))
+        intervals[one.name] = Interval(*sets.interval(one, value))
+        errors.append(deviations(one, drawn, value).std())
     fitted = {
         one.name: float(np.exp(z) if one.logarithmic else z)
         for one, z in zip(effects, each.mean(axis=0), strict=True)
     }
-    return Identification(
-        verdict=verdict,
-        estimate=estimate_of(
-            model, actuator, problem, point, np.diag(np.square(errors)), misfit, first
-        ),
-        faults=model.as_faults(problem.values(point)),
-        cost=cost,
-        evaluations=spent,
-        seconds=time.perf_counter() - started,
-        history=np.array([[spent, cost]]),
-        algorithm="sets of faults",
-        seed=0,
-        stopped="all sets compared",
-        searched=problem.names,
-        warnings=[text for one in ready for text in one.warnings],
-        assumed=assumptions(first),
-        actuator=actuator,
-        provenance=first.provenance,
-        intervals={name: (one.low, one.high) for name, one in intervals.items()},
-        physical_values={name: (x, one.low, one.high) for name, (x, one) in physical.items()},
-        fitted=fitted,
-        calibrated=baseline.calibrated,
-        recording=first,
-        probabilities=sets.probabilities,
-    )  # fmt: skip
+    cost = float(peak.misfits**2 @ [one.independent for one in comparisons])
+    point = np.array([values[name] for name in problem.names])
+    found = Found(
+        point, cost, spent, np.array([[spent, cost]]), "all sets compared", "sets of faults", 0
+    )
+    assessed = replace(
+        unassessed(model, actuator, problem, found, baseline),
+        values={**values, **fitted},
+        covariance=np.diag(np.square(errors)),
+        intervals=intervals,
+        physical={
+            one.name: physical_of(one, actuator, values[one.name], intervals[one.name])
+            for one in faults
+        },
+        sets=sets,
+    )
+    misfit = math.sqrt(cost / sum(one.scale for one in comparisons))
+    estimate = estimate_of(actuator, problem, point, assessed.covariance, misfit, first)
+    obstacles = [
+        text for one in ready for text in (*one.barred, *model.excitation(one.recording, actuator))
+    ]
+    obstacles += _obstacles(peak, effects, each, baseline, comparisons)
+    verdict = verdict_on(
+        model, actuator, problem, assessed, baseline, list(dict.fromkeys(obstacles))
+    )
+    warnings = [text for one in ready for text in one.warnings]
+    return concluded(
+        actuator, first, problem, estimate, found, assessed, verdict, warnings, baseline, started
+    )
 
 
 def _obstacles(

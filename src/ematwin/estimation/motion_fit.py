@@ -14,9 +14,7 @@ from ematwin.errors import EmatwinError
 from ematwin.estimation.aliases import Aliases, directions
 from ematwin.estimation.constants import DECIDES, WORSE
 from ematwin.estimation.descent import TooFarError
-from ematwin.estimation.equation_fit import with_secant
-from ematwin.estimation.equations import with_values
-from ematwin.estimation.first_sample import found_first_sample
+from ematwin.estimation.equations import found_first_sample, with_secant, with_values
 from ematwin.estimation.levenberg_marquardt import NOTHING
 from ematwin.estimation.prior import Information, Remainder
 from ematwin.estimation.problem import Problem
@@ -27,8 +25,6 @@ from ematwin.numerics.linear_algebra import bounded_squares
 from ematwin.numerics.side_by_side import side_by_side
 
 _STEP = 1e-3  # of a coordinate: most equations are smooth
-_RIPPLES = 3.0  # times an equation's own error: a change from which slopes are taken, at least
-_ROUNDS = 30  # of a fit, at most; mostly ten, as the equations are nearly linear
 # shares of a step and its dampings that are tried, one after the other
 _TRIES = ((1.0, 0.0), (0.3, 0.0), (1.0, 1e-3), (1.0, 0.1))
 _SLOWER = 0.5  # of the gain before: by less than that secants no longer agree with the equations
@@ -54,11 +50,6 @@ class Along(NamedTuple):
         """Of the equation among those of all recordings."""
         return self.recording, self.equation.name
 
-    def remainder(self, actuator: ParameterSet) -> Remainder:
-        """What noise and its own errors leave of it, before a fit."""
-        one = self.equation
-        return Remainder(0.0, one.least(actuator) * one.size, one.alike(actuator) * one.size, 1.0)
-
     def at(self, values: Values) -> "Along":
         """The same where it rests on values that are known better."""
         at = self.equation.at
@@ -66,12 +57,7 @@ class Along(NamedTuple):
 
 
 class MotionFit:
-    """Some equations with their priors.
-
-    Attributes
-    ----------
-    first_samples : s, first sample of the loops in each recording; 0 if unknown
-    """
+    """Some equations with their priors."""
 
     def __init__(
         self,
@@ -83,6 +69,7 @@ class MotionFit:
     ) -> None:
         self._actuator, self._problem, self._every = actuator, problem, every
         self._aliases = aliases
+        # of the loops in each recording, s; 0 if unknown
         self.first_samples = [one.recording.first_sample for one in problem.comparisons]
         self._matters = [_matters(one, actuator, problem) for one in every]
         left = side_by_side(lambda one: self._left(one, {}), every)
@@ -90,12 +77,15 @@ class MotionFit:
         ends = np.cumsum(self._counts).tolist()
         self._parts = [slice(a, b) for a, b in zip([0, *ends], ends, strict=False)]
         self._known = [known.get(one.name) for one in every]
+        alike = [one.equation.alike(actuator) for one in every]
+        # what noise and their own errors leave of equations, before a fit
         self._remainders = [
-            one or along.remainder(actuator) for one, along in zip(self._known, every, strict=True)
+            before or Remainder(0.0, one.least(actuator) * one.size, share * one.size, 1.0)
+            for before, (_, one), share in zip(self._known, every, alike, strict=True)
         ]
         self._scales = [1.0 / one.deviation(one.norm) for one in self._remainders]
         # of a coordinate: ripple is another at each value, and slopes have to stand out from it
-        self._steps = [max(_STEP, _RIPPLES * one.equation.alike(actuator)) for one in every]
+        self._steps = [max(_STEP, 3.0 * share) for share in alike]
         matters = {n for places in self._matters for n in places.values()}
         self._free = np.array(sorted(matters), dtype=int)
         self._last: tuple[np.ndarray, np.ndarray] | None = None
@@ -105,23 +95,19 @@ class MotionFit:
         """Coordinates (1, d) of least squares next to others, within bounds.
 
         A descent begins with the slopes of the one before, and ends with fresh ones; a ``rough``
-        one, from which another sets out, where secants promise no more.
-
-        Raises
-        ------
-        TooFarError
-            If more than ``most`` squared standard deviations would be left by twice the gain that
-            fresh slopes promise.
+        one, from which another sets out, where secants promise no more. `TooFarError` if more than
+        ``most`` squared standard deviations would be left by twice the gain that fresh slopes
+        promise.
         """
         chart, free = self._problem.chart, self._free
-        here, fresh = self.residuals(z)[0], self._fresh
+        here, fresh = self.residuals(z), self._fresh
         if self._last is None:
             self._last, fresh = (here, self._slopes(z, here)), True
             self._weigh()
             here = self._last[0]
         slopes = self._last[1]
         tries, before = list(_TRIES), math.inf
-        for _ in range(_ROUNDS):
+        for _ in range(30):  # at most; mostly ten, as the equations are nearly linear
             low, high = chart.lower - z[0], chart.upper - z[0]
             share, damping = tries.pop(0)
             held = math.sqrt(damping) * np.diag(np.linalg.norm(slopes, axis=1))
@@ -135,7 +121,7 @@ class MotionFit:
             gained, moves = 0.0, fresh or promised > NOTHING
             if moves:
                 tried = chart.project(z + share * step)
-                left = self.residuals(tried)[0]
+                left = self.residuals(tried)
                 gained = cost - float(left @ left)
             if gained > 0.0:
                 moved, change = (tried - z)[0, free], left - here
@@ -299,23 +285,19 @@ class MotionFit:
         return one.equation.left(with_values(self._actuator, values), beside)
 
     def residuals(self, z: np.ndarray) -> np.ndarray:
-        """(B, K), in standard deviations, at coordinates (B, d); the priors' come last."""
+        """(K,), in standard deviations, at coordinates (1, d); the priors' come last.
+
+        Infinite where a loop is unstable.
+        """
         points = self._problem.chart.to_values(z)
-        return np.hstack([self._of_equations(points), self._priors(points)])
+        lefts = side_by_side(lambda n: self._scaled(n, points[0]), range(len(self._every)))
+        sizes = zip(self._counts, lefts, strict=True)
+        parts = [np.full(count, np.inf) if left is None else left for count, left in sizes]
+        return np.concatenate([*parts, self._priors(points)[0]])
 
     def _priors(self, points: np.ndarray) -> np.ndarray:
         """(B, k), in standard deviations, at points (B, d)."""
         return np.asarray(self._problem.prior_distances(points) / self._problem.noise)
-
-    def _of_equations(self, points: np.ndarray) -> np.ndarray:
-        """(B, K), at points (B, d); infinite where a loop is unstable."""
-        asked = [(n, point) for point in points for n in range(len(self._every))]
-        found = side_by_side(lambda one: self._scaled(*one), asked)
-        parts = [
-            np.full(self._counts[n], np.inf) if left is None else left
-            for (n, _), left in zip(asked, found, strict=True)
-        ]
-        return np.concatenate(parts).reshape(len(points), -1)
 
     def _scaled(self, n: int, point: np.ndarray) -> np.ndarray | None:
         """Residuals of the nth equation, in standard deviations, at a point (d,).

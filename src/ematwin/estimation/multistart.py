@@ -18,7 +18,8 @@ Talwalkar (2016).
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from contextlib import suppress
+from functools import partial
 
 import numpy as np
 
@@ -26,19 +27,14 @@ from ematwin.errors import InputError
 from ematwin.estimation.constants import AS_GOOD, EXPLAINED
 from ematwin.estimation.levenberg_marquardt import LevenbergMarquardt
 from ematwin.estimation.problem import Problem
-from ematwin.estimation.search import BudgetSpentError, Found, Report, Tally, by_slopes
+from ematwin.estimation.search import BudgetSpentError, SlopeSearch, Tally
 from ematwin.numerics.sobol import Sobol
-from ematwin.optimizers.base import ITERATIONS, POPULATION
 
-SAMPLES = 256
 THINNING = ((10, 2), (5, 2), (3, 3))  # descents and their iterations, smooth misfit
 POLISH = ((2, 4), (1, 12))  # the same with the full bandwidth
 CLEARLY_BETTER = 3.0  # ratio of misfits by stretches; 3.6 to 160 where a search was misled
-AGREEMENT = 0.02  # largest difference of two ends that agree, in any coordinate
-ALIKE = 1.02  # ratio of costs of two ends that fit alike: no search to come is likely to fit better
 SMALLEST_BUDGET = 64
 HOPEFUL = 2.0  # times a good fit by stretches, beyond which no other search by them finds one
-DEFAULT_BUDGET = POPULATION * ITERATIONS  # an upper limit: most records need a tenth of it
 
 End = tuple[float, np.ndarray]  # cost and point of a finished descent
 
@@ -48,88 +44,53 @@ def good_fit(problem: Problem) -> float:
     return max(EXPLAINED, AS_GOOD * problem.expected_misfit)
 
 
-@dataclass(frozen=True)
-class Multistart:
+class Multistart(SlopeSearch):
     """The default method, as a search that can be passed."""
 
-    name: str = "multistart"
-    planned: int = DEFAULT_BUDGET
-    smallest_budget: int = SMALLEST_BUDGET
+    name = "multistart"
+    smallest_budget = SMALLEST_BUDGET
 
-    def run(self, problem: Problem, *, budget: int | None, seed: int, report: Report) -> Found:
-        """Search; after an interruption with the best found until then."""
-        limit = self.planned if budget is None else budget
-        search = MultistartDescent(problem, budget=limit, seed=seed, report=report)
-        return by_slopes(self.name, search.state, seed, search.run)
+    def descend(self, tally: Tally, seed: int) -> None:
+        """See `MultistartDescent`."""
+        MultistartDescent(tally, seed).run()
 
 
 class MultistartDescent:
     """Search for the point that explains the recordings of a problem best.
 
-    Parameters
-    ----------
-    problem : Problem, with the full bandwidth
-    budget : int, simulations at most
-    seed : int
-    report : called with evaluations and best cost after each stage
-    worth : float, relative misfit beyond which another search is not worth it
-
-    Attributes
-    ----------
-    state : Tally, valid at any time, also after an interruption
+    The tally is valid at any time, also after an interruption. Beyond a relative misfit ``worth``
+    another search is not worth it.
     """
 
-    def __init__(
-        self,
-        problem: Problem,
-        *,
-        budget: int = DEFAULT_BUDGET,
-        seed: int = 1,
-        report: Report | None = None,
-        worth: float = np.inf,
-    ) -> None:
-        if budget < SMALLEST_BUDGET:
+    def __init__(self, state: Tally, seed: int = 1, worth: float = np.inf) -> None:
+        if state.budget < SMALLEST_BUDGET:
             raise InputError(
                 f"The default method needs a budget of at least {SMALLEST_BUDGET} evaluations, "
-                f"received {budget}. Raise it, or choose another algorithm."
+                f"received {state.budget}. Raise it, or choose another algorithm."
             )
-        self._problem = problem
-        self._smooth = problem.smoothed()
-        self._chart = problem.chart
+        self.state, self._problem, self._worth = state, state.problem, worth
+        self._smooth = state.problem.smoothed()
+        self._chart = state.problem.chart
         self._rng = np.random.default_rng(seed)
-        self.worth = worth
         self._in_vain = 0  # searches since the best end
-        self._noted: list[tuple[int, np.ndarray]] = []  # evaluations, and a point yet to be rated
-        self.state = Tally(problem, budget, report, problem.start)
 
-    def run(self) -> Tally:
-        """Search until the fit is good, two ends agree, or the budget is spent."""
+    def run(self) -> None:
+        """Search until the fit is good or two ends agree; `BudgetSpentError` beyond the budget."""
         sobol = Sobol(len(self._problem.names), rng=self._rng)
         ends: list[End] = []
-        try:
-            while not self._settled(ends):
-                if len(ends) == 1 and self._search_restarted(ends):
-                    continue
-                best = min((cost for cost, _ in ends), default=np.inf)
-                ends.append(self._one_search(sobol))
-                self._in_vain = self._in_vain + 1 if ends[-1][0] >= best else 0
-        except BudgetSpentError:
-            self._rate_noted()
-            self.state.stopped = "budget"
-        except KeyboardInterrupt:
-            self._rate_noted(told=False)  # whoever is told would raise it again
-            raise
-        return self.state
+        while not self._settled(ends):
+            if len(ends) == 1 and self._search_restarted(ends):
+                continue
+            best = min((cost for cost, _ in ends), default=np.inf)
+            ends.append(self._one_search(sobol))
+            self._in_vain = self._in_vain + 1 if ends[-1][0] >= best else 0
 
     def searches(self, most: int) -> Iterator[End]:
         """Whole searches one after another, each from new samples, while the budget lasts."""
         sobol = Sobol(len(self._problem.names), rng=self._rng)
-        for _ in range(most):
-            try:
+        with suppress(BudgetSpentError):
+            for _ in range(most):
                 yield self._one_search(sobol)
-            except BudgetSpentError:
-                self._rate_noted()
-                return
 
     def _settled(self, ends: list[End]) -> bool:
         """Whether the search may end, and why."""
@@ -138,13 +99,13 @@ class MultistartDescent:
             self.state.stopped = "good fit of stretches"
         elif ends and self._problem.relative_misfit(ends[0][0]) < good_fit(self._problem):
             self.state.stopped = "good fit"
-        elif len(ends) > 1 and np.abs(ends[0][1] - ends[1][1]).max() < AGREEMENT:
+        elif len(ends) > 1 and np.abs(ends[0][1] - ends[1][1]).max() < 0.02:  # in any coordinate
             self.state.stopped = "two searches agree"
-        elif len(ends) > 1 and ends[1][0] < ALIKE * ends[0][0]:
+        elif len(ends) > 1 and ends[1][0] < 1.02 * ends[0][0]:  # none to come will fit better
             self.state.stopped = "two searches fit alike"
             self.state.others.append(self._chart.to_values(ends[1][1][None])[0])
         elif self._in_vain >= 2 or (  # searches in a row that fit no better than one before
-            ends and self._problem.relative_misfit(ends[0][0]) > self.worth
+            ends and self._problem.relative_misfit(ends[0][0]) > self._worth
         ):
             self.state.stopped = "no search fits better"
         else:
@@ -167,28 +128,24 @@ class MultistartDescent:
             if state.report is not None:
                 state.report(state.evaluations, state.cost)
 
-        search = MultistartDescent(
-            restarted, budget=budget, seed=int(self._rng.integers(2**31)), report=count,
-            worth=HOPEFUL * good_fit(restarted),
-        )  # fmt: skip
-        found = search.run()
+        found = Tally(restarted, budget, count)
+        seed = int(self._rng.integers(2**31))
+        with suppress(BudgetSpentError):
+            MultistartDescent(found, seed, worth=HOPEFUL * good_fit(restarted)).run()
         state.evaluations = before + found.evaluations
         if not np.isfinite(found.cost):
             return False
 
-        def residuals(z: np.ndarray) -> np.ndarray:
-            self.state.spend(len(z))
-            return restarted.residuals(self._chart.to_values(z))
-
-        answer = self._chart.to_values(self._polished(found.best, residuals).points)[0]
-        self.state.spend(2)
+        end = self._polished(found.best, partial(state.residuals_of, restarted))
+        answer = self._chart.to_values(end.points)[0]
+        state.spend(2)
         old, new = restarted.costs(np.stack([state.best, answer]))
         if restarted.relative_misfit(new) < good_fit(restarted) and old > CLEARLY_BETTER**2 * new:
-            self.state.spend(1)
+            state.spend(1)
             state.best, state.restarted = answer, restarted
             state.cost = float(whole.costs(answer[None])[0])
             return True
-        fine = self._polished(answer, self.state.residuals)
+        fine = self._polished(answer, state.residuals)
         self._keep(fine)
         ends.append((float(fine.costs[0]), fine.points[0]))
         return True
@@ -204,17 +161,18 @@ class MultistartDescent:
 
     def _one_search(self, sobol: object) -> End:
         samples = self._samples(sobol)
-        costs = self._costs(samples)
-        self._note(samples[np.argmin(costs)])
+        self.state.spend(len(samples))
+        costs = self._smooth.costs(self._chart.to_values(samples))
+        self._rate(samples[np.argmin(costs)])
+        smooth_residuals = partial(self.state.residuals_of, self._smooth)
         descent = LevenbergMarquardt.start(
-            self._starts(samples, costs, THINNING[0][0]), self._smooth_residuals, damping=0.1
+            self._starts(samples, costs, THINNING[0][0]), smooth_residuals, damping=0.1
         )
         for count, iterations in THINNING:
             descent = descent.best(count)
             for _ in range(iterations):
-                self._iterate(descent, self._smooth_residuals)
-            self._note(descent.best(1).points[0])
-        self._rate_noted()
+                self._iterate(descent, smooth_residuals)
+            self._rate(descent.best(1).points[0])
         points = descent.best(POLISH[0][0]).points
         fine = LevenbergMarquardt.start(points, self.state.residuals)
         for count, iterations in POLISH:
@@ -231,7 +189,7 @@ class MultistartDescent:
     def _samples(self, sobol: object) -> np.ndarray:
         """Points (n, d) of ``z``; the problem's own start first, directions all round."""
         # a power of two, for the balance of the sequence; less where the budget is small
-        n = min(SAMPLES, 1 << ((self.state.budget // 2).bit_length() - 1))
+        n = min(256, 1 << ((self.state.budget // 2).bit_length() - 1))
         x = self._chart.from_unit(sobol.random(n))  # type: ignore[attr-defined]
         if self.state.evaluations == 0:
             x[0] = self._problem.start
@@ -260,29 +218,10 @@ class MultistartDescent:
     ) -> None:
         descent.iterate(residuals, self._chart.lower, self._chart.upper, self._chart.project)
 
-    def _costs(self, z: np.ndarray) -> np.ndarray:
-        self.state.spend(len(z))
-        return self._smooth.costs(self._chart.to_values(z))
-
-    def _smooth_residuals(self, z: np.ndarray) -> np.ndarray:
-        self.state.spend(len(z))
-        return self._smooth.residuals(self._chart.to_values(z))
-
-    def _note(self, z: np.ndarray) -> None:
-        """Have a point of the smooth stage rated by the full bandwidth: the history has one scale.
-
-        Later, all of them together (`_rate_noted`): one candidate takes as long as many.
-        """
+    def _rate(self, z: np.ndarray) -> None:
+        """Offer a point of the smooth stage by the full bandwidth: the history has one scale."""
         self.state.spend(1)
-        self._noted.append((self.state.evaluations, z))
-
-    def _rate_noted(self, told: bool = True) -> None:
-        """Rate the points that were noted, in their order; ``told``: and report each."""
-        noted, self._noted = self._noted, []
-        if noted:
-            costs = self._problem.costs(self._chart.to_values(np.stack([z for _, z in noted])))
-            for (evaluations, z), cost in zip(noted, costs.tolist(), strict=True):
-                self.state.offer(z, cost, evaluations, told)
+        self.state.offer(z, float(self._problem.costs(self._chart.to_values(z[None]))[0]))
 
     def _keep(self, descent: LevenbergMarquardt) -> None:
         end = descent.best(1)

@@ -18,8 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ematwin.estimation.baseline import Baseline, NominalParameter, uncertain
-from ematwin.estimation.constants import DETERMINED, TWO_SIGMA
+from ematwin.estimation.baseline import Baseline, NominalParameter, nominal_parameters, uncertain
+from ematwin.estimation.constants import TWO_SIGMA
 from ematwin.estimation.levenberg_marquardt import LevenbergMarquardt
 from ematwin.estimation.prior import Prior, coordinate
 from ematwin.estimation.problem import Problem
@@ -29,30 +29,19 @@ from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
 from ematwin.numerics.side_by_side import side_by_side
 
-_GAIN = 0.02  # squared standard deviations: a step that gains less ends a descent
-_SETTLED = 0.1  # share by which the noise of a recording may change at the end
 _SHARE, _DIFFERENCE = 0.3, 0.02  # of a spread, and of a logarithm: differences for slopes
-_DRAWS, _SEARCHED, _STARTS = 300, 6, 3  # points, recordings and best points of the first search
+_DRAWS = 300  # points of the first search
 _ROUNDS = 12  # of expectation and maximisation
 _STATED = 4.0  # recordings that the stated drift counts for
-_LITTLE = 0.002  # in a logarithm, of what is stated not to drift
 
 
 class Peak(NamedTuple):
-    """The most probable point of some recordings.
+    """The most probable point of some recordings."""
 
-    Attributes
-    ----------
-    problem : each recording weighed by the noise that it shows
-    point : (d,) array, values of shared unknowns, then of each recording's own
-    misfits : (n,) array, root mean squares of the residuals in the unit of the stated noise
-    evaluations : int, simulations
-    """
-
-    problem: Problem
-    point: np.ndarray
-    misfits: np.ndarray
-    evaluations: int
+    problem: Problem  # each recording weighed by the noise that it shows
+    point: np.ndarray  # (d,), values of shared unknowns, then of each recording's own
+    misfits: np.ndarray  # (n,), root mean squares of residuals in the unit of the stated noise
+    evaluations: int  # simulations
 
     @property
     def values(self) -> dict[str, float]:
@@ -61,16 +50,10 @@ class Peak(NamedTuple):
 
     def each(self, own: Sequence[Unknown]) -> np.ndarray:
         """(n, p) coordinates of what each recording has for itself."""
-        values, count = self.values, len(self.problem.comparisons)
-        names = [["" if count == 1 else f"@{n}"] * len(own) for n in range(count)]
-        return np.array([
-            [coordinate(one, values[one.name + end]) for one, end in zip(own, ends, strict=True)]
-            for ends in names
-        ])  # fmt: skip
-
-    def with_noise_of(self, other: "Peak") -> "Peak":
-        """The same point, recordings weighed as at another peak of theirs."""
-        return self._replace(problem=self.problem.with_comparisons(other.problem.comparisons))
+        count = len(self.problem.comparisons)
+        pairs = zip(self.problem.unknowns, self.point.tolist(), strict=True)
+        every = np.array([coordinate(one, value) for one, value in pairs], dtype=float)
+        return every[every.size - count * len(own) :].reshape(count, len(own))
 
     def approximated(self) -> tuple[float, np.ndarray]:
         """Logarithm of the evidence, but for a constant, and covariance (d, d) of the coordinates.
@@ -104,13 +87,8 @@ def fit(
     Each recording has the noise that its residuals show. Those of a start count until the descent
     explains them: no jump to far minima. An error of the twin that leaves no residual pulls the
     parameters of each recording in another direction: it is part of their learnt spread.
-
-    Parameters
-    ----------
-    comparisons : (n,)
-    shared, own : what all recordings have in common, and what each has for itself
-    start : values by name to start from, ``name@n`` of the nth of several; healthy if not given
-    held : values of other unknowns, by name
+    ``shared`` is what all recordings have in common, ``own`` what each has for itself; a ``start``
+    is by name, ``name@n`` of the nth of several, healthy if not given.
     """
     problem = Problem(
         comparisons, [*shared, *own], held=held, own=[one.name for one in own], start=start
@@ -132,16 +110,13 @@ def fit(
             spent += len(z) * len(comparisons)
             return weights * problem.residuals(chart.to_values(z))
 
-        def known(z: np.ndarray, left: np.ndarray = weights * found) -> np.ndarray:
-            return left[None]
-
-        descent = LevenbergMarquardt.start(z, known)
+        descent = LevenbergMarquardt.start(z, residuals, known=(weights * found)[None])
         cost = float(descent.costs[0])
         descent.iterate(residuals, chart.lower, chart.upper, chart.project)
         z, found = descent.points, descent.residuals[0] / weights
         left = np.split(found, ends)[:-1]
         gained = (cost - float(descent.costs[0])) / problem.noise**2
-        if gained < _GAIN and np.all(np.abs(weights - before) < _SETTLED * before):
+        if gained < 0.02 and np.all(np.abs(weights - before) < 0.1 * before):
             break
     parts = [one.reweighed(part) for one, part in zip(comparisons, left, strict=True)]
     misfits = np.array([math.sqrt(float(np.mean(one**2))) for one in left])
@@ -215,13 +190,7 @@ def learn_effects(
         Prior(before.names, mean, np.diag(spread**2 + error**2)),
         misfit=float(misfits.max()), expected_misfit=float(expected.max()), recordings=count,
     )  # fmt: skip
-    parameters = [
-        NominalParameter(
-            one.name, values[one.name], template.value(one.name), float(e * values[one.name]),
-            bool(e < DETERMINED * (one.spread or 0.0)),
-        )
-        for one, e in zip(known, error, strict=False)
-    ]  # fmt: skip
+    parameters = nominal_parameters(template, known, Prior(before.names, mean, np.diag(error**2)))
     return template.changed(values), baseline, parameters
 
 
@@ -229,14 +198,9 @@ def errors_of_mean(unsure: np.ndarray, variance: np.ndarray, prior: np.ndarray) 
     """Standard errors (d,) of the mean of parameters that differ between recordings.
 
     A recording tells the mean with the precision ``(C + V)^-1`` (Laird and Ware 1982), where C is
-    the covariance of its estimate and V the variance between recordings; parameters that only their
-    combination determines stay unknown, however many recordings there are.
-
-    Parameters
-    ----------
-    unsure : (n, d, d), covariances of each recording's parameters, ``(C^-1 + V^-1)^-1``
-    variance : (d,), diagonal of V
-    prior : (d,), standard deviations of the mean before
+    the covariance of its estimate and V, with the diagonal ``variance`` (d,), that between
+    recordings; parameters that only their combination determines stay unknown. ``unsure`` (n, d, d)
+    are ``(C^-1 + V^-1)^-1``, ``prior`` (d,) standard deviations of the mean before.
     """
     told = np.sum(np.diag(1.0 / variance) - unsure / np.outer(variance, variance), axis=0)
     return np.asarray(np.sqrt(np.diag(np.linalg.inv(told + np.diag(prior**-2.0)))))
@@ -257,7 +221,7 @@ def _first(
     tell: Callable[[float], None],
 ) -> np.ndarray:
     """Coordinates (d,) at which one set of parameters explains all recordings best."""
-    chosen = np.unique(np.linspace(0, len(comparisons) - 1, _SEARCHED).astype(int))
+    chosen = np.unique(np.linspace(0, len(comparisons) - 1, 6).astype(int))
     some = [comparisons[n] for n in chosen]
     rng = np.random.default_rng(1)
     prior = Prior.independent(known)
@@ -270,7 +234,7 @@ def _first(
     costs = np.sum([one.costs(points, _DRAWS) for one in some], axis=0)
     starts = [
         {name: float(x[n]) for name, x in points.items()}
-        for n in np.unique(np.r_[0, np.argsort(costs)[:_STARTS]])
+        for n in np.unique(np.r_[0, np.argsort(costs)[:3]])
     ]
     peaks = side_by_side(lambda start: fit(some, known, nuisances, start=start), starts)
     tell(0.2)
@@ -281,10 +245,8 @@ def _first(
 
 
 def _nuisances(model: Model, actuator: ParameterSet) -> list[Unknown]:
-    """Nuisances with a spread."""
-    return [
-        one for one in model.unknowns(actuator) if one.role == "nuisance" and one.spread is not None
-    ]
+    every = model.unknowns(actuator)
+    return [one for one in every if one.role == "nuisance" and one.spread is not None]
 
 
 def _drift(actuator: ParameterSet, one: Unknown) -> float:
@@ -293,4 +255,4 @@ def _drift(actuator: ParameterSet, one: Unknown) -> float:
         assert one.spread is not None
         return one.spread
     stated = actuator.drift(one.name)
-    return _LITTLE if stated is None else math.log1p(stated) / TWO_SIGMA
+    return 0.002 if stated is None else math.log1p(stated) / TWO_SIGMA

@@ -20,17 +20,9 @@ _TRIED = 4000  # draws
 class RestrictedNormal:
     """A normal distribution of the unknowns (d,) of a chart, in its coordinates.
 
-    Parameters
-    ----------
-    chart : of d unknowns
-    mean, covariance : (d,) and (d, d) arrays, as if all faults were there and had no bounds
-    at : (d,) array, the point whose density is the unit of `log_volume`
-
-    Attributes
-    ----------
-    faults : coordinates of each fault that may be absent
-    undetermined : the same of faults that may be anything, by a standard error of more than
-        `ANYTHING`
+    Mean (d,) and covariance (d, d) are as if all faults were there and had no bounds; the density
+    at ``at`` (d,) is the unit of `log_volume`. ``faults`` are coordinates of each fault that may be
+    absent, ``undetermined`` of those with a standard error of more than `ANYTHING`.
     """
 
     def __init__(

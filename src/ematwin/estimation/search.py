@@ -8,9 +8,9 @@ far when it is interrupted.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol, cast
@@ -29,55 +29,35 @@ Report = Callable[[int, float], None]
 
 @dataclass(frozen=True)
 class Found:
-    """Result of a search.
+    """Result of a search."""
 
-    Attributes
-    ----------
-    point : (d,) array, values of the free unknowns
-    cost : float, over the whole recordings
-    evaluations : int
-    history : (B, 2) array, evaluations and best cost so far
-    stopped : why it ended
-    method : name
-    seed : int
-    problem : the problem that judged the point, where it differs from the given problem
-    others : points (d,) of other local minima, refined to convergence
-    """
-
-    point: np.ndarray
-    cost: float
+    point: np.ndarray  # (d,), values of the free unknowns
+    cost: float  # over the whole recordings
     evaluations: int
-    history: np.ndarray
-    stopped: str
-    method: str
+    history: np.ndarray  # (B, 2), evaluations and best cost so far
+    stopped: str  # why it ended
+    method: str  # its name
     seed: int
-    problem: Problem | None = None
-    others: tuple[np.ndarray, ...] = ()
+    problem: Problem | None = None  # that judged the point, where it differs from the given one
+    others: tuple[np.ndarray, ...] = ()  # points (d,) of other minima, refined to convergence
 
 
 class BudgetSpentError(Exception):
-    """The next batch would exceed the budget; caught by `by_slopes`."""
+    """The next batch would exceed the budget; caught by `SlopeSearch`."""
 
 
 @dataclass
 class Tally:
     """Simulations of a search that follows slopes, its best point, and the way there.
 
-    Attributes
-    ----------
-    problem : Problem
-    budget : int, simulations at most
-    report : called after each stage
-    best, cost, evaluations, stopped, others : as of `Found`
-    history : evaluations and best cost so far
-    restarted : the problem that judged the best point where not the whole record did; the cost is
-        of the whole record nevertheless
+    ``budget`` is the most simulations; ``restarted`` the problem that judged the best point where
+    not the whole record did, though the cost is of the whole record. All else is as of `Found`.
     """
 
     problem: Problem
     budget: int
     report: Report | None = None
-    best: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    best: np.ndarray = field(init=False)
     cost: float = float("inf")
     evaluations: int = 0
     history: list[tuple[int, float]] = field(default_factory=list)
@@ -85,120 +65,105 @@ class Tally:
     restarted: Problem | None = None
     others: list[np.ndarray] = field(default_factory=list)
 
-    def spend(self, count: int) -> None:
-        """Count simulations before they are made.
+    def __post_init__(self) -> None:
+        self.best = self.problem.start
 
-        Raises
-        ------
-        BudgetSpentError
-            If they would exceed the budget.
-        """
+    def spend(self, count: int) -> None:
+        """Count simulations before they are made; `BudgetSpentError` beyond the budget."""
         if self.evaluations + count > self.budget:
             raise BudgetSpentError
         self.evaluations += count
 
     def residuals(self, z: np.ndarray) -> np.ndarray:
         """Residuals (B, K) of the problem at coordinates (B, d), counted."""
-        self.spend(len(z))
-        return self.problem.residuals(self.problem.chart.to_values(z))
+        return self.residuals_of(self.problem, z)
 
-    def offer(
-        self, z: np.ndarray, cost: float, evaluations: int | None = None, told: bool = True
-    ) -> None:
-        """Take a point (d,) where it is the best; ``evaluations`` are those until it was seen."""
+    def residuals_of(self, problem: Problem, z: np.ndarray) -> np.ndarray:
+        """The same of the problem in another form, such as a smoothed one."""
+        self.spend(len(z))
+        return problem.residuals(problem.chart.to_values(z))
+
+    def offer(self, z: np.ndarray, cost: float) -> None:
+        """Take a point (d,) where it is the best, and report."""
         if cost < self.cost:
             self.cost = cost
             self.best = self.problem.chart.to_values(z[None])[0]
-        spent = self.evaluations if evaluations is None else evaluations
-        self.history.append((spent, self.cost))
-        if told and self.report is not None:
+        self.history.append((self.evaluations, self.cost))
+        if self.report is not None:
             self.report(self.evaluations, self.cost)
 
 
-def by_slopes(name: str, tally: Tally, seed: int, work: Callable[[], object]) -> Found:
-    """Result of a search that follows slopes, also after its budget is spent or it is interrupted.
-
-    Raises
-    ------
-    InputError
-        If the budget is less than one simulation.
-    RecordError
-        If the twin diverged everywhere.
-    """
-    if tally.budget < 1:
-        raise InputError(f"The budget must be at least 1 evaluation, received {tally.budget}.")
-    try:
-        work()
-    except BudgetSpentError:
-        tally.stopped = "budget"
-    except KeyboardInterrupt:
-        tally.stopped = "interrupted"
-        if not np.isfinite(tally.cost):
-            raise
-    if not np.isfinite(tally.cost):
-        raise RecordError(
-            f"The twin diverged for each of {tally.evaluations} candidates. Check the parameters "
-            "of the actuator and the first position and speed of the record."
-        )
-    return Found(
-        tally.best, tally.cost, tally.evaluations, np.array(tally.history, dtype=float),
-        tally.stopped, name, seed, tally.restarted, tuple(tally.others),
-    )  # fmt: skip
-
-
 class Search(Protocol):
-    """A search method.
-
-    Attributes
-    ----------
-    name : str
-    planned : int, evaluations that it takes at most if no budget is given
-    smallest_budget : int
-    """
+    """A search method."""
 
     @property
     def name(self) -> str:
         """As it is called in results."""
-        ...
 
     @property
     def planned(self) -> int:
-        """Evaluations at most without a budget."""
-        ...
+        """Evaluations that it takes at most if no budget is given."""
 
     @property
     def smallest_budget(self) -> int:
         """The least budget that it can work with."""
-        ...
 
     def run(self, problem: Problem, *, budget: int | None, seed: int, report: Report) -> Found:
         """Find the point of least cost."""
-        ...
+
+
+class SlopeSearch(ABC):
+    """A search that follows slopes: `run` keeps budget and Ctrl-C, `descend` searches."""
+
+    planned = POPULATION * ITERATIONS  # an upper limit: most records need a tenth of it
+    smallest_budget = 1
+    name: Any
+
+    @abstractmethod
+    def descend(self, tally: Tally, seed: int) -> None:
+        """Search until done; offer points to the tally, and say there why it ended."""
+
+    def run(self, problem: Problem, *, budget: int | None, seed: int, report: Report) -> Found:
+        """Search; after an interruption with the best found until then.
+
+        `InputError` if the budget is too small, `RecordError` if the twin diverged everywhere.
+        """
+        tally = Tally(problem, self.planned if budget is None else budget, report)
+        if tally.budget < 1:
+            raise InputError(f"The budget must be at least 1 evaluation, received {tally.budget}.")
+        try:
+            self.descend(tally, seed)
+        except BudgetSpentError:
+            tally.stopped = "budget"
+        except KeyboardInterrupt:
+            tally.stopped = "interrupted"
+            if not np.isfinite(tally.cost):
+                raise
+        if not np.isfinite(tally.cost):
+            raise RecordError(
+                f"The twin diverged for each of {tally.evaluations} candidates. Check the "
+                "parameters of the actuator and the first position and speed of the record."
+            )
+        return Found(
+            tally.best, tally.cost, tally.evaluations, np.array(tally.history, dtype=float),
+            tally.stopped, self.name, seed, tally.restarted, tuple(tally.others),
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Population:
-    """An optimiser that asks and is told, with its one loop.
+    """An optimiser that asks and is told, with its one loop."""
 
-    Parameters
-    ----------
-    algorithm : name of ``ematwin algorithms``, an optimiser, or a factory of one
-    population, iterations : their product is the budget if none is given
-    checkpoint : file of its state; an interrupted search goes on from it
-    """
-
-    algorithm: str | Optimizer | Any
+    algorithm: str | Optimizer | Any  # a name, an optimiser, or a factory of one
     population: int = POPULATION
-    iterations: int = ITERATIONS
-    checkpoint: Path | None = None
+    iterations: int = ITERATIONS  # times the population it is the budget if none is given
+    checkpoint: Path | None = None  # file of its state; an interrupted search goes on from it
     smallest_budget: int = 1
 
     @property
     def name(self) -> str:
         """Of the algorithm."""
-        if isinstance(self.algorithm, str):
-            return self.algorithm
-        return type(self.algorithm).__name__
+        return self.algorithm if isinstance(self.algorithm, str) else type(self.algorithm).__name__
 
     @property
     def planned(self) -> int:
@@ -241,18 +206,13 @@ class _Costs:
         return self.problem.costs(self.problem.from_box(points), limits)
 
 
-def _own(module: str, method: str) -> Any:
-    """A class of search methods, imported where it is asked for."""
-    return getattr(import_module(f"ematwin.estimation.{module}"), method)
-
-
 OWN = (
     Algorithm(
         "multistart",
         "Sobol samples, then Levenberg-Marquardt (default for the brushless actuator)",
         "this project, docs/results.md",
         "ematwin",
-        partial(_own, "multistart", "Multistart"),
+        lambda: import_module("ematwin.estimation.multistart").Multistart,
         departures="none",
         tuned_on="mixtures of faults with seeds of their own, of which some stand in tables of "
         "docs/results.md",
@@ -262,7 +222,7 @@ OWN = (
         "Levenberg-Marquardt from the starts that the kind of actuator suggests",
         "Levenberg (1944), Marquardt (1963)",
         "ematwin",
-        partial(_own, "local", "LocalDescent"),
+        lambda: import_module("ematwin.estimation.local").LocalDescent,
         aliases=("lm", "descent"),
         departures="forward differences in batches; bounds by projection (Bertsekas 1982)",
     ),
@@ -271,7 +231,7 @@ OWN = (
         "Trust-region least squares of SciPy from random starts",
         "scipy.optimize.least_squares; Branch, Coleman and Li (1999)",
         "scipy",
-        partial(_own, "local", "ScipyLeastSquares"),
+        lambda: import_module("ematwin.estimation.local").ScipyLeastSquares,
         departures="forward differences as long as the default method's; restarts",
         tuned_on="nothing here: the library's own settings",
     ),
@@ -297,22 +257,22 @@ def expanded(names: Iterable[str]) -> tuple[str, ...]:
 def method_name(text: str) -> str:
     """The name that a name or alias means.
 
-    Raises
-    ------
-    InputError
-        If there is no such method; the message suggests the closest.
-    MissingExtraError
-        If its library is not installed.
+    `InputError` if there is no such method, with the closest; `MissingExtraError` if its library is
+    not installed.
     """
+    return _method(text).name
+
+
+def _method(text: str) -> Algorithm:
     wanted = text.strip().lower().replace("_", "-")
     for one in OWN:
         if wanted in (one.name, *one.aliases):
-            return one.name
+            return one
     from ematwin.optimizers.registry import find
 
     found = find(text)
     found.factory()
-    return found.name
+    return found
 
 
 def named(
@@ -324,21 +284,15 @@ def named(
 ) -> Search:
     """The search that a name, a search, an optimiser or a factory of one means.
 
-    Raises
-    ------
-    InputError
-        If there is none of that name, or it keeps no checkpoint.
+    `InputError` if there is none of that name, or it keeps no checkpoint.
     """
     if hasattr(algorithm, "run") and not isinstance(algorithm, Optimizer):
         return cast(Search, algorithm)
-    name = method_name(algorithm) if isinstance(algorithm, str) else ""
-    for one in OWN:
-        if one.name != name:
-            continue
+    if isinstance(algorithm, str) and (one := _method(algorithm)) in OWN:
         if checkpoint is not None:
             raise InputError(
-                f"The method {name} takes about a second and keeps no checkpoint; leave it out, "
-                "or choose a population method such as de."
+                f"The method {one.name} takes about a second and keeps no checkpoint; leave it "
+                "out, or choose a population method such as de."
             )
         return cast(Any, one.factory())()
     path = None if checkpoint is None else Path(checkpoint)

@@ -14,20 +14,12 @@ from ematwin.quantities import parse_quantity
 
 @dataclass(frozen=True)
 class Threshold:
-    """Value from which a fault matters.
+    """Value from which a fault matters."""
 
-    Attributes
-    ----------
-    unknown : the fault
-    value : in the unit of the unknown, or in `Unknown.physical_unit`
-    physical : whether the value is physical
-    above : whether values above are beyond it; else those below are, because healthy lies above
-    """
-
-    unknown: Unknown
-    value: float
-    physical: bool
-    above: bool
+    unknown: Unknown  # the fault
+    value: float  # in the unit of the unknown, or in `Unknown.physical_unit`
+    physical: bool  # the value is physical
+    above: bool  # values above are beyond it; else those below are, because healthy lies above
 
     @property
     def text(self) -> str:
@@ -35,23 +27,16 @@ class Threshold:
         unit = (self.unknown.physical_unit if self.physical else self.unknown.unit) or ""
         return f"{self.value:g} {unit}".rstrip()
 
-    def is_beyond(self, values: np.ndarray) -> np.ndarray:
-        """(N,) of bool, for values (N,) in the unit of the threshold."""
-        return np.asarray(values > self.value if self.above else values < self.value)
-
-    def values(self, actuator: ParameterSet, drawn: Draws) -> np.ndarray:
-        """(N,) values of draws in the unit of the threshold.
-
-        Physical ones are products, where a fault is a multiple of a parameter.
-        """
+    def is_beyond(self, actuator: ParameterSet, drawn: Draws) -> np.ndarray:
+        """(N,) of bool, of draws; physical values are multiples of what parameters are in these."""
         one, x = self.unknown, drawn.of(self.unknown.name)
-        if not self.physical or one.physical is None:
-            return x
-        places = {name: drawn.of(name) for name in drawn.names if "." in name}
-        try:
-            return np.asarray(one.physical(actuator.with_arrays(places), x), dtype=float)
-        except TypeError:  # a kind that takes no arrays
-            return np.array([one.physical(actuator, value) for value in x.tolist()], dtype=float)
+        if self.physical and one.physical is not None:
+            places = {name: drawn.of(name) for name in drawn.names if "." in name}
+            try:
+                x = np.asarray(one.physical(actuator.with_arrays(places), x), dtype=float)
+            except TypeError:  # a kind that takes no arrays
+                x = np.array([one.physical(actuator, value) for value in x.tolist()], dtype=float)
+        return x > self.value if self.above else x < self.value
 
 
 def thresholds_of(
@@ -59,10 +44,7 @@ def thresholds_of(
 ) -> dict[str, Threshold]:
     """Thresholds of searched faults by name; a text with a unit is physical.
 
-    Raises
-    ------
-    InputError
-        If there is no such fault, it was held, or the threshold lies outside its range.
+    `InputError` if there is no such fault, it was held, or the threshold lies outside its range.
     """
     known = {one.name: one for one in unknowns if one.role == "fault" and one.direction_of is None}
     found = {}

@@ -186,7 +186,7 @@ def by_sets(question: Question, sets: FaultSets, drawn: Draws) -> dict[str, Any]
     limits, actuator = question.thresholds.items(), question.actuator
 
     def beyond(one: Threshold) -> float:
-        return sets.share(lambda drawn: one.is_beyond(one.values(actuator, drawn)))
+        return sets.share(lambda drawn: one.is_beyond(actuator, drawn))
 
     return {
         "present": sets.probabilities,

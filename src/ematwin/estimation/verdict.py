@@ -23,6 +23,7 @@ from ematwin.estimation.constants import (
     WORST,
 )
 from ematwin.showing import markup
+from ematwin.showing.results import plain
 from ematwin.showing.text import listed
 
 Grade = Literal["healthy", "changed", "fault", "none"]
@@ -48,6 +49,11 @@ class Verdict:
     reason: str
     sentence: str
 
+    @classmethod
+    def none(cls, reason: str) -> "Verdict":
+        """No verdict, for a reason in one sentence or several."""
+        return cls("none", (), reason, f"No verdict: {reason}")
+
     def __str__(self) -> str:
         return self.sentence
 
@@ -57,23 +63,14 @@ class Verdict:
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
-        return {
-            "grade": self.grade,
-            "faults": list(self.faults),
-            "reason": self.reason,
-            "sentence": self.sentence,
-        }
+        return plain(vars(self))
 
 
 def most_misfit(healthy: float, has_reference: bool = False, scatter: float = 0.0) -> float:
     """The relative misfit up to which a fit is a ground for a verdict.
 
-    Parameters
-    ----------
-    healthy : of healthy recordings, NaN where there are none
-    has_reference : whether the twin is corrected by a reference model: what healthy recordings
-        leave is then all that is usual, and else no less than `EXPLAINED`
-    scatter : by which answers of the reference differ: a recording is one of them
+    By what ``healthy`` recordings leave, NaN without any, and the ``scatter`` of the reference: a
+    recording is one of its answers. Without a reference no less than `EXPLAINED` is usual.
     """
     if math.isnan(healthy):
         return UNCALIBRATED
@@ -83,42 +80,30 @@ def most_misfit(healthy: float, has_reference: bool = False, scatter: float = 0.
 
 
 def judged(
-    probability: Mapping[str, float],
-    faulty: float,
-    large: Mapping[str, float],
+    probability: Mapping[str, float],  # by fault, that it is as far from healthy as matters
+    faulty: float,  # the probability that any of them is
+    large: Mapping[str, float],  # by fault, that it is as large as is not overlooked (`TELLING`)
     *,
-    calibrated: bool,
-    reach: Mapping[str, float],
-    found: Mapping[str, str],
-    ranges: Mapping[str, str],
-    obstacles: Sequence[str] = (),
-    ambiguities: Mapping[str, str] | None = None,
+    calibrated: bool,  # whether the twin was fitted to healthy recordings of the actuator
+    reach: Mapping[str, float],  # by fault, from healthy to the end of its interval, over its range
+    found: Mapping[str, str],  # by fault, its size: "friction +50 % (0.045 N m, 95 % interval ...)"
+    ranges: Mapping[str, str],  # by fault, its interval: "short a, 0 to 2.2 turns"
+    obstacles: Sequence[str] = (),  # sentences on reasons that each forbid a verdict
+    ambiguities: Mapping[str, str] | None = None,  # by fault, what else may be the cause
 ) -> Verdict:
-    """The verdict from the probabilities of the faults.
-
-    Parameters
-    ----------
-    probability : by fault, that it is as far from healthy as matters; `UNNAMED` names none
-    faulty : that any of them is
-    large : by fault, that it is as large as is not overlooked (`TELLING`)
-    calibrated : whether the twin was fitted to healthy recordings of the actuator
-    reach : by fault, how far its interval reaches from healthy, as a share of its range
-    found : by fault, its size for people, "friction +50 % (0.045 N m, 95 % interval ...)"
-    ranges : by fault, its interval for people, "short a, 0 to 2.2 turns"
-    obstacles : reasons that each forbid a verdict, as sentences
-    ambiguities : by fault, what else may be the cause
-    """
+    """The verdict from the probabilities of the faults; `UNNAMED` is none that can be named."""
     if not probability:
         obstacles = [*obstacles, "No fault was searched."]
     if obstacles:
-        return _without(" ".join(obstacles))
+        return Verdict.none(" ".join(obstacles))
     named = tuple(n for n, share in probability.items() if share > CERTAIN and n != UNNAMED)
     unsure = sorted(
         (name for name in probability if name not in named and probability[name] > 1.0 - CERTAIN),
         key=lambda name: -probability[name],
     )
     told = {n: (found if probability[n] > BEFOREHAND else ranges)[n] for n in unsure}
-    perhaps = _listed_or([f"{told[n]}, {100.0 * probability[n]:.0f} % probable" for n in unsure])
+    each = [f"{told[n]}, {100.0 * probability[n]:.0f} % probable" for n in unsure]
+    perhaps = listed(each, "or") if each else ""
     causes = dict.fromkeys((ambiguities or {}).get(name, "") for name in unsure)
     because = "".join(f" {cause}" for cause in causes if cause)
     advice = (
@@ -131,8 +116,8 @@ def judged(
         if unsure:
             reason = rest = f"Perhaps also {perhaps}.{because}"
         elif others := {name: far for name, far in reach.items() if name not in named}:
-            rest = least_certain("No other fault", others, ranges)
-        sentence = f"{faults_said([found[name] for name in named])} {rest}".rstrip()
+            rest = _least_certain("No other fault", others, ranges)
+        sentence = f"{_named([found[name] for name in named])} {rest}".rstrip()
         return Verdict("fault", named, reason, sentence)
     if faulty > CERTAIN:
         which = "; the recording does not tell which" if len(unsure) > 1 else ""
@@ -140,48 +125,29 @@ def judged(
         return Verdict("changed", (), reason, f"Changed: {reason}")
     doubt = f"A fault is {100.0 * faulty:.0f} % probable: {perhaps}." if perhaps else ""
     if faulty > BEFOREHAND:
-        return _without(f"{doubt}{because} {advice}")
+        return Verdict.none(f"{doubt}{because} {advice}")
     unseen = [name.replace("_", " ") for name, share in large.items() if share > 1.0 - CERTAIN]
     if unseen:
         reason = f"A fault of {listed(unseen)} would hardly show in this recording."
-        return _without(f"{doubt} {reason} {advice}".lstrip())
-    sentence = f"Healthy: {least_certain('no fault', reach, ranges)} {doubt}".rstrip()
+        return Verdict.none(f"{doubt} {reason} {advice}".lstrip())
+    sentence = f"Healthy: {_least_certain('no fault', reach, ranges)} {doubt}".rstrip()
     return Verdict("healthy", (), doubt, sentence)
 
 
-def _without(reason: str) -> Verdict:
-    return Verdict("none", (), reason, f"No verdict: {reason}")
+def _named(sizes: Sequence[str]) -> str:
+    """Named faults, from the size of each: "Two faults: ... and ..."; one says its interval."""
+    if len(sizes) == 1:
+        return f"Fault: {sizes[0]}."
+    beside = (one.replace(f"{INTERVAL} ", "") for one in sizes[1:])
+    count = _COUNTS.get(len(sizes), str(len(sizes)))
+    return f"{count} faults: {listed([sizes[0], *beside])}."
 
 
-def _listed_or(said: Sequence[str]) -> str:
-    """Alternatives in words."""
-    return " or ".join([", ".join(said[:-1]), said[-1]]) if len(said) > 1 else "".join(said)
-
-
-def faults_said(said: Sequence[str]) -> str:
-    """Named faults in one sentence, from the size of each: "Two faults: ... and ..."."""
-    count = _COUNTS.get(len(said), str(len(said)))
-    lead = f"{count} faults" if len(said) > 1 else "Fault"
-    return f"{lead}: {_together(said)}."
-
-
-def least_certain(none: str, far: Mapping[str, float], ranges: Mapping[str, str]) -> str:
-    """The bound that intervals set to faults that are not seen.
-
-    Parameters
-    ----------
-    none : "no fault"
-    far : by fault, how far its interval reaches from healthy, as a share of its range
-    ranges : by fault, its interval for people
-    """
+def _least_certain(none: str, far: Mapping[str, float], ranges: Mapping[str, str]) -> str:
+    """The bound that intervals set to faults that are not seen; as of `judged`."""
     if not far:
         return f"{none} found."
     if max(far.values()) <= SMALLEST:
         return f"{none} larger than {100 * SMALLEST:g} % of its range."
     worst = ranges[max(far, key=lambda name: far[name])]
     return f"{none} found; the least certain is {worst} ({INTERVAL})."
-
-
-def _together(said: Sequence[str]) -> str:
-    """Sizes of several faults; the first one says that its interval is of 95 %."""
-    return listed([said[0], *(one.replace(f"{INTERVAL} ", "") for one in said[1:])])

@@ -20,7 +20,7 @@ from ematwin.estimation.constants import COVERAGE
 from ematwin.estimation.identification import Identification
 from ematwin.estimation.identify import Prepared, compares_sets, identified, prepared
 from ematwin.estimation.interrupt import noting_interrupts
-from ematwin.estimation.search import Progress, Search
+from ematwin.estimation.search import Progress, Search, named
 from ematwin.estimation.verdict import Verdict
 from ematwin.models.reading import read
 from ematwin.monitoring.by_population import by_population
@@ -126,11 +126,17 @@ def identify(
     known = known_of(actuator, record) if runs is None else runs.groups[0].known
     if exact:
         known = Calibration(known.actuator, Baseline.of_simulation())
+    several = runs is not None or not is_one(record)
+    if several and checkpoint is not None:
+        raise InputError("A checkpoint is of one search; leave it out for several recordings.")
+    search = named(  # also without an algorithm: most default ones keep no checkpoint
+        known.model.default_search if algorithm is None else algorithm,
+        population=population, iterations=iterations, checkpoint=checkpoint,
+    )  # fmt: skip
     names = [only] if isinstance(only, str) else None if only is None else list(only)
     settings: dict[str, Any] = {
-        "budget": budget, "population": population, "iterations": iterations, "seed": seed,
-        "only": names, "held": held, "checkpoint": checkpoint,
-        "uncertainty": uncertainty, "thresholds": thresholds,
+        "search": None if algorithm is None else search, "budget": budget, "seed": seed,
+        "only": names, "held": held, "uncertainty": uncertainty, "thresholds": thresholds,
     }  # fmt: skip
     if together:
         if runs is not None:
@@ -144,18 +150,14 @@ def identify(
 
         ready = _ready(record, known, load, columns)
         return identified_by_sets(ready, known.actuator, known.baseline, only=names, held=held)
-    if runs is not None or not is_one(record):
-        if checkpoint is not None:
-            raise InputError("A checkpoint is of one search; leave it out for several recordings.")
+    if several:
 
         def judged(known: Calibration, ready: list[Prepared], tell: Progress | None) -> Detection:
             if exact:
                 known = Calibration(known.actuator, Baseline.of_simulation())
 
             def work(one: Prepared, share: int) -> Identification:
-                return identified(
-                    one, known.actuator, known.baseline, algorithm, threads=share, **settings
-                )
+                return identified(one, known.actuator, known.baseline, threads=share, **settings)
 
             found = _side_by_side(work, ready, tell, threads)
             return judge(known, [one.recording for one in ready], found)
@@ -169,17 +171,15 @@ def identify(
     # the recorded rate is not kept: who gives a recording away frees its memory
     record = prepared(record, known.actuator, load)
     alone = identified(
-        record, known.actuator, known.baseline, algorithm, progress=progress, threads=threads,
-        **settings,
-    )  # fmt: skip
+        record, known.actuator, known.baseline, progress=progress, threads=threads, **settings
+    )
     if alone.stopped == "interrupted":
         return alone
     try:
         verdict = judge(known, [record.recording], [alone]).motions[0].verdict
     except KeyboardInterrupt:
         why = "The healthy population was interrupted; these values come from the recording alone."
-        verdict = Verdict("none", (), why, f"No verdict: {why}")
-        return replace(alone, stopped="interrupted", verdict=verdict)
+        return replace(alone, stopped="interrupted", verdict=Verdict.none(why))
     return replace(alone, verdict=verdict)
 
 

@@ -184,10 +184,8 @@ class Bench:
         ):
             judged = found.problem or problem
             estimate = estimate_of(
-                self.model, self.actuator, problem, found.point,
-                spread_at(judged, found.point),
+                self.actuator, problem, found.point, spread_at(judged, found.point),
                 problem.relative_misfit(found.cost), recording,
-                dict(self.comparisons[n].statistics),
             )  # fmt: skip
             estimates.append(replace(estimate, warnings=tuple(self.warnings[n])))
             values = problem.values(found.point)

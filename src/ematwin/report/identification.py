@@ -1,8 +1,7 @@
 """Page: an identification."""
 
 from ematwin.errors import InputError
-from ematwin.estimation.findings import fault_cells
-from ematwin.estimation.identification import Identification
+from ematwin.estimation.identification import Identification, fault_cells
 from ematwin.estimation.profile import ProfileUncertainty
 from ematwin.estimation.uncertainty import Uncertainty
 from ematwin.plots.identification import plot_convergence, plot_faults, plot_fit, true_faults

@@ -88,9 +88,9 @@ def _fixed(value: float, place: int, scale: int) -> str:
     return text if scale == 0 or rounded == 0.0 else f"{text}e{scale}"
 
 
-def listed(names: Sequence[str]) -> str:
+def listed(names: Sequence[str], word: str = "and") -> str:
     """ "a, b and c"."""
-    return ", ".join(names[:-1]) + (" and " if len(names) > 1 else "") + names[-1]
+    return ", ".join(names[:-1]) + (f" {word} " if len(names) > 1 else "") + names[-1]
 
 
 def counted(number: int, noun: str) -> str:

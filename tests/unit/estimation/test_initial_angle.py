@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from ematwin.estimation.initial_angle import estimate_initial_angle
+from ematwin.estimation.identify import estimate_initial_angle
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import named
 from ematwin.models.comparison import Placed

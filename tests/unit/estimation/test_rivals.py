@@ -8,7 +8,7 @@ import pytest
 
 import ematwin
 from bldc_inputs import HALF
-from ematwin.estimation.rivals import Rival, hints, objections, qualified
+from ematwin.estimation.rivals import Rival, weighed
 from ematwin.estimation.verdict import Verdict
 from ematwin.models.base import OtherForm
 from ematwin.models.bldc.parameters import BldcActuator
@@ -53,23 +53,21 @@ def test_forms_that_a_file_has_are_no_rivals():
 
 
 def test_a_nearer_form_that_says_something_else_forbids_the_verdict():
-    (said,) = objections([rival(-10.0)], NAMED)
-    assert "eccentricity 0.2" in said
-    assert "[eccentricity]" in said
-    assert hints([rival(-10.0)], NAMED) == []
-    (bare,) = objections([rival(-10.0, ())], NAMED)
-    assert bare.startswith("An eccentricity that is fixed in space explains it better")
+    told, hints = weighed([rival(-10.0)], NAMED)
+    assert (told.grade, told.faults, hints) == ("none", (), [])
+    assert "eccentricity 0.2" in told.reason
+    assert "[eccentricity]" in told.reason
+    bare, _ = weighed([rival(-10.0, ())], NAMED)
+    assert bare.reason.startswith("An eccentricity that is fixed in space explains it better")
 
 
 @pytest.mark.parametrize("rise", [-4.0, 4.0])
 def test_a_form_that_is_about_as_near_is_told_and_forbids_nothing(rise):
-    assert objections([rival(rise)], NAMED) == []
-    (said,) = hints([rival(rise)], NAMED)
+    told, (said,) = weighed([rival(rise), rival(20.0)], NAMED)
     assert said == (
         "Put [eccentricity] into the file of the actuator if it may have an eccentricity that is "
         "fixed in space."
     )
-    told = qualified([rival(rise), rival(20.0)], NAMED)
     assert told.sentence == (
         "Short b: fault. Not certain: an eccentricity that is fixed in space (eccentricity 0.2) "
         "would explain this recording about as well."
@@ -80,14 +78,13 @@ def test_a_form_that_is_about_as_near_is_told_and_forbids_nothing(rise):
 
 def test_a_mixture_is_no_other_explanation_of_what_one_fault_explains():
     mixture = rival(1.0, ("short_a", "short_b", "short_c", "eccentricity"))
-    assert objections([mixture], NAMED) == hints([mixture], NAMED) == []
-    assert qualified([mixture], NAMED) == NAMED
+    assert weighed([mixture], NAMED) == (NAMED, [])
 
 
 def test_a_nearer_form_of_the_same_fault_leaves_its_name():
     same = Rival(LOOP, ("short_b",), "short b 12 turns", -50.0)
-    assert objections([same], NAMED) == []
-    (said,) = hints([same], NAMED)
+    told, (said,) = weighed([same], NAMED)
+    assert told == NAMED
     assert "of another size" in said
 
 
@@ -95,17 +92,15 @@ def test_a_form_without_faults_of_its_own_that_says_the_same_says_nothing():
     # lanes of another form fit a little better where a rotor all but touches
     named = Verdict("fault", ("backlash", "eccentricity"), "", "Eccentricity: fault.")
     same = Rival(LOOP, ("eccentricity",), "eccentricity 0.97", -18.0)
-    assert objections([same], named) == []
-    assert hints([same], named) == []
-    assert qualified([replace(same, rise=0.0)], named) == named
+    assert weighed([same], named) == (named, [])
+    assert weighed([replace(same, rise=0.0)], named) == (named, [])
 
 
 def test_without_a_verdict_only_a_far_better_form_is_told():
-    assert hints([rival(-1.0)], NONE) == []
-    (said,) = hints([rival(-50.0)], NONE)
+    assert weighed([rival(-1.0)], NONE) == (NONE, [])
+    told, (said,) = weighed([rival(-50.0)], NONE)
+    assert told == NONE
     assert "far better" in said
-    assert objections([rival(-50.0)], NONE) == []
-    assert qualified([rival(-1.0)], NONE) == NONE
 
 
 def test_a_form_that_explains_a_wrong_load_hardly_better_is_not_told():
