@@ -1,23 +1,16 @@
 """``ematwin detect``: recordings in, a verdict on each out."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import typer
 
 import ematwin
 from ematwin.cli import options
+from ematwin.cli.options import option
 from ematwin.cli.recordings import choice, constant_load, remarks, runs, runs_in
 from ematwin.cli.recordings import load as loaded
 from ematwin.errors import InputError
-
-if TYPE_CHECKING:
-    from collections.abc import Collection
-
-    from ematwin.monitoring.detection import Detection
-    from ematwin.monitoring.diagnosis import Diagnosis
-    from ematwin.monitoring.runs import Runs
-    from ematwin.recordings.recording import Recording
 
 # Keys that each verdict has, null where they do not apply.
 _ALWAYS = dict.fromkeys(("distance", "load_N", "sensor_coupling"))
@@ -29,15 +22,14 @@ def detect(
         help="Files with recordings to judge, folders of them, or a table of runs "
         "(docs/recordings.md).",
     ),
-    actuator: Path | None = typer.Option(
-        None,
-        help="Actuator calibrated by `ematwin calibrate` (.toml); a table of runs may name one "
-        "in each row.",
+    actuator: Path | None = option(
+        "Actuator calibrated by `ematwin calibrate` (.toml); a table of runs may name one "
+        "in each row."
     ),
-    each: str = typer.Option(
-        "run",
-        help="What to judge: each run (its recordings together, where a healthy population "
+    each: str = option(
+        "What to judge: each run (its recordings together, where a healthy population "
         "judges) or each motion (recording).",
+        "run",
     ),
     where: list[str] | None = options.WHERE,
     column: list[str] | None = options.COLUMN,
@@ -89,8 +81,8 @@ def _needed(actuator: Path | None) -> Path:
 
 
 def answer(
-    found: "Detection", recordings: "list[Recording] | Runs", each: str, table: Path | None,
-    report: Path | None, json: bool, failing: "Collection[str]",
+    found: Any, recordings: Any, each: str, table: Path | None,
+    report: Path | None, json: bool, failing: set[str],
 ) -> None:  # fmt: skip
     """Write table and page if they are wanted, and print the verdicts with assumptions."""
     from ematwin.monitoring.runs import Runs
@@ -124,7 +116,7 @@ def answer(
     options.answer(json, plain, tell, table, report, fails=fails)
 
 
-def print_verdicts(found: "Detection", each: str) -> None:
+def print_verdicts(found: Any, each: str) -> None:
     """Print the table, with a column for each fault that some verdict names, and the notes."""
     from ematwin.monitoring.detection import counted, gathered_notes, gathered_reasons
     from ematwin.report.detection import verdict_table
@@ -142,7 +134,7 @@ def print_verdicts(found: "Detection", each: str) -> None:
     options.print_notes("Note", gathered_notes(rows))
 
 
-def _telling(one: "Diagnosis") -> list[str]:
+def _telling(one: Any) -> list[str]:
     """Magnitudes of the named faults, or else the magnitude furthest from healthy."""
     named = [m.name for m in one.magnitudes if m.name in one.faults]
     return named or [max(one.magnitudes, key=lambda m: abs(m.score)).name]

@@ -8,6 +8,7 @@ import typer
 import ematwin
 from ematwin.cli import complete, options
 from ematwin.cli.detect import answer
+from ematwin.cli.options import option
 from ematwin.cli.recordings import constant_load, map_of, meant, runs, runs_in
 from ematwin.errors import InputError
 from ematwin.showing.text import with_interval
@@ -20,44 +21,33 @@ def identify(
         "(docs/recordings.md), a table of verdicts.",
     ),
     actuator: str | None = options.RECORDED_ACTUATOR,
-    algorithm: str | None = typer.Option(
-        None,
-        help="A name from `ematwin algorithms`; the default method of the kind if not given.",
+    algorithm: str | None = option(
+        "A name from `ematwin algorithms`; the default method of the kind if not given.",
         autocompletion=complete.algorithms,
     ),
-    budget: int | None = typer.Option(
-        None, help="Simulations: a maximum for multistart, else exact."
+    budget: int | None = option("Simulations: a maximum for multistart, else exact."),
+    population: int = option("Size, for a population method.", 50),
+    iterations: int = option("Number, for a population method.", 200),
+    seed: int = option("Seed of the search.", 1),
+    only: str | None = option(
+        "Search only these: faults, e.g. friction,backlash, or parameters by their place, "
+        "e.g. motor.emf_constant."
     ),
-    population: int = typer.Option(50, help="Size, for a population method."),
-    iterations: int = typer.Option(200, help="Number, for a population method."),
-    seed: int = typer.Option(1, help="Seed of the search."),
-    only: str | None = typer.Option(
-        None,
-        help="Search only these: faults, e.g. friction,backlash, or parameters by their place, "
-        "e.g. motor.emf_constant.",
-    ),
-    hold: list[str] | None = typer.Option(
-        None, help="Hold a fault that is not searched at a value, e.g. gain=0.6."
-    ),
+    hold: list[str] | None = option("Hold a fault that is not searched at a value, e.g. gain=0.6."),
     column: list[str] | None = options.COLUMN,
     map_file: Path | None = options.MAP,
-    resample_to: str | None = typer.Option(
-        None, help='Bring the record to this rate first, e.g. "20 kHz".'
-    ),
-    gaps: str = typer.Option("refuse", help="Holes in the record: refuse, longest or mask."),
+    resample_to: str | None = option('Bring the record to this rate first, e.g. "20 kHz".'),
+    gaps: str = option("Holes in the record: refuse, longest or mask.", "refuse"),
     load: str | None = options.LOAD,
     exact: bool = options.EXACT,
-    uncertainty: str | None = typer.Option(
-        None, help="How sure the answer is: laplace, profile or posterior (docs/certainty.md)."
+    uncertainty: str | None = option(
+        "How sure the answer is: laplace, profile or posterior (docs/certainty.md)."
     ),
-    threshold: list[str] | None = typer.Option(
-        None,
-        help='Size from which a fault matters, e.g. friction=0.2 or friction="0.04 N*m": '
-        "adds the probability that the fault is larger. Repeatable.",
+    threshold: list[str] | None = option(
+        'Size from which a fault matters, e.g. friction=0.2 or friction="0.04 N*m": '
+        "adds the probability that the fault is larger. Repeatable."
     ),
-    checkpoint: Path | None = typer.Option(
-        None, help="Keep a population method's state here; resume from it."
-    ),
+    checkpoint: Path | None = option("Keep a population method's state here; resume from it."),
     report: Path | None = options.REPORT,
     table: Path | None = options.TABLE,
     fail_on: str | None = options.FAIL,

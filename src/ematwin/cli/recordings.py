@@ -44,10 +44,7 @@ def load(
     files: list[Path], column: list[str] | None, map_file: Path | None, actuator: Any,
     *choices: Choices,
 ) -> "list[Recording]":  # fmt: skip
-    """Recordings of an actuator in files and folders, each motion of a table, that fit a choice.
-
-    ``column`` holds texts such as ``set_point=Demand [mm]``, ``map_file`` the same for all files.
-    """
+    """Recordings of an actuator in files and folders, each motion of a table, that fit a choice."""
     from ematwin.monitoring.gather import files_of
 
     columns = map_of(column, map_file, actuator)
@@ -56,10 +53,7 @@ def load(
 
 
 def runs_in(files: list[Path]) -> bool:
-    """Whether a table of runs is given in place of recordings.
-
-    Raises `InputError` if it is one of several files.
-    """
+    """Whether a table of runs is given in place of recordings; it is refused beside files."""
     from ematwin.monitoring.runs import is_table_of_runs
 
     tables = [file for file in files if is_table_of_runs(file)]
