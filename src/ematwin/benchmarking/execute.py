@@ -45,10 +45,7 @@ def hard_limit(time_limit: float) -> float:
 def execute(spec: RunSpec, time_limit: float | None = None, engine: str = "none") -> RunResult:
     """Do a run; ``status`` and ``stopped`` say how one ended that failed.
 
-    Parameters
-    ----------
-    time_limit : s, for the search alone, or None
-    engine : name of what carries it, for the provenance
+    ``time_limit``, s, is for the search alone; ``engine`` carries it, for the provenance.
     """
     clock = _Clock(time_limit)
 
@@ -63,12 +60,9 @@ def execute(spec: RunSpec, time_limit: float | None = None, engine: str = "none"
         with clock.running(), _watchdog(time_limit):
             search = named(spec.algorithm, population=spec.population, iterations=spec.iterations)
             found = find(
-                problem if spec.box == "plain" else RemappedProblem(problem),
-                search,
-                budget=spec.population * spec.iterations,
-                seed=spec.seed,
-                progress=clock.look,
-            )
+                problem if spec.box == "plain" else RemappedProblem(problem), search,
+                budget=spec.population * spec.iterations, seed=spec.seed, progress=clock.look,
+            )  # fmt: skip
     except _TimeUpError:
         return result("timeout", f"ran past its time limit of {time_limit:g} s")
     except Exception as error:
@@ -79,15 +73,11 @@ def execute(spec: RunSpec, time_limit: float | None = None, engine: str = "none"
     pair = subject.values(found.point), subject.values(spec.faults)
     clock.evaluations = found.evaluations
     return result(
-        "done",
-        str(found.stopped),
-        faults=tuple(found.point.tolist()),
-        cost=float(found.cost),
+        "done", str(found.stopped), faults=tuple(found.point.tolist()), cost=float(found.cost),
         relative_misfit=problem.relative_misfit(found.cost),
-        err=subject.error_percent(*pair),
-        err_wrapped=subject.error_percent(*pair, wrapped=True),
+        err=subject.error_percent(*pair), err_wrapped=subject.error_percent(*pair, wrapped=True),
         history=pack(*found.history.T),
-    )
+    )  # fmt: skip
 
 
 def warm_up() -> None:
@@ -156,13 +146,9 @@ def _simulated(inputs: str) -> tuple[Subject, Problem]:
     actuator, scenario, faults, fidelity, noise, seed = json.loads(inputs)
     subject = _subject(json.dumps(actuator))
     recording = subject.model.simulate(
-        subject.actuator,
-        Scenario.model_validate(scenario),
-        subject.values(faults),
-        fidelity=fidelity,
-        noise=None if noise is None else Noise(**noise),
-        seed=seed,
-    )
+        subject.actuator, Scenario.model_validate(scenario), subject.values(faults),
+        fidelity=fidelity, noise=None if noise is None else Noise(**noise), seed=seed,
+    )  # fmt: skip
     problem = Problem.of(recording, subject.actuator, threads=1)
     problem.costs(np.array([faults]))  # compiles, or loads what was compiled, outside any clock
     return subject, problem
@@ -180,17 +166,11 @@ def provenance(engine: str) -> dict[str, Any]:
     import scipy
 
     return {
-        "ematwin": __version__,
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-        "scipy": scipy.__version__,
-        "numba": numba.__version__,
-        "machine": socket.gethostname(),
-        "processor": _processor(),
-        "system": platform.platform(),
-        "kernel": "numba on CPU, one thread",
-        "engine": engine,
-    }
+        "ematwin": __version__, "python": platform.python_version(), "numpy": np.__version__,
+        "scipy": scipy.__version__, "numba": numba.__version__, "machine": socket.gethostname(),
+        "processor": _processor(), "system": platform.platform(),
+        "kernel": "numba on CPU, one thread", "engine": engine,
+    }  # fmt: skip
 
 
 def _processor() -> str:

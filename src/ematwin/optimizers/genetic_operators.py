@@ -4,8 +4,6 @@ Each works on all pairs of parents at once. Parents come as two arrays of the sa
 pair; children come back the same way.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,8 +1,7 @@
 """The objective of a search, called with a whole batch or point by point, its answers checked."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
+from functools import partial
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -35,31 +34,38 @@ Evaluate = Callable[[FloatArray, bool, FloatArray | None], FloatArray]
 """Points of a batch, whether it is the first of the search, and limits (N,), to costs."""
 
 
+_ONE_POINT = (
+    "It receives a whole batch, one row per point; for an objective of one point give "
+    "vectorized=False."
+)
+_WHOLE_BATCH = (
+    "It receives one point at a time; for an objective of a whole batch leave out vectorized=False."
+)
+
+
 def evaluator(objective: Objective, vectorized: bool | None) -> Evaluate:
     """Give what evaluates a batch; ``vectorized`` as of `ematwin.optimizers.loop.minimize`."""
-    limited = objective if isinstance(objective, LimitedObjective) else None
-    takes_batches = vectorized
 
     def evaluate(points: FloatArray, first: bool, limits: FloatArray | None) -> FloatArray:
-        nonlocal takes_batches
-        if takes_batches is None:  # a batch if it can take the first one, else point by point
+        nonlocal vectorized
+        if vectorized is None:  # a batch if it can take the first one, else point by point
             try:
                 costs = _first_batch(objective, points)
-                takes_batches = True
+                vectorized = True
             except (IndexError, TypeError, ValueError) as error:  # as one of one point gives
                 try:
                     costs = _one_by_one(objective, points, False)
                 except EmatwinError:  # it takes neither: what a batch gave tells more
                     raise error from None
-                takes_batches = False
+                vectorized = False
             return costs
-        if not takes_batches:
+        if not vectorized:
             return _one_by_one(objective, points, first)
         if first:
             return _first_batch(objective, points)
-        if limited is not None and limits is not None:
-            within = limits
-            return _batch(lambda rows: limited.costs_within(rows, within), points, False)
+        if limits is not None and isinstance(objective, LimitedObjective):
+            within = partial(objective.costs_within, limits=limits)
+            return _batch(within, points, False)
         return _batch(objective, points, False)
 
     return evaluate
@@ -107,15 +113,6 @@ def _one_by_one(objective: Objective, points: FloatArray, first: bool) -> FloatA
             )
         costs[n] = answer.item()
     return costs
-
-
-_ONE_POINT = (
-    "It receives a whole batch, one row per point; for an objective of one point give "
-    "vectorized=False."
-)
-_WHOLE_BATCH = (
-    "It receives one point at a time; for an objective of a whole batch leave out vectorized=False."
-)
 
 
 def _answer(objective: Objective, points: FloatArray, first: bool, advice: str) -> FloatArray:

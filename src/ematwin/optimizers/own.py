@@ -1,20 +1,9 @@
 """The forms of this package's own methods that can be named, with their sources and departures.
 
-Three kinds of forms stand beside each other. Those as first published, or as the author's program
-has them; this package's own improved forms; and tuned forms, whose settings were chosen with one
-effort for all six methods, on functions that stand in no study:
-
-    python benchmarks/tuning.py
-
-Of 32 settings of each method, the published form and 31 drawn at random, those with the least mean
-rank over eight functions of eight variables, five seeds each: 12.8 million evaluations a method. No
-fault case and no actuator took part. Mean rank of 32, tuned beside published:
-
-    ga 3.4 and 30.4, pso 7.8 and 15.9, de 3.4 and 17.4, gwo 9.6 and 19.6, da 6.0 and 9.4,
-    woa 7.4 and 9.4
+Forms as first published, or as the author's program has them; this package's own improved forms;
+and tuned forms, whose settings were chosen with one effort for all six methods, on functions that
+stand in no study (``benchmarks/tuning.py``, docs/optimizers.md).
 """
-
-from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial

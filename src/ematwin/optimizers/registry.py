@@ -5,8 +5,6 @@ A further method is registered by an entry point of the group ``ematwin.optimize
 class of `Optimizer` or a function ``(box, *, population, iterations, seed)``.
 """
 
-from __future__ import annotations
-
 import difflib
 import importlib.metadata
 from functools import partial

@@ -17,6 +17,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from ematwin.errors import EmatwinError, FileError, InputError, MissingExtraError, RecordError
+from ematwin.recordings.checksums import verify
 from ematwin.recordings.units import says_nothing
 from ematwin.showing.results import is_frame
 
@@ -84,11 +85,8 @@ class RecordedFile:
     def read(self, names: Sequence[str], progress: Progress | None = None) -> dict[str, np.ndarray]:
         """Values of some channels, and of no others, as the file holds them.
 
-        Returns
-        -------
-        dict of (S,) float64 arrays, fresh ones, which the caller may overwrite
-            Missing samples are NaN; calendar times are s since the first of them, which is put into
-            `clocks`.
+        Gives fresh (S,) float64 arrays, which the caller may overwrite. Missing samples are NaN;
+        calendar times are s since the first of them, which is put into `clocks`.
         """
         if type(self).values is RecordedFile.values:
             raise NotImplementedError(f"{type(self).__name__} gives neither values nor read")
@@ -101,6 +99,7 @@ class RecordedFile:
                 columns[name] = as_float(found, name, self.path)
                 if progress is not None:
                     progress(done / len(names))
+        verify(columns, self.metadata, self.path)
         return columns
 
     def texts(self, name: str) -> list[str]:
