@@ -103,7 +103,7 @@ class StudyAnalysis:
         return plain({
             "runs": len(table),
             "done": int(table.done.sum()),
-            "kind": table.subject.kind,
+            "kind": table.subject.model.kind,
             "unknowns": table.subject.names,
             "cases": table.cases,
             "algorithms": table.algorithms,

@@ -32,10 +32,7 @@ def conclude(
 
 
 def lead_of(table: RunTable, means: Any, ranks: RankComparison) -> str:
-    """Who errs least, in a sentence, and whether that is more than chance.
-
-    ``means`` : DataFrame of cases by algorithms, mean Err%
-    """
+    """Who has the lowest ``means`` (Err%, cases by algorithms), and whether by chance."""
     whole = means.dropna()
     if not len(whole) or len(table.algorithms) < 2:
         return f"{int(table.done.sum())} of {counted(len(table), 'run')} ended well."

@@ -57,7 +57,7 @@ def execute(spec: RunSpec, time_limit: float | None = None, engine: str = "none"
 
     try:
         subject, problem = _prepared(spec)
-        with clock.running(), _watchdog(time_limit):
+        with clock.running():
             search = named(spec.algorithm, population=spec.population, iterations=spec.iterations)
             found = find(
                 problem if spec.box == "plain" else RemappedProblem(problem), search,
@@ -100,13 +100,21 @@ class _Clock:
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """Measure the block."""
-        self._wall, cpu = time.perf_counter(), time.process_time()
-        try:
-            yield
-        finally:
-            self.seconds = time.perf_counter() - self._wall
-            self.cpu_seconds = time.process_time() - cpu
+        """Measure the block, and end this process if it takes much longer than the limit.
+
+        faulthandler's timer runs outside the interpreter, so that neither a held lock nor compiled
+        code keeps it from acting.
+        """
+        with open(os.devnull, "w") as sink:
+            if self._limit is not None:
+                faulthandler.dump_traceback_later(hard_limit(self._limit), exit=True, file=sink)
+            self._wall, cpu = time.perf_counter(), time.process_time()
+            try:
+                yield
+            finally:
+                faulthandler.cancel_dump_traceback_later()
+                self.seconds = time.perf_counter() - self._wall
+                self.cpu_seconds = time.process_time() - cpu
 
     def look(self, evaluations: int, cost: float, budget: int) -> None:
         """Note where the search stands; end it if its time is up."""
@@ -114,22 +122,6 @@ class _Clock:
         self.any_finite = self.any_finite or math.isfinite(cost)
         if self._limit is not None and time.perf_counter() - self._wall > self._limit:
             raise _TimeUpError
-
-
-@contextmanager
-def _watchdog(time_limit: float | None) -> Iterator[None]:
-    """End this process if the block takes much longer than the limit.
-
-    faulthandler's timer runs outside the interpreter, so that neither a held lock nor compiled
-    code keeps it from acting.
-    """
-    with open(os.devnull, "w") as sink:
-        if time_limit is not None:
-            faulthandler.dump_traceback_later(hard_limit(time_limit), exit=True, file=sink)
-        try:
-            yield
-        finally:
-            faulthandler.cancel_dump_traceback_later()
 
 
 def _prepared(spec: RunSpec) -> tuple[Subject, Problem]:

@@ -272,10 +272,8 @@ def _failures(analysis: StudyAnalysis) -> Section:
     text = f"{counted(count, 'run')} failed."
     if count > MOST_ROWS:
         text += f" The first {MOST_ROWS} are listed; results.csv has all."
-    rows = [
-        Row([one.case, one.algorithm, str(one.run), one.status, one.stopped])
-        for one in analysis.failures.head(MOST_ROWS).itertuples()
-    ]
+    shown = analysis.failures.drop(columns="id").astype(str).head(MOST_ROWS)
+    rows = [Row(list(cells)) for cells in shown.itertuples(index=False)]
     header = ["case", "algorithm", "run", "status", "message"]
     return Section("Failures", text, table=Table(header, rows, last_is_text=True, texts=(1, 3)))
 

@@ -277,9 +277,8 @@ def _run_of(row: Any, shared: Mapping[str, Any]) -> StoredRun:
 
 def _checksum(id: str, status: str, body: str, history: Any) -> str:
     """Hash the values of a row; against chance, nobody is kept from changing a run on purpose."""
-    digest = hashlib.sha256(ascii([id, status, body]).encode())
-    digest.update(history if isinstance(history, bytes) else ascii(history).encode())
-    return digest.hexdigest()[:24]
+    content = history if isinstance(history, bytes) else ascii(history).encode()
+    return hashlib.sha256(ascii([id, status, body]).encode() + content).hexdigest()[:24]
 
 
 def _study_checksum(said: Mapping[str, str]) -> str:

@@ -7,16 +7,15 @@ import typer
 
 import ematwin
 from ematwin.cli import options
-from ematwin.cli.options import option
+from ematwin.cli.options import argument, option
 from ematwin.cli.recordings import choice, known_fault, load, meant, remarks
 from ematwin.files import check_target
 
 
 def calibrate(
-    records: list[Path] = typer.Argument(
-        ...,
-        help="Files with healthy recordings, or folders of them: one for the twin, three runs "
-        "for a healthy population as well.",
+    records: list[Path] = argument(
+        "Files with healthy recordings, or folders of them: one for the twin, three runs "
+        "for a healthy population as well."
     ),
     out: Path = option("Where to write the calibrated actuator (.toml).", ...),
     actuator: str | None = options.RECORDED_ACTUATOR,

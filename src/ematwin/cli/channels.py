@@ -7,16 +7,14 @@ import typer
 
 import ematwin
 from ematwin.cli import options
-from ematwin.cli.options import option
+from ematwin.cli.options import argument, option
 from ematwin.cli.recordings import meant
 from ematwin.files import check_target, write_text
 from ematwin.showing.text import capital
 
 
 def channels(
-    file: Path = typer.Argument(
-        ..., help="CSV, Parquet, Excel, MAT, MDF4, TDMS, HDF5, ULog or MCAP."
-    ),
+    file: Path = argument("CSV, Parquet, Excel, MAT, MDF4, TDMS, HDF5, ULog or MCAP."),
     actuator: str | None = options.RECORDED_ACTUATOR,
     write: Path | None = option("Write the proposed map here (.toml), for identify --map."),
     plot: Path | None = option("Write a page with every channel here (.html)."),

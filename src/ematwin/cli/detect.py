@@ -7,7 +7,7 @@ import typer
 
 import ematwin
 from ematwin.cli import options
-from ematwin.cli.options import option
+from ematwin.cli.options import argument, option
 from ematwin.cli.recordings import choice, constant_load, remarks, runs, runs_in
 from ematwin.cli.recordings import load as loaded
 from ematwin.errors import InputError
@@ -17,10 +17,8 @@ _ALWAYS = dict.fromkeys(("distance", "load_N", "sensor_coupling"))
 
 
 def detect(
-    records: list[Path] = typer.Argument(
-        ...,
-        help="Files with recordings to judge, folders of them, or a table of runs "
-        "(docs/recordings.md).",
+    records: list[Path] = argument(
+        "Files with recordings to judge, folders of them, or a table of runs (docs/recordings.md)."
     ),
     actuator: Path | None = option(
         "Actuator calibrated by `ematwin calibrate` (.toml); a table of runs may name one "
@@ -122,7 +120,11 @@ def print_verdicts(found: Any, each: str) -> None:
     from ematwin.report.detection import verdict_table
 
     rows = found.each(each)
-    telling = dict.fromkeys(name for one in rows if one.alarm for name in _telling(one))
+    telling: dict[str, None] = {}
+    for one in (one for one in rows if one.alarm):  # its faults, or what is furthest from healthy
+        named = [m.name for m in one.magnitudes if m.name in one.faults]
+        furthest = max(one.magnitudes, key=lambda m: abs(m.score)).name
+        telling |= dict.fromkeys(named or [furthest])
     what = each if found.by_run else "recording"
     options.print_table("", verdict_table(rows, what, list(telling)), width=200)
     if found.by_run and not found.is_named:
@@ -132,9 +134,3 @@ def print_verdicts(found: Any, each: str) -> None:
         typer.echo(found.sentence)
     options.print_notes("Why", gathered_reasons(rows))
     options.print_notes("Note", gathered_notes(rows))
-
-
-def _telling(one: Any) -> list[str]:
-    """Magnitudes of the named faults, or else the magnitude furthest from healthy."""
-    named = [m.name for m in one.magnitudes if m.name in one.faults]
-    return named or [max(one.magnitudes, key=lambda m: abs(m.score)).name]

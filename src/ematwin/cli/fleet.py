@@ -9,15 +9,13 @@ import typer
 
 import ematwin
 from ematwin.cli import options
-from ematwin.cli.options import option
+from ematwin.cli.options import argument, option
 from ematwin.errors import InputError
 from ematwin.showing.results import plain
 
-FLEET = typer.Argument(..., help="The folder of `ematwin watch --fleet`.")
-SERIAL = typer.Argument(..., help="Serial number of the actuator.")
-MAGNITUDE = typer.Argument(
-    None, help="The magnitude of the alarm, e.g. friction; else all of them."
-)
+FLEET = argument("The folder of `ematwin watch --fleet`.")
+SERIAL = argument("Serial number of the actuator.")
+MAGNITUDE = argument("The magnitude of the alarm, e.g. friction; else all of them.", None)
 NOTE = option("A remark that is kept, e.g. who and why.", "")
 STEP = option(
     "End with exit code 1 if an actuator has reached this step (watch, plan, act), or if "
@@ -115,9 +113,7 @@ def history(fleet: Path = FLEET, serial: str = SERIAL, json: bool = options.JSON
 def withdraw(
     fleet: Path = FLEET,
     serial: str = SERIAL,
-    entries: list[str] = typer.Argument(
-        ..., help="Entries, as `ematwin fleet history` shows them."
-    ),
+    entries: list[str] = argument("Entries, as `ematwin fleet history` shows them."),
     note: str = NOTE,
 ) -> None:
     """Withdraw wrong entries; the history shows both. Then enter the right ones."""

@@ -6,15 +6,15 @@ import typer
 
 import ematwin
 from ematwin.cli import complete, options
-from ematwin.cli.options import flag, option
+from ematwin.cli.options import argument, flag, option
 from ematwin.files import write_text
 
 
 def identifiability(
-    commands: list[str] | None = typer.Argument(
-        None,
-        help="Scenarios: shipped ones by name, TOML files, or recordings (.csv, .parquet) of "
+    commands: list[str] | None = argument(
+        "Scenarios: shipped ones by name, TOML files, or recordings (.csv, .parquet) of "
         "which the command is taken. The kind's default if none is given.",
+        None,
         autocompletion=complete.scenarios,
     ),
     actuator: str = options.ACTUATOR,

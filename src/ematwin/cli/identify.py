@@ -8,17 +8,16 @@ import typer
 import ematwin
 from ematwin.cli import complete, options
 from ematwin.cli.detect import answer
-from ematwin.cli.options import option
+from ematwin.cli.options import argument, option
 from ematwin.cli.recordings import constant_load, map_of, meant, runs, runs_in
 from ematwin.errors import InputError
 from ematwin.showing.text import with_interval
 
 
 def identify(
-    records: list[Path] = typer.Argument(
-        ...,
-        help="A recording (docs/formats.md). Of several, of a folder, or of a table of runs "
-        "(docs/recordings.md), a table of verdicts.",
+    records: list[Path] = argument(
+        "A recording (docs/formats.md). Of several, of a folder, or of a table of runs "
+        "(docs/recordings.md), a table of verdicts."
     ),
     actuator: str | None = options.RECORDED_ACTUATOR,
     algorithm: str | None = option(

@@ -27,6 +27,11 @@ def option(help: str, default: Any = None, *names: str, **more: Any) -> Any:
     return typer.Option(default, *names, help=help, **more)
 
 
+def argument(help: str, default: Any = ..., **more: Any) -> Any:
+    """An argument of a command; it has to be given unless it has a ``default``."""
+    return typer.Argument(default, help=help, **more)
+
+
 def flag(name: str, help: str) -> Any:
     """An option without a value."""
     return typer.Option(False, name, help=help)

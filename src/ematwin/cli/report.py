@@ -6,10 +6,10 @@ import typer
 
 import ematwin
 from ematwin.cli import options
-from ematwin.cli.options import flag, option
+from ematwin.cli.options import argument, flag, option
 from ematwin.errors import InputError
 
-WHERE = typer.Argument(..., help="The store of `ematwin compare`: a file or a database URL.")
+WHERE = argument("The store of `ematwin compare`: a file or a database URL.")
 store = typer.Typer(help="Check the store of a study.", no_args_is_help=True, rich_markup_mode=None)
 
 

@@ -6,7 +6,7 @@ import typer
 
 import ematwin
 from ematwin.cli import complete, options
-from ematwin.cli.options import option
+from ematwin.cli.options import argument, option
 from ematwin.errors import InputError
 from ematwin.files import check_target, write_text
 from ematwin.showing.text import said
@@ -89,9 +89,8 @@ def simulate(
 
 
 def export_fmu(
-    actuator: str = typer.Argument(
-        ...,
-        help="A shipped parameter set of any kind, a TOML file, or a calibration.",
+    actuator: str = argument(
+        "A shipped parameter set of any kind, a TOML file, or a calibration.",
         autocompletion=complete.actuators,
     ),
     out: Path = option("Write the archive here (.fmu).", ...),

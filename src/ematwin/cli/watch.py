@@ -10,17 +10,16 @@ import typer
 import ematwin
 from ematwin.cli import options
 from ematwin.cli.fleet import STEP, check_step, print_fleet, reached
-from ematwin.cli.options import option
+from ematwin.cli.options import argument, option
 from ematwin.cli.recordings import map_of
 from ematwin.errors import InputError
 from ematwin.showing.results import plain
 
 
 def watch(
-    recordings: list[Path] = typer.Argument(
-        ...,
-        help="Folders or files with recordings: recordings/EMA-17/2026-05-01T08-30.csv, a "
-        "table with a column serial_number, or a table of runs with columns path, serial, time.",
+    recordings: list[Path] = argument(
+        "Folders or files with recordings: recordings/EMA-17/2026-05-01T08-30.csv, a "
+        "table with a column serial_number, or a table of runs with columns path, serial, time."
     ),
     fleet: Path = option("Folder of the fleet; made where it is missing.", ...),
     actuator: str | None = option(

@@ -178,7 +178,9 @@ def minimize(
             batches += 1
             stopped = search.ended(budget, target, stagnation)
             if path is not None and (stopped is not None or batches % checkpoint_every == 0):
-                _save(path, identity, search)
+                content = pickle.dumps((_CHECKPOINT, identity, search), pickle.HIGHEST_PROTOCOL)
+                with written_whole(path, durable=True, private=True) as draft:
+                    draft.write_bytes(content)
             now = search.evaluations, search.cost, search.improved_at, search.seconds, budget
             if callback is not None and callback(Progress(*now)) is True:
                 stopped = stopped or str(Stop.CALLBACK)
@@ -233,10 +235,3 @@ def _restored(path: Path | None, identity: dict[str, Any], fresh: Optimizer) -> 
             )
     fresh.close()
     return state
-
-
-def _save(path: Path, identity: dict[str, Any], search: _Search) -> None:
-    """Write a checkpoint: at every moment, power failures included, the file is whole."""
-    content = pickle.dumps((_CHECKPOINT, identity, search), protocol=pickle.HIGHEST_PROTOCOL)
-    with written_whole(path, durable=True, private=True) as draft:
-        draft.write_bytes(content)

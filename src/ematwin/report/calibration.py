@@ -93,10 +93,7 @@ def forms_sentences(report: CalibrationReport) -> list[str]:
 
 
 def open_sentences(report: CalibrationReport, file: str = "CALIBRATED.toml") -> list[str]:
-    """Which parameters are not determined, known together only, or not fitted.
-
-    ``file`` holds the calibration, for the command that proposes tests.
-    """
+    """Parameters not determined, or known together only; ``file`` holds the calibration."""
     if not report.parameters:
         return []
     fitted = {p.place for p in report.parameters}

@@ -73,13 +73,8 @@ def render(
 ) -> str:  # fmt: skip
     """The page as one HTML text.
 
-    Parameters
-    ----------
-    title : of the page
-    lead : the answer in words, at the top; its first sentence is large
-    sections : in their order
-    warnings : sentences below the answer
-    grade : "healthy", "changed", "fault" or "none" gives the answer its colour; "" has none
+    The ``lead`` is the answer in words, its first sentence large; ``warnings`` stand below it. A
+    ``grade`` "healthy", "changed", "fault" or "none" gives it its colour.
     """
     import jinja2
 

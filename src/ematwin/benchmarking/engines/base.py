@@ -15,16 +15,11 @@ class EngineError(EmatwinError):
 
 
 class Engine(ABC):
-    """Carries runs to processes that do them, each run on one thread.
+    """Carries runs to processes that do them, each run on one thread, for ``time_limit`` s or None.
 
     An engine is given as many runs as it has `free` places, so that a run begins when it is
     submitted. A process that dies takes no run with it: the run is done again, unless it is the
-    run that kills.
-
-    Parameters
-    ----------
-    time_limit : s, of a run, or None
-    patience : s, for which workers that are gone are waited for
+    run that kills. Workers that are gone are waited for, ``patience`` s.
     """
 
     name: str

@@ -2,7 +2,7 @@
 
 from datetime import UTC
 from pathlib import Path
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -23,20 +23,14 @@ class ParquetFile(RecordedFile):
 
         # pages that were written without a checksum are read as they are
         self._file = pq.ParquetFile(path, page_checksum_verification=True)
-        self._schema = self._file.schema_arrow
-        notes = {key: note.decode("latin-1") for key, note in (self._schema.metadata or {}).items()}
+        schema = self._file.schema_arrow
+        notes = {key: note.decode("latin-1") for key, note in (schema.metadata or {}).items()}
         self.metadata = checked(notes.get(KEY.encode()), path, "".join(notes.values()))
-
-    @property
-    def names(self) -> tuple[str, ...]:  # noqa: D102
-        return tuple(self._schema.names)
-
-    def unit(self, name: str) -> str | None:  # noqa: D102
-        if self.metadata:
-            return cast("str | None", self.metadata.get("units", {}).get(name))
-        notes = self._schema.field(name).metadata or {}
-        found = notes.get(b"unit") or notes.get(b"units")
-        return found.decode() if found else None
+        self.units = self.metadata.get("units", {})
+        for field in schema:
+            own = self.channels[field.name] = field.metadata or {}
+            if not self.metadata and (unit := own.get(b"unit") or own.get(b"units")):
+                self.units[field.name] = unit.decode()
 
     def values(self, name: str) -> np.ndarray:
         """Values (S,) of a column; moments and periods are s since the first of them."""
