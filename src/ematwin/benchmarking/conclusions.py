@@ -15,11 +15,7 @@ _TO_ZERO = {"gwo", "woa", "da"}  # families whose moves scale the coordinates th
 
 
 def conclude(
-    table: RunTable,
-    cells: Any,
-    ranks: RankComparison,
-    diagnosis: Any,
-    threshold: float,
+    table: RunTable, cells: Any, ranks: RankComparison, diagnosis: Any, threshold: float
 ) -> list[str]:
     """Give the sentences, most important first."""
     return [

@@ -152,19 +152,16 @@ class Store:
         """Yield all finished runs, by id; one that is not as it was written is refused by name."""
         settings = self.settings()
         shared = {name: settings[name] for name in SHARED}
-        # by pages: between them others may write
         query = select(_runs).order_by(_runs.c.id).limit(1000)
-        page: list[StoredRun] = []
-        last = ""
-        while page or not last:
-            page = self._database.read(
-                lambda connection, last=last: [  # type: ignore[misc]
-                    _run_of(row, shared)
-                    for row in connection.execute(query.where(_runs.c.id > last))
-                ]
-            )
+
+        def after(last: str) -> list[StoredRun]:
+            rows = query.where(_runs.c.id > last)
+            return self._database.read(lambda c: [_run_of(row, shared) for row in c.execute(rows)])
+
+        page = after("")  # by pages: between them others may write
+        while page:
             yield from page
-            last = page[-1].spec.id if page else "none"
+            page = after(page[-1].spec.id)
 
     @_writes
     def save(self, connection: Connection, finished: Sequence[StoredRun]) -> int:

@@ -48,9 +48,8 @@ def calibrate(
     )  # fmt: skip
     wanted = choice(where or [], "--where")
     taught = [(text, *known_fault(text)) for text in known or []]
-    recordings = load(
-        records, column, map_file, template, wanted, *(labels for _, _, labels in taught)
-    )
+    choices = [wanted, *(labels for _, _, labels in taught)]
+    recordings = load(records, column, map_file, template, where=choices)
     faults = {
         f"{fault}: {text.partition(':')[2]}": fitting(recordings, labels)
         for text, fault, labels in taught

@@ -8,8 +8,7 @@ import typer
 import ematwin
 from ematwin.cli import options
 from ematwin.cli.options import argument, option
-from ematwin.cli.recordings import choice, constant_load, remarks, runs, runs_in
-from ematwin.cli.recordings import load as loaded
+from ematwin.cli.recordings import choice, constant_load, gathered, remarks
 from ematwin.errors import InputError
 
 # Keys that each verdict has, null where they do not apply.
@@ -49,33 +48,24 @@ def detect(
     options.check_outputs(report, table)
     failing = options.grades(fail_on)
     wanted = choice(where or [], "--where")
-    recordings: Any
-    calibration = None
-    if runs_in(records):
-        recordings = runs(
-            records[0], actuator, column, map_file,
-            lambda given, first: ematwin.Calibration.load(_needed(given)),
-            where=[wanted] if wanted else None,
-        )  # fmt: skip
-        given = None if load is None else constant_load(load, recordings.groups[0].known.actuator)
-    else:
-        calibration = ematwin.Calibration.load(_needed(actuator))
-        recordings = loaded(
-            records, column, map_file, calibration.actuator, *([wanted] if wanted else [])
-        )
-        given = constant_load(load, calibration.actuator)
+
+    def calibrated(given: Path | None, _: Path) -> ematwin.Calibration:
+        if given is None:
+            raise InputError(
+                "detect needs a calibrated actuator; give the file of ematwin calibrate with "
+                "--actuator, or a table of runs that names one in each row."
+            )
+        return ematwin.Calibration.load(given)
+
+    choices = [wanted] if wanted else None
+    recordings, known = gathered(records, actuator, column, map_file, calibrated, where=choices)
+    given = constant_load(load, known.actuator)
     with options.progress_bar("Judging", not json) as progress:
-        found = ematwin.detect(recordings, calibration, load=given, progress=progress)
+        found = ematwin.detect(
+            recordings, known if isinstance(recordings, list) else None, load=given,
+            progress=progress,
+        )  # fmt: skip
     answer(found, recordings, each, table, report, json, failing)
-
-
-def _needed(actuator: Path | None) -> Path:
-    if actuator is None:
-        raise InputError(
-            "detect needs a calibrated actuator; give the file of ematwin calibrate with "
-            "--actuator, or a table of runs that names one in each row."
-        )
-    return actuator
 
 
 def answer(
@@ -83,11 +73,9 @@ def answer(
     report: Path | None, json: bool, failing: set[str],
 ) -> None:  # fmt: skip
     """Write table and page if they are wanted, and print the verdicts with assumptions."""
-    from ematwin.monitoring.runs import Runs
     from ematwin.recordings.tables import write_rows
 
-    read = recordings.recordings if isinstance(recordings, Runs) else recordings
-    assumed, doubtful = remarks(read)
+    assumed, doubtful = remarks(getattr(recordings, "recordings", recordings))
     if table is not None:
         write_rows(table, found.rows(each))
     if report is not None:

@@ -9,7 +9,7 @@ import ematwin
 from ematwin.cli import complete, options
 from ematwin.cli.detect import answer
 from ematwin.cli.options import argument, option
-from ematwin.cli.recordings import constant_load, map_of, meant, runs, runs_in
+from ematwin.cli.recordings import constant_load, gathered, meant
 from ematwin.errors import InputError
 from ematwin.showing.text import with_interval
 
@@ -54,27 +54,19 @@ def identify(
     json: bool = options.JSON,
 ) -> None:
     """Find the faults with which the digital twin behaves like the recorded actuator."""
-    from ematwin.monitoring.gather import files_of, is_one
+    from ematwin.monitoring.gather import is_one
 
     options.check_outputs(report, table)
     failing = options.grades(fail_on)
-    several, twin = runs_in(records), ematwin.Calibration.of
-    recordings: Any
+
+    def twin(given: Any, first: Path) -> ematwin.Calibration:
+        return ematwin.Calibration.of(given or meant([first], column, map_file))
+
     with options.progress_bar(f"Reading {records[0].name}", not json) as progress:
-        reading: dict[str, Any] = {"resample_to": resample_to, "gaps": gaps, "progress": progress}
-        if several:
-            recordings = runs(
-                records[0], actuator, column, map_file,
-                lambda given, first: twin(given or meant([first], column, map_file)), **reading,
-            )  # fmt: skip
-            known = recordings.groups[0].known
-        else:
-            files = [file for path in records for file in files_of(path)]
-            known = twin(actuator or meant(files, column, map_file))
-            columns = map_of(column, map_file, known.actuator)
-            recordings = ematwin.read(
-                files, columns, actuator=known.actuator, split=True, **reading
-            )
+        recordings, known = gathered(
+            records, actuator, column, map_file, twin, resample_to=resample_to, gaps=gaps,
+            progress=progress,
+        )  # fmt: skip
     settings: dict[str, Any] = {
         "budget": budget, "population": population, "iterations": iterations, "seed": seed,
         "only": None if only is None else [name.strip() for name in only.split(",")],
@@ -82,7 +74,8 @@ def identify(
         "load": constant_load(load, known.actuator), "exact": exact, "uncertainty": uncertainty,
         "thresholds": options.pairs(threshold or [], "--threshold"),
     }  # fmt: skip
-    if several or len(records) > 1 or len(recordings) > 1 or not is_one(records[0]):
+    alone = isinstance(recordings, list) and len(records) == len(recordings) == 1
+    if not (alone and is_one(records[0])):
         with options.progress_bar("Judging", not json) as show:
             judged = ematwin.identify(
                 recordings, known, algorithm, **settings,

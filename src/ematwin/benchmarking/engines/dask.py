@@ -9,6 +9,7 @@ import logging
 import textwrap
 import time
 from contextlib import suppress
+from queue import Empty, SimpleQueue
 from typing import Any
 
 from ematwin.benchmarking.engines.base import PATIENCE, Engine, EngineError
@@ -45,6 +46,7 @@ class DaskEngine(Engine):
         self._looked = 0.0
         self._answered = 0.0  # when there were workers last
         self._flights: dict[str, tuple[RunSpec, Any, float]] = {}
+        self._ended: SimpleQueue[tuple[str, Any]] = SimpleQueue()  # ids and futures
         self._again: dict[str, RunSpec] = {}  # were in flight when the scheduler was lost
 
     def start(self) -> None:  # noqa: D102
@@ -90,6 +92,15 @@ class DaskEngine(Engine):
         self._again[spec.id] = spec
         self._send()
 
+    def finished(self, timeout: float) -> list[RunResult]:  # noqa: D102
+        self._watch()
+        self._send()
+        results: list[RunResult] = []
+        with suppress(Empty):
+            while True:
+                results += self._land(*self._ended.get(timeout=0.0 if results else timeout))
+        return results
+
     def close(self) -> None:  # noqa: D102
         if self.client is not None and self._flights:
             with suppress(Exception):
@@ -130,13 +141,10 @@ class DaskEngine(Engine):
                 return
             del self._again[id]
             self._flights[id] = (spec, future, time.monotonic())
-            future.add_done_callback(lambda done, id=id: self._events.put((id, done)))
-
-    def _tend(self) -> None:
-        self._watch()
-        self._send()
+            future.add_done_callback(lambda done, id=id: self._ended.put((id, done)))
 
     def _land(self, id: str, future: Any) -> list[RunResult]:
+        """Give the result of a future that has ended; none if it is void or tried again."""
         if id not in self._flights or self._flights[id][1] is not future:
             return []
         spec, _, since = self._flights[id]
