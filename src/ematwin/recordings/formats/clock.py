@@ -18,7 +18,6 @@ _CLOCK = re.compile(
     r"(\d\d?):(\d\d):(\d\d)(?:[.,](\d{1,9}))?\s*(?:([AaPp])\.?[Mm]\.?)?\s*(Z|[+-]\d\d:?\d\d)?"
 )
 MISSING = np.iinfo(np.int64).min
-_1970 = date(1970, 1, 1).toordinal()
 
 
 def is_clock(text: str) -> bool:
@@ -66,7 +65,7 @@ class Clock:
                 year, day, month = later_year, first, second
                 if self.month_first:
                     day, month = month, day
-            days = 0 if year is None else date(int(year), int(month), int(day)).toordinal() - _1970
+            on = date(1970, 1, 1) if year is None else date(int(year), int(month), int(day))
             hour, minute, second, fraction, half, zone = match.groups()[7:]
             hours = int(hour)
             if half:
@@ -75,6 +74,7 @@ class Clock:
                 raise ValueError
         except ValueError:
             raise RecordError(f"{text!r} is no clock time such as 09:14:02.5") from None
+        days = (on - date(1970, 1, 1)).days
         seconds = 86_400 * days + 3600 * hours + 60 * int(minute) + int(second) - _offset(zone)
         return seconds * 10**9 + int((fraction or "").ljust(9, "0"))
 
