@@ -32,7 +32,6 @@ class StudyAnalysis:
     times : DataFrame, expected running times to stated misfits, by algorithm
     diagnosis : DataFrame, a row for each algorithm (`diagnose`)
     threshold : of the diagnosis
-    conclusions : plain sentences
     """
 
     table: RunTable
@@ -43,7 +42,6 @@ class StudyAnalysis:
     times: Any
     diagnosis: Any
     threshold: float
-    conclusions: list[str]
 
     @cached_property
     def bands(self) -> Any:
@@ -53,7 +51,12 @@ class StudyAnalysis:
     @property
     def lead(self) -> str:
         """Which algorithm errs least, and whether that is more than chance."""
-        return lead_of(self.table, matrix(self.cells, "err_mean"), self.ranks)
+        return lead_of(self)
+
+    @cached_property
+    def conclusions(self) -> list[str]:
+        """Plain sentences."""
+        return conclude(self)
 
     @property
     def failures(self) -> Any:
@@ -152,7 +155,4 @@ def analyse(
     ranks = statistics.compare_ranks(matrix(cells, "err_mean"), effects)
     curves, times = evaluations_to_target(table, misfits, seed)
     diagnosis = statistics.diagnose(table, threshold)
-    return StudyAnalysis(
-        table, cells, effects, ranks, curves, times, diagnosis, threshold,
-        conclude(table, cells, ranks, diagnosis, threshold),
-    )  # fmt: skip
+    return StudyAnalysis(table, cells, effects, ranks, curves, times, diagnosis, threshold)

@@ -120,7 +120,7 @@ def print_findings(found: "ematwin.Identification") -> None:
         Row([r.name, r.value, r.interval, r.healthy, r.k, r.meaning], r.name in found.present)
         for r in fault_cells(found)
     ]
-    shown = Table(header, rows, last_is_text=True)
+    shown = Table(header, rows, texts=(-1,))
     title, values = f"Faults of {found.actuator.name}", shown.first(5)
     options.print_table(title, shown if options.has_room() else values, whole=values.header)
     for one in found.model.contrasts(found.actuator):

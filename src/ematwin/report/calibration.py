@@ -71,7 +71,7 @@ def parameter_table(report: CalibrationReport) -> Table:
         number, between = said_between(p.value, p.value - reach, p.value + reach, unit)
         cells = [p.place, number, between, number_of(p.template, unit)]
         rows.append(Row([*cells, "" if p.determined else "not determined"]))
-    return Table(["parameter", "value", "95 % interval", "template", ""], rows, last_is_text=True)
+    return Table(["parameter", "value", "95 % interval", "template", ""], rows, texts=(-1,))
 
 
 def misfit_sentence(report: CalibrationReport) -> str:

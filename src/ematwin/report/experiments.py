@@ -60,7 +60,7 @@ def sobol_table(parts: Sensitivity, channel: str) -> Table:
 def told_table(found: Identifiability) -> Table:
     """Each fault with its expected errors."""
     rows = [Row(one.cells, marked=one.how in ("open", "dead")) for one in found.told]
-    return Table(list(HEADINGS), rows, last_is_text=True)
+    return Table(list(HEADINGS), rows, texts=(-1,))
 
 
 def design_page(found: Design) -> str:
@@ -223,7 +223,7 @@ def parts_table(scenario: Scenario) -> Table:
             values = part.model_dump(exclude={"type"}, exclude_none=True)
             told = ", ".join(f"{name} {_shown(x)}" for name, x in values.items())
             rows.append(Row([history, part.type, told]))
-    return Table(["", "part", "SI"], rows, last_is_text=True, texts=(1,))
+    return Table(["", "part", "SI"], rows, texts=(1, -1))
 
 
 def _shown(value: object) -> str:
