@@ -15,24 +15,26 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.2.0"
 
 if TYPE_CHECKING:
-    from ematwin.benchmarking.compare import compare
-    from ematwin.errors import EmatwinError
-    from ematwin.experiments.design import design
-    from ematwin.experiments.identifiability import identifiability
-    from ematwin.exploring.explore import explore
-    from ematwin.fleet.fleet import Fleet
-    from ematwin.fmu.export import export_fmu
-    from ematwin.models.base import Model
-    from ematwin.models.proposing import propose_map
-    from ematwin.models.reading import read, write
-    from ematwin.models.registry import load_actuator
-    from ematwin.models.scenario import Scenario
-    from ematwin.models.simulating import simulate
-    from ematwin.monitoring.calibrate import calibrate
-    from ematwin.monitoring.identify import detect, identify
-    from ematwin.quantities import use_units
-    from ematwin.recordings.noise import Noise
-    from ematwin.recordings.recording import Recording
+    from ematwin.benchmarking.compare import compare as compare
+    from ematwin.errors import EmatwinError as EmatwinError
+    from ematwin.experiments.design import design as design
+    from ematwin.experiments.identifiability import identifiability as identifiability
+    from ematwin.exploring.explore import explore as explore
+    from ematwin.fleet.fleet import Fleet as Fleet
+    from ematwin.fmu.export import export_fmu as export_fmu
+    from ematwin.models.base import Model as Model
+    from ematwin.models.proposing import propose_map as propose_map
+    from ematwin.models.reading import read as read
+    from ematwin.models.reading import write as write
+    from ematwin.models.registry import load_actuator as load_actuator
+    from ematwin.models.scenario import Scenario as Scenario
+    from ematwin.models.simulating import simulate as simulate
+    from ematwin.monitoring.calibrate import calibrate as calibrate
+    from ematwin.monitoring.identify import detect as detect
+    from ematwin.monitoring.identify import identify as identify
+    from ematwin.quantities import use_units as use_units
+    from ematwin.recordings.noise import Noise as Noise
+    from ematwin.recordings.recording import Recording as Recording
 
 _HOMES = {
     "EmatwinError": "ematwin.errors",
@@ -56,6 +58,7 @@ _HOMES = {
     "use_units": "ematwin.quantities",
     "write": "ematwin.models.reading",
 }
+__all__ = list(_HOMES)
 # Names that fewer users need: of extensions, results and particular kinds.
 _FURTHER = {
     "BallScrew": "ematwin.models.ball_screw.parameters",
@@ -82,28 +85,6 @@ _FURTHER = {
     "register_model": "ematwin.models.registry",
     "sensitivity": "ematwin.experiments.sensitivity",
 }
-__all__ = [
-    "EmatwinError",
-    "Fleet",
-    "Model",
-    "Noise",
-    "Recording",
-    "Scenario",
-    "calibrate",
-    "compare",
-    "design",
-    "detect",
-    "explore",
-    "export_fmu",
-    "identifiability",
-    "identify",
-    "load_actuator",
-    "propose_map",
-    "read",
-    "simulate",
-    "use_units",
-    "write",
-]
 
 
 def __getattr__(name: str) -> Any:

@@ -18,38 +18,28 @@ def written_whole(
 
     Parameters
     ----------
-    path : str or Path
-    durable : bool, wait until the content is on the disk, so that it also survives a power failure
-    private : bool, only the user may read and write the file; otherwise it has the rights of the
-        file that it replaces, or the usual ones
+    durable : wait until the content is on the disk, so that it also survives a power failure
+    private : only the user may read and write the file; otherwise it has the rights of the file
+        that it replaces, or the usual ones
 
-    Raises
-    ------
-    FileError
-        If the file cannot be written; an older one is left as it was.
+    Raises `FileError` if the file cannot be written; an older one is left as it was.
     """
     target = Path(path)
-    try:
+    with _refusing(f"{target}", " Choose a folder that exists and is yours."):
         handle, name = tempfile.mkstemp(
             prefix=f".{target.name}.", suffix=target.suffix, dir=target.parent
         )
-    except OSError as error:
-        raise FileError(
-            f"Cannot write {target}: {error.strerror}. Choose a folder that exists and is yours."
-        ) from None
-    os.close(handle)
+        os.close(handle)
     draft = Path(name)
     try:
-        yield draft
-        if durable:
-            _flush(draft)
-        if not private:
-            draft.chmod(target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~_umask())
-        os.replace(draft, target)
-    except OSError as error:
-        if isinstance(error, FileError):
-            raise
-        raise FileError(f"Cannot write {target}: {error.strerror or error}.") from None
+        with _refusing(f"{target}"):
+            yield draft
+            if durable:
+                with draft.open("rb+") as file:
+                    os.fsync(file.fileno())
+            if not private:
+                draft.chmod(target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~_umask())
+            os.replace(draft, target)
     finally:
         draft.unlink(missing_ok=True)
 
@@ -59,48 +49,43 @@ def folder_written_whole(folder: str | Path) -> Iterator[Path]:
     """Give a temporary folder; its files move to ``folder`` when the block ends well.
 
     A folder that is missing is made; in one that is there, files of the same name are replaced.
-
-    Raises
-    ------
-    FileError
-        If the folder cannot be written. One that was missing stays so; no file is left half-done.
+    Raises `FileError` if it cannot be written; one that was missing stays so, and no file is left
+    half-done.
     """
     target = Path(folder)
     parent = target.absolute().parent
-    try:
+    with _refusing(f"to {target}", " Choose a folder that is yours."):
         parent.mkdir(parents=True, exist_ok=True)
-        draft = Path(
-            tempfile.mkdtemp(prefix=f".{target.name}.", dir=target if target.exists() else parent)
-        )
-    except OSError as error:
-        raise FileError(
-            f"Cannot write to {target}: {error.strerror}. Choose a folder that is yours."
-        ) from None
+        there = target if target.exists() else parent
+        draft = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=there))
     try:
-        yield draft
-        if target.exists():
-            for path in sorted(draft.iterdir()):
-                os.replace(path, target / path.name)
-        else:
-            draft.chmod(0o777 & ~_umask())
-            draft.rename(target)
-    except OSError as error:
-        if isinstance(error, FileError):
-            raise
-        raise FileError(f"Cannot write to {target}: {error.strerror or error}.") from None
+        with _refusing(f"to {target}"):
+            yield draft
+            if target.exists():
+                for path in sorted(draft.iterdir()):
+                    os.replace(path, target / path.name)
+            else:
+                draft.chmod(0o777 & ~_umask())
+                draft.rename(target)
     finally:
         shutil.rmtree(draft, ignore_errors=True)
+
+
+@contextmanager
+def _refusing(what: str, advice: str = "") -> Iterator[None]:
+    """Turn an error of the system into a sentence."""
+    try:
+        yield
+    except FileError:
+        raise
+    except OSError as error:
+        raise FileError(f"Cannot write {what}: {error.strerror or error}.{advice}") from None
 
 
 def write_text(path: str | Path, text: str) -> None:
     """Write a text file, whole or not at all."""
     with written_whole(path) as draft:
         draft.write_text(text, encoding="utf-8")
-
-
-def _flush(path: Path) -> None:
-    with path.open("rb+") as file:
-        os.fsync(file.fileno())
 
 
 def _umask() -> int:
@@ -112,14 +97,8 @@ def _umask() -> int:
 def check_target(path: Path, suffixes: tuple[str, ...], *, replace: bool = True) -> None:
     """Check before long work that a name has one of ``suffixes`` and its folder can be written.
 
-    ``replace`` False is for files that a user may have edited: one that exists is refused.
-
-    Raises
-    ------
-    InputError
-        If the name has another ending, or the file exists and may not be replaced.
-    FileError
-        If the folder is missing or read-only.
+    ``replace`` False is for files that a user may have edited: one that exists is refused. Raises
+    `InputError`, or `FileError` if the folder is missing or read-only.
     """
     if path.suffix.lower() not in suffixes:
         raise InputError(

@@ -8,6 +8,7 @@ import math
 import re
 import tomllib
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -55,10 +56,8 @@ def _registry() -> Any:
 def to_si(value: float, unit: str, si_unit: str, what: str) -> float:
     """``value`` in ``unit`` converted to ``si_unit``.
 
-    Raises
-    ------
-    ParameterError
-        If the unit is unknown or measures something else; a frequency is no angular speed.
+    Raises `ParameterError` if the unit is unknown or measures something else; a frequency is no
+    angular speed.
     """
     if unit == si_unit:
         return value
@@ -136,19 +135,12 @@ def base_units(unit: str) -> dict[str, int]:
 def parse_share(given: object, what: str) -> float:
     """A tolerance such as ``"5 %"`` or ``0.05``, as a share above 0 and at most `LARGEST_SHARE`.
 
-    Raises
-    ------
-    ParameterError
-        If it is anything else, a text without a per cent sign among it.
+    Raises `ParameterError` if it is anything else, a text without a per cent sign among it.
     """
     share: float = math.nan
-    if isinstance(given, str):
-        head, sign, tail = given.strip().partition("%")
-        if sign and not tail:
-            try:
-                share = float(head) / 100.0
-            except ValueError:
-                share = math.nan
+    if isinstance(given, str) and given.strip().endswith("%"):
+        with suppress(ValueError):
+            share = float(given.strip()[:-1]) / 100.0
     elif isinstance(given, int | float) and not isinstance(given, bool):
         share = given
     if not 0.0 < share <= LARGEST_SHARE:
@@ -217,13 +209,7 @@ def settings_file() -> Path:
 
 
 def units_in_settings() -> dict[str, str]:
-    """The units of the user's settings; empty without a file.
-
-    Raises
-    ------
-    FileError, InputError
-        If the file cannot be used.
-    """
+    """The units of the user's settings; empty without a file. Raises if it cannot be used."""
     path = settings_file()
     if not path.is_file():
         return {}

@@ -16,15 +16,7 @@ _LISTED = 12  # problems of a file that one message lists; more would hide the f
 
 
 def load_toml(path: Path, kind: str) -> dict[str, Any]:
-    """The content of a TOML file.
-
-    Raises
-    ------
-    FileError
-        If it cannot be read.
-    ParameterError
-        If it is not TOML.
-    """
+    """The content of a TOML file; `FileError` if it cannot be read, `ParameterError` if no TOML."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:

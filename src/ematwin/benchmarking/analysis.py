@@ -6,19 +6,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from ematwin.benchmarking import statistics
 from ematwin.benchmarking.conclusions import conclude, lead_of
 from ematwin.benchmarking.convergence import STATED_MISFITS, bands, evaluations_to_target
 from ematwin.benchmarking.run import StoredRun
-from ematwin.benchmarking.statistics import (
-    TARGETS,
-    THRESHOLD,
-    RankComparison,
-    compare_ranks,
-    diagnose,
-    effect_sizes,
-    matrix,
-    summarise,
-)
+from ematwin.benchmarking.statistics import TARGETS, THRESHOLD, RankComparison, matrix
 from ematwin.benchmarking.table import RunTable, collect
 from ematwin.errors import InputError
 from ematwin.showing import markup
@@ -40,7 +32,6 @@ class StudyAnalysis:
     times : DataFrame, expected running times to stated misfits, by algorithm
     diagnosis : DataFrame, a row for each algorithm (`diagnose`)
     threshold : of the diagnosis
-    conclusions : plain sentences
     """
 
     table: RunTable
@@ -51,7 +42,6 @@ class StudyAnalysis:
     times: Any
     diagnosis: Any
     threshold: float
-    conclusions: list[str]
 
     @cached_property
     def bands(self) -> Any:
@@ -61,26 +51,25 @@ class StudyAnalysis:
     @property
     def lead(self) -> str:
         """Which algorithm errs least, and whether that is more than chance."""
-        return lead_of(self.table, matrix(self.cells, "err_mean"), self.ranks)
+        return lead_of(self)
+
+    @cached_property
+    def conclusions(self) -> list[str]:
+        """Plain sentences."""
+        return conclude(self)
 
     @property
     def failures(self) -> Any:
         """DataFrame of the runs that did not end well, with the message of each (stopped)."""
-        names = ["id", "case", "algorithm", "run", "status", "stopped"]
-        return self.table.frame.loc[~self.table.done, names]
+        columns = ["id", "case", "algorithm", "run", "status", "stopped"]
+        return self.table.frame.loc[~self.table.done, columns]
 
     def plot(self) -> dict[str, Any]:
         """Draw all its figures, of plotly, by heading."""
         return drawn(self, "all", {"all": "plot_study"})
 
     def to_frame(self, each: str = "cell") -> Any:
-        """Give a pandas DataFrame with a row for each "cell" (case and algorithm) or "run".
-
-        Raises
-        ------
-        InputError
-            If ``each`` is neither.
-        """
+        """Give a pandas DataFrame with a row for each "cell" (case and algorithm) or "run"."""
         if each not in ("cell", "run"):
             raise InputError(f"each must be cell or run, received {each!r}.")
         return (self.cells if each == "cell" else self.table.frame).copy()
@@ -117,23 +106,25 @@ class StudyAnalysis:
         return plain({
             "runs": len(table),
             "done": int(table.done.sum()),
-            "kind": table.subject.kind,
+            "kind": table.subject.model.kind,
             "unknowns": table.subject.names,
             "cases": table.cases,
             "algorithms": table.algorithms,
             "settings": table.settings,
             "provenance": table.provenance,
-            "cells": _records(self.cells),
-            "effects": _records(self.effects),
+            "cells": self.cells.to_dict("records"),
+            "effects": self.effects.to_dict("records"),
             "ranks": {
                 **{k: v for k, v in vars(ranks).items() if k not in ("smallest_holm", "pairs")},
                 "pairs": [pair._asdict() for pair in ranks.pairs],
                 "smallest_p_holm": ranks.smallest_holm,
             },
-            "evaluations_to_target": _records(self.curves),
-            "running_times": _records(self.times),
-            "diagnosis": {"threshold": self.threshold, "algorithms": _records(self.diagnosis)},
-            "failures": _records(self.failures),
+            "evaluations_to_target": self.curves.to_dict("records"),
+            "running_times": self.times.to_dict("records"),
+            "diagnosis": {
+                "threshold": self.threshold, "algorithms": self.diagnosis.to_dict("records")
+            },
+            "failures": self.failures.to_dict("records"),
             "lead": self.lead,
             "conclusions": self.conclusions,
         })  # fmt: skip
@@ -147,14 +138,10 @@ def analyse(
     threshold: float = THRESHOLD,
     seed: int = 1,
 ) -> StudyAnalysis:
-    """Analyse the runs of a study, in any order.
+    """Analyse the runs of a study, in any order; targets and threshold as of `ematwin.compare`.
 
-    Parameters
-    ----------
-    targets : Err% whose success rates are given
-    misfits : relative misfits whose expected running times are given
-    threshold : deviation from healthy, as a share of the range, that counts as a fault
-    seed : of the bootstrap
+    ``misfits`` are relative ones, to which expected running times are given; ``seed`` is of the
+    bootstrap.
     """
     if not (targets and all(target > 0.0 and math.isfinite(target) for target in targets)):
         raise InputError(f"Targets of Err% must be positive, received {targets}.")
@@ -163,16 +150,9 @@ def analyse(
     if not 0.0 < threshold < 0.5:
         raise InputError(f"The threshold must lie between 0 and 0.5, received {threshold:g}.")
     table = collect(runs)
-    cells = summarise(table, targets, seed)
-    effects = effect_sizes(table)
-    ranks = compare_ranks(matrix(cells, "err_mean"), effects)
+    cells = statistics.summarise(table, targets, seed)
+    effects = statistics.effect_sizes(table)
+    ranks = statistics.compare_ranks(matrix(cells, "err_mean"), effects)
     curves, times = evaluations_to_target(table, misfits, seed)
-    diagnosis = diagnose(table, threshold)
-    return StudyAnalysis(
-        table, cells, effects, ranks, curves, times, diagnosis, threshold,
-        conclude(table, cells, ranks, diagnosis, threshold),
-    )  # fmt: skip
-
-
-def _records(frame: Any) -> list[dict[str, Any]]:
-    return [dict(zip(frame.columns, row, strict=True)) for row in frame.itertuples(index=False)]
+    diagnosis = statistics.diagnose(table, threshold)
+    return StudyAnalysis(table, cells, effects, ranks, curves, times, diagnosis, threshold)

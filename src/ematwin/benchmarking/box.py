@@ -30,8 +30,8 @@ _FIRST = (0.31, 0.64, 0.42, 0.73, 0.27, 0.58, 0.69, 0.37)
 def places(dimension: int) -> np.ndarray:
     """Where healthy values lie in the remapped box, (d,) array of shares of their ranges.
 
-    Eight are given. Any further one, the n-th, is the fractional part g of n golden ratios, brought
-    into 0.25 to 0.45 (g < 0.5) or 0.55 to 0.75.
+    Any after the eighth, the n-th, is the fractional part g of n golden ratios, brought into 0.25
+    to 0.45 (g < 0.5) or 0.55 to 0.75.
     """
     golden = np.arange(len(_FIRST) + 1, dimension + 1) * 0.5 * (math.sqrt(5.0) - 1.0) % 1.0
     further = 0.25 + 0.4 * golden + 0.1 * (golden >= 0.5)

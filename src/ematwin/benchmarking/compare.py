@@ -1,7 +1,7 @@
 """`compare`: algorithms compared fairly, from Python: runs, store and analysis in one call."""
 
 import tempfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,7 @@ from ematwin.benchmarking.engines.local import LocalEngine
 from ematwin.benchmarking.plan import Plan
 from ematwin.benchmarking.statistics import TARGETS, THRESHOLD
 from ematwin.benchmarking.store import Store
-from ematwin.benchmarking.study import Tally, run_study
+from ematwin.benchmarking.study import Progress, Tally, run_study
 from ematwin.benchmarking.subject import Subject, cases_of
 from ematwin.benchmarking.table import check_extra
 from ematwin.errors import InputError
@@ -18,8 +18,6 @@ from ematwin.models.scenario import Scenario
 from ematwin.numerics.side_by_side import cores
 from ematwin.recordings.noise import Noise
 from ematwin.showing.bars import told
-
-Progress = Callable[[Tally], None]
 
 
 def compare(
@@ -86,20 +84,13 @@ def compare(
     plan = Plan(
         cases=cases_of(cases, subject.actuator, seed=seed),
         algorithms=(algorithms,) if isinstance(algorithms, str) else tuple(algorithms),
-        runs=runs,
-        population=population,
-        iterations=iterations,
-        seed=seed,
-        noise=noise,
-        box=box,
-        actuator=subject.actuator,
-        scenario=scenario,
-    )
+        runs=runs, population=population, iterations=iterations, seed=seed, noise=noise, box=box,
+        actuator=subject.actuator, scenario=scenario,
+    )  # fmt: skip
     engine = LocalEngine(workers or cores(), time_limit)
 
     def shown(tally: Tally) -> tuple[float, str]:
-        share = tally.complete / max(tally.planned, 1)
-        return share, f"{tally.complete} of {tally.planned}"
+        return tally.complete / tally.planned, f"{tally.complete} of {tally.planned}"
 
     with (
         tempfile.TemporaryDirectory() as folder,

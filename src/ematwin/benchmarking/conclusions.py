@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.benchmarking.statistics import ALPHA, RankComparison
+from ematwin.benchmarking.statistics import ALPHA, RankComparison, matrix
 from ematwin.benchmarking.table import RunTable
 from ematwin.showing.text import counted, listed
 
@@ -14,29 +14,21 @@ ENOUGH = 5  # runs of a case and algorithm, below which nothing is claimed
 _TO_ZERO = {"gwo", "woa", "da"}  # families whose moves scale the coordinates themselves
 
 
-def conclude(
-    table: RunTable,
-    cells: Any,
-    ranks: RankComparison,
-    diagnosis: Any,
-    threshold: float,
-) -> list[str]:
-    """Give the sentences, most important first."""
+def conclude(study: Any) -> list[str]:
+    """Give the sentences on a `StudyAnalysis`, most important first."""
     return [
-        *_runs(table, cells),
-        *_differences(ranks),
-        *_diagnosis(diagnosis, threshold),
-        *_machines(table),
-        *_limits(table),
+        *_runs(study.table, study.cells),
+        *_differences(study.ranks),
+        *_diagnosis(study.diagnosis, study.threshold),
+        *_machines(study.table),
+        *_limits(study.table),
     ]
 
 
-def lead_of(table: RunTable, means: Any, ranks: RankComparison) -> str:
-    """Who errs least, in a sentence, and whether that is more than chance.
-
-    ``means`` : DataFrame of cases by algorithms, mean Err%
-    """
-    whole = means.dropna()
+def lead_of(study: Any) -> str:
+    """Who has the lowest mean Err%, and whether by more than chance, of a `StudyAnalysis`."""
+    table, ranks = study.table, study.ranks
+    whole = matrix(study.cells, "err_mean").dropna()
     if not len(whole) or len(table.algorithms) < 2:
         return f"{int(table.done.sum())} of {counted(len(table), 'run')} ended well."
     wins = Counter(whole.idxmin(axis=1))

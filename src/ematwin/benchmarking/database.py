@@ -31,12 +31,9 @@ class DamagedError(FileError):
 
 
 class Database:
-    """Transactions on a SQLite file or a PostgreSQL database; anything else is refused.
+    """Transactions on a SQLite file or a PostgreSQL database, postgresql://user@host/name.
 
-    Parameters
-    ----------
-    where : path of a file, or URL such as postgresql://user@host/name
-    patience : s, for which a database that does not answer is tried again
+    One that does not answer is tried again for ``patience``, s.
     """
 
     def __init__(self, where: str | Path, patience: float = 120.0) -> None:
@@ -73,12 +70,9 @@ class Database:
             raise FileError(f"Cannot write the store {self.path}: the file is read-only.")
 
     def check_whole(self) -> None:
-        """Raise `FileError` if SQLite finds its file damaged; a server checks its files itself.
-
-        The whole check and not the quick one: only it compares the indexes, from which ids and
-        statuses are read, with the rows. It reads 270 MB in a second.
-        """
+        """Raise `FileError` if SQLite finds its file damaged; a server checks its files itself."""
         if self.path is not None and self.exists:
+            # the quick check does not compare indexes, from which ids are read, with the rows
             found = self.read(lambda c: c.exec_driver_sql("PRAGMA integrity_check(1)").scalar())
             if found != "ok":
                 raise self._damaged(found)

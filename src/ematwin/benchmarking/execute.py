@@ -45,10 +45,7 @@ def hard_limit(time_limit: float) -> float:
 def execute(spec: RunSpec, time_limit: float | None = None, engine: str = "none") -> RunResult:
     """Do a run; ``status`` and ``stopped`` say how one ended that failed.
 
-    Parameters
-    ----------
-    time_limit : s, for the search alone, or None
-    engine : name of what carries it, for the provenance
+    ``time_limit``, s, is for the search alone; ``engine`` carries it, for the provenance.
     """
     clock = _Clock(time_limit)
 
@@ -60,15 +57,12 @@ def execute(spec: RunSpec, time_limit: float | None = None, engine: str = "none"
 
     try:
         subject, problem = _prepared(spec)
-        with clock.running(), _watchdog(time_limit):
+        with clock.running():
             search = named(spec.algorithm, population=spec.population, iterations=spec.iterations)
             found = find(
-                problem if spec.box == "plain" else RemappedProblem(problem),
-                search,
-                budget=spec.population * spec.iterations,
-                seed=spec.seed,
-                progress=clock.look,
-            )
+                problem if spec.box == "plain" else RemappedProblem(problem), search,
+                budget=spec.population * spec.iterations, seed=spec.seed, progress=clock.look,
+            )  # fmt: skip
     except _TimeUpError:
         return result("timeout", f"ran past its time limit of {time_limit:g} s")
     except Exception as error:
@@ -79,15 +73,11 @@ def execute(spec: RunSpec, time_limit: float | None = None, engine: str = "none"
     pair = subject.values(found.point), subject.values(spec.faults)
     clock.evaluations = found.evaluations
     return result(
-        "done",
-        str(found.stopped),
-        faults=tuple(found.point.tolist()),
-        cost=float(found.cost),
+        "done", str(found.stopped), faults=tuple(found.point.tolist()), cost=float(found.cost),
         relative_misfit=problem.relative_misfit(found.cost),
-        err=subject.error_percent(*pair),
-        err_wrapped=subject.error_percent(*pair, wrapped=True),
+        err=subject.error_percent(*pair), err_wrapped=subject.error_percent(*pair, wrapped=True),
         history=pack(*found.history.T),
-    )
+    )  # fmt: skip
 
 
 def warm_up() -> None:
@@ -110,13 +100,21 @@ class _Clock:
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """Measure the block."""
-        self._wall, cpu = time.perf_counter(), time.process_time()
-        try:
-            yield
-        finally:
-            self.seconds = time.perf_counter() - self._wall
-            self.cpu_seconds = time.process_time() - cpu
+        """Measure the block, and end this process if it takes much longer than the limit.
+
+        faulthandler's timer runs outside the interpreter, so that neither a held lock nor compiled
+        code keeps it from acting.
+        """
+        with open(os.devnull, "w") as sink:
+            if self._limit is not None:
+                faulthandler.dump_traceback_later(hard_limit(self._limit), exit=True, file=sink)
+            self._wall, cpu = time.perf_counter(), time.process_time()
+            try:
+                yield
+            finally:
+                faulthandler.cancel_dump_traceback_later()
+                self.seconds = time.perf_counter() - self._wall
+                self.cpu_seconds = time.process_time() - cpu
 
     def look(self, evaluations: int, cost: float, budget: int) -> None:
         """Note where the search stands; end it if its time is up."""
@@ -124,22 +122,6 @@ class _Clock:
         self.any_finite = self.any_finite or math.isfinite(cost)
         if self._limit is not None and time.perf_counter() - self._wall > self._limit:
             raise _TimeUpError
-
-
-@contextmanager
-def _watchdog(time_limit: float | None) -> Iterator[None]:
-    """End this process if the block takes much longer than the limit.
-
-    faulthandler's timer runs outside the interpreter, so that neither a held lock nor compiled
-    code keeps it from acting.
-    """
-    with open(os.devnull, "w") as sink:
-        if time_limit is not None:
-            faulthandler.dump_traceback_later(hard_limit(time_limit), exit=True, file=sink)
-        try:
-            yield
-        finally:
-            faulthandler.cancel_dump_traceback_later()
 
 
 def _prepared(spec: RunSpec) -> tuple[Subject, Problem]:
@@ -156,13 +138,9 @@ def _simulated(inputs: str) -> tuple[Subject, Problem]:
     actuator, scenario, faults, fidelity, noise, seed = json.loads(inputs)
     subject = _subject(json.dumps(actuator))
     recording = subject.model.simulate(
-        subject.actuator,
-        Scenario.model_validate(scenario),
-        subject.values(faults),
-        fidelity=fidelity,
-        noise=None if noise is None else Noise(**noise),
-        seed=seed,
-    )
+        subject.actuator, Scenario.model_validate(scenario), subject.values(faults),
+        fidelity=fidelity, noise=None if noise is None else Noise(**noise), seed=seed,
+    )  # fmt: skip
     problem = Problem.of(recording, subject.actuator, threads=1)
     problem.costs(np.array([faults]))  # compiles, or loads what was compiled, outside any clock
     return subject, problem
@@ -180,17 +158,11 @@ def provenance(engine: str) -> dict[str, Any]:
     import scipy
 
     return {
-        "ematwin": __version__,
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-        "scipy": scipy.__version__,
-        "numba": numba.__version__,
-        "machine": socket.gethostname(),
-        "processor": _processor(),
-        "system": platform.platform(),
-        "kernel": "numba on CPU, one thread",
-        "engine": engine,
-    }
+        "ematwin": __version__, "python": platform.python_version(), "numpy": np.__version__,
+        "scipy": scipy.__version__, "numba": numba.__version__, "machine": socket.gethostname(),
+        "processor": _processor(), "system": platform.platform(),
+        "kernel": "numba on CPU, one thread", "engine": engine,
+    }  # fmt: skip
 
 
 def _processor() -> str:

@@ -94,7 +94,7 @@ def _methods(analysis: StudyAnalysis) -> Section:
         "The methods",
         text="Forms with settings as published stand beside improved ones; the last column "
         "says what settings were chosen on, where a source does not give them.",
-        table=Table(header, rows, last_is_text=True, texts=tuple(range(len(header)))),
+        table=Table(header, rows, texts=tuple(range(len(header)))),
     )
 
 
@@ -262,7 +262,7 @@ def diagnosis_table(analysis: StudyAnalysis) -> Table:
     ]  # fmt: skip
     header = ["algorithm", "mean Err%", "exact", "missed", "false alarms", "confused runs", *turned,
               "failed runs", "most often mistaken for another"]  # fmt: skip
-    return Table(header, rows, last_is_text=True)
+    return Table(header, rows, texts=(-1,))
 
 
 def _failures(analysis: StudyAnalysis) -> Section:
@@ -272,12 +272,10 @@ def _failures(analysis: StudyAnalysis) -> Section:
     text = f"{counted(count, 'run')} failed."
     if count > MOST_ROWS:
         text += f" The first {MOST_ROWS} are listed; results.csv has all."
-    rows = [
-        Row([one.case, one.algorithm, str(one.run), one.status, one.stopped])
-        for one in analysis.failures.head(MOST_ROWS).itertuples()
-    ]
+    shown = analysis.failures.drop(columns="id").astype(str).head(MOST_ROWS)
+    rows = [Row(list(cells)) for cells in shown.itertuples(index=False)]
     header = ["case", "algorithm", "run", "status", "message"]
-    return Section("Failures", text, table=Table(header, rows, last_is_text=True, texts=(1, 3)))
+    return Section("Failures", text, table=Table(header, rows, texts=(1, 3, -1)))
 
 
 def _facts(analysis: StudyAnalysis) -> dict[str, str]:

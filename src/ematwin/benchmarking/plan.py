@@ -74,15 +74,11 @@ class Plan:
         subject = Subject.of(self.actuator)
         assert isinstance(self.scenario, Scenario)
         values = {
-            "seed": int(self.seed),
-            "population": self.population,
-            "iterations": self.iterations,
-            "noise": None if self.noise is None else asdict(self.noise),
-            "box": self.box,
-            "actuator": subject.plain(),
-            "scenario": self.scenario.model_dump(mode="json"),
+            "seed": int(self.seed), "population": self.population, "iterations": self.iterations,
+            "noise": None if self.noise is None else asdict(self.noise), "box": self.box,
+            "actuator": subject.plain(), "scenario": self.scenario.model_dump(mode="json"),
             "model": subject.model.fidelities[0],
-        }
+        }  # fmt: skip
         return json.loads(json.dumps(values))
 
     def specs(self) -> list[RunSpec]:
@@ -91,18 +87,14 @@ class Plan:
         seed = shared.pop("seed")
         return [
             RunSpec(
-                case=case,
-                faults=faults,
-                algorithm=algorithm,
-                run=run,
+                case, faults, algorithm, run,
                 seed=derived_seed(seed, "search", case, algorithm, run),
-                record_seed=derived_seed(seed, "record", case, run),
-                **shared,
+                record_seed=derived_seed(seed, "record", case, run), **shared,
             )
             for case, faults in self.cases.items()
             for run in range(self.runs)
             for algorithm in self.algorithms
-        ]
+        ]  # fmt: skip
 
 
 def derived_seed(seed: int, *names: str | int) -> int:

@@ -47,11 +47,6 @@ class RunSpec:
         return hashlib.sha256(text.encode()).hexdigest()[:24]
 
 
-def settings_of(spec: RunSpec) -> tuple[Any, ...]:
-    """Give the inputs that a run shares with the others of its study."""
-    return tuple(getattr(spec, name) for name in SHARED)
-
-
 @dataclass(frozen=True)
 class RunResult:
     """The outcome of a run."""

@@ -73,10 +73,7 @@ def summarise(table: RunTable, targets: tuple[float, ...] = TARGETS, seed: int =
 
 
 def spreads(samples: list[np.ndarray], seed: int = 1) -> np.ndarray:
-    """Give mean, median, quartiles and intervals of each sample, (S, 8) array.
-
-    Samples of one length are resampled together, for speed.
-    """
+    """Give mean, median, quartiles and intervals of each sample, (S, 8) array."""
 
     def middles(sample: np.ndarray, axis: int = -1) -> np.ndarray:
         return np.stack([sample.mean(axis=axis), np.median(sample, axis=axis)])

@@ -21,22 +21,8 @@ from functools import wraps
 from pathlib import Path
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
-from sqlalchemy import (
-    Column,
-    Connection,
-    Double,
-    Index,
-    LargeBinary,
-    MetaData,
-    String,
-    Table,
-    Text,
-    delete,
-    inspect,
-    or_,
-    select,
-    update,
-)
+import sqlalchemy as sql
+from sqlalchemy import Column, Connection, String, Table, Text, delete, select
 from sqlalchemy.dialects import postgresql, sqlite
 
 from ematwin.benchmarking.database import DamagedError, Database
@@ -47,7 +33,7 @@ LEASE = 30.0  # s for which a claim holds without being renewed
 FORMAT = "ematwin study"
 SCHEMA = 3  # of the tables below
 
-metadata = MetaData()
+metadata = sql.MetaData()
 _study = Table(
     "ematwin_study",
     metadata,
@@ -60,16 +46,16 @@ _runs = Table(
     Column("id", String(24), primary_key=True),
     Column("status", String(16), nullable=False),
     Column("body", Text, nullable=False),  # JSON, in ASCII
-    Column("history", LargeBinary, nullable=False),  # ematwin.benchmarking.run.pack
+    Column("history", sql.LargeBinary, nullable=False),  # ematwin.benchmarking.run.pack
     Column("checksum", String(24), nullable=False),
-    Index("ematwin_runs_status", "id", "status"),  # resuming reads this, not the histories
+    sql.Index("ematwin_runs_status", "id", "status"),  # resuming reads this, not the histories
 )
 _claims = Table(
     "ematwin_claims",
     metadata,
     Column("id", String(24), primary_key=True),  # of a run that somebody is doing
     Column("owner", Text, nullable=False),
-    Column("until", Double, nullable=False),  # s since 1970; after it the claim is void
+    Column("until", sql.Double, nullable=False),  # s since 1970; after it the claim is void
 )
 
 Given = ParamSpec("Given")
@@ -104,11 +90,7 @@ class Store:
 
     Opening looks but does not touch; `begin` makes the tables where there are none. One that is
     damaged, another kind of database or of another schema is refused with a `FileError`.
-
-    Parameters
-    ----------
-    where : path of a SQLite file, or a URL such as postgresql://user@host/name
-    patience : s, for which a database that does not answer is tried again
+    ``where`` and ``patience`` are as of `Database`.
     """
 
     def __init__(self, where: str | Path, *, patience: float = 120.0) -> None:
@@ -153,11 +135,8 @@ class Store:
             _check_same(json.loads(self._said(connection)["settings"]), settings, self.name)
             return
         metadata.create_all(connection)
-        said = {
-            "format": FORMAT,
-            "schema": str(SCHEMA),
-            "settings": json.dumps(settings, sort_keys=True),
-        }
+        text = json.dumps(settings, sort_keys=True)
+        said = {"format": FORMAT, "schema": str(SCHEMA), "settings": text}
         said["checksum"] = _study_checksum(said)
         pairs = [{"key": key, "value": value} for key, value in said.items()]
         connection.execute(_study.insert(), pairs)
@@ -173,19 +152,16 @@ class Store:
         """Yield all finished runs, by id; one that is not as it was written is refused by name."""
         settings = self.settings()
         shared = {name: settings[name] for name in SHARED}
-        # by pages: between them others may write
         query = select(_runs).order_by(_runs.c.id).limit(1000)
-        page: list[StoredRun] = []
-        last = ""
-        while page or not last:
-            page = self._database.read(
-                lambda connection, last=last: [  # type: ignore[misc]
-                    _run_of(row, shared)
-                    for row in connection.execute(query.where(_runs.c.id > last))
-                ]
-            )
+
+        def after(last: str) -> list[StoredRun]:
+            rows = query.where(_runs.c.id > last)
+            return self._database.read(lambda c: [_run_of(row, shared) for row in c.execute(rows)])
+
+        page = after("")  # by pages: between them others may write
+        while page:
             yield from page
-            last = page[-1].spec.id if page else "none"
+            page = after(page[-1].spec.id)
 
     @_writes
     def save(self, connection: Connection, finished: Sequence[StoredRun]) -> int:
@@ -213,12 +189,13 @@ class Store:
         Gives those that are ours now: neither finished, nor claimed by another process.
         """
         held, now = _claims.c, time.time()
+        # a claim of far in the future was made by a clock that is wrong
+        void = sql.or_(held.until < now, held.until > now + 2.0 * LEASE)
         query = self._insert(_claims)
         query = query.on_conflict_do_update(
             index_elements=["id"],
             set_={"owner": query.excluded.owner, "until": query.excluded.until},
-            # a claim of far in the future was made by a clock that is wrong
-            where=or_(held.owner == self.owner, held.until < now, held.until > now + 2.0 * LEASE),
+            where=sql.or_(held.owner == self.owner, void),
         ).returning(held.id)
         asked = [{"id": id, "owner": self.owner, "until": now + LEASE} for id in ids]
         won = set(connection.execute(query, asked).scalars())
@@ -233,7 +210,7 @@ class Store:
     @_writes
     def renew(self, connection: Connection) -> None:
         """Make the claims of this process hold for another while."""
-        query = update(_claims).where(_claims.c.owner == self.owner)
+        query = sql.update(_claims).where(_claims.c.owner == self.owner)
         connection.execute(query.values(until=time.time() + LEASE))
 
     @_writes
@@ -243,7 +220,7 @@ class Store:
 
     def _look(self, connection: Connection) -> bool:
         """Whether a study has been begun here; raise unless it is ours to read."""
-        tables = set(inspect(connection).get_table_names())
+        tables = set(sql.inspect(connection).get_table_names())
         if not tables:
             return False
         if _study.name not in tables:
@@ -297,9 +274,8 @@ def _run_of(row: Any, shared: Mapping[str, Any]) -> StoredRun:
 
 def _checksum(id: str, status: str, body: str, history: Any) -> str:
     """Hash the values of a row; against chance, nobody is kept from changing a run on purpose."""
-    digest = hashlib.sha256(ascii([id, status, body]).encode())
-    digest.update(history if isinstance(history, bytes) else ascii(history).encode())
-    return digest.hexdigest()[:24]
+    content = history if isinstance(history, bytes) else ascii(history).encode()
+    return hashlib.sha256(ascii([id, status, body]).encode() + content).hexdigest()[:24]
 
 
 def _study_checksum(said: Mapping[str, str]) -> str:

@@ -81,12 +81,8 @@ class Subject(HasUnknowns):
         if self.actuator.own_model is not None:
             return self.actuator.as_table()
         values = self.actuator.model_dump(mode="json")
-        return values if self.kind == DEFAULT_KIND else {"kind": self.kind, **values}
-
-    @property
-    def kind(self) -> str:
-        """Name of the kind of actuator."""
-        return self.model.kind
+        kind = self.model.kind
+        return values if kind == DEFAULT_KIND else {"kind": kind, **values}
 
     @cached_property
     def magnitudes(self) -> list[int]:
@@ -133,9 +129,8 @@ def cases_of(
     Parameters
     ----------
     given : "own" (the cases of the kind of actuator), "paper" (Table 1 of the paper, for the
-        brushless actuator), "multi" (random vectors with two to four faults: the paper's future
-        work), a TOML file with a table ``[cases."name"]`` of values for each case, or a mapping of
-        names to such values; missing faults are healthy
+        brushless actuator), "multi" (random vectors with two to four faults), a TOML file with a
+        table ``[cases."name"]`` of values for each case, or a mapping of names to such values
     count, seed : of random cases; more of them leave the first ones as they were
     """
     subject = Subject.of(actuator)
@@ -143,10 +138,10 @@ def cases_of(
         return _checked(given, subject)
     if count is not None and given != "multi":
         raise InputError(f"--count belongs to --cases multi, received --cases {given}.")
-    if given == "paper" and subject.kind != PAPER_KIND:
+    if given == "paper" and subject.model.kind != PAPER_KIND:
         raise InputError(
             f"--cases paper is for the kind {PAPER_KIND}, and {subject.actuator.name} is of the "
-            f"kind {subject.kind}; choose own, multi or a TOML file."
+            f"kind {subject.model.kind}; choose own, multi or a TOML file."
         )
     if given in ("own", "paper"):
         return _checked(subject.cases(), subject)

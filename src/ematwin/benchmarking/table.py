@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.benchmarking.run import RunSpec, StoredRun, settings_of, unpack
+from ematwin.benchmarking.run import SHARED, RunSpec, StoredRun, unpack
 from ematwin.benchmarking.subject import Subject
 from ematwin.errors import InputError, MissingExtraError
 from ematwin.estimation.search import methods
@@ -81,7 +81,7 @@ def collect(runs: Iterable[StoredRun]) -> RunTable:
         if first is None:
             first, subject = spec, Subject.stored(spec.actuator)
             names = subject.names
-        elif settings_of(spec) != settings_of(first):
+        elif any(getattr(spec, name) != getattr(first, name) for name in SHARED):
             raise InputError("The runs are of different studies. Report them apart.")
         done = result.status == "done" and math.isfinite(result.err)
         rows.append(

@@ -6,19 +6,18 @@ import typer
 
 import ematwin
 from ematwin.cli import complete, options
+from ematwin.cli.options import argument, option
 from ematwin.errors import InputError
 from ematwin.files import check_target, write_text
 from ematwin.quantities import preferred
 
 
 def actuators(
-    name: str | None = typer.Argument(
-        None,
-        help="Show all parameters of this set or TOML file.",
-        autocompletion=complete.actuators,
+    name: str | None = argument(
+        "Show all parameters of this set or TOML file.", None, autocompletion=complete.actuators
     ),
-    out: Path | None = typer.Option(
-        None, help="Write its parameters to this file (.toml), as a start for your own."
+    out: Path | None = option(
+        "Write its parameters to this file (.toml), as a start for your own."
     ),
     force: bool = options.FORCE,
     units: str | None = options.UNITS,

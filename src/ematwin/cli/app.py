@@ -11,7 +11,6 @@ from functools import partial
 from typing import Any
 
 import typer
-from typer.core import TyperGroup
 
 from ematwin.cli.actuators import actuators, algorithms, scenarios
 from ematwin.cli.calibrate import calibrate
@@ -29,20 +28,8 @@ from ematwin.cli.simulate import export_fmu, simulate
 from ematwin.cli.units import units
 from ematwin.cli.watch import watch
 
-
-class _Commands(TyperGroup):
-    """The commands, each with its whole first sentence: click cuts it at 45 characters."""
-
-    def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Write the list of commands for ``--help``."""
-        rows = [(name, (each.help or "").split("\n\n")[0]) for name, each in self.commands.items()]
-        with formatter.section("Commands"):
-            formatter.write_dl(rows)
-
-
 app = typer.Typer(
     name="ematwin",
-    cls=_Commands,
     help="Find the faults of an electromechanical actuator from a recording of how it moved.",
     # plain help: rich takes the [mm] of a channel's name for markup and leaves it out
     rich_markup_mode=None,
@@ -58,9 +45,11 @@ for command in (
     compare, demo, identify, calibrate, detect, watch, serve, explore, identifiability, design,
     simulate, export_fmu, channels, actuators, scenarios, algorithms, units, report,
 ):  # fmt: skip
-    app.command(command.__name__.replace("_", "-"))(command)
-app.add_typer(fleet, name="fleet")
-app.add_typer(store, name="store")
+    # else the list of commands has 45 characters of it
+    sentence = (command.__doc__ or "").split("\n\n")[0]
+    app.command(command.__name__.replace("_", "-"), short_help=sentence)(command)
+app.add_typer(fleet, name="fleet", short_help=fleet.info.help)
+app.add_typer(store, name="store", short_help=store.info.help)
 
 
 def _version(asked: bool) -> None:

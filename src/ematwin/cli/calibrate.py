@@ -1,37 +1,32 @@
 """``ematwin calibrate``: healthy recordings in, a calibrated actuator out."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import typer
 
 import ematwin
 from ematwin.cli import options
+from ematwin.cli.options import argument, option
 from ematwin.cli.recordings import choice, known_fault, load, meant, remarks
 from ematwin.files import check_target
 
-if TYPE_CHECKING:
-    from ematwin.monitoring.calibration_report import CalibrationReport
-
 
 def calibrate(
-    records: list[Path] = typer.Argument(
-        ...,
-        help="Files with healthy recordings, or folders of them: one for the twin, three runs "
-        "for a healthy population as well.",
+    records: list[Path] = argument(
+        "Files with healthy recordings, or folders of them: one for the twin, three runs "
+        "for a healthy population as well."
     ),
-    out: Path = typer.Option(..., help="Where to write the calibrated actuator (.toml)."),
+    out: Path = option("Where to write the calibrated actuator (.toml).", ...),
     actuator: str | None = options.RECORDED_ACTUATOR,
     where: list[str] | None = options.WHERE,
-    known: list[str] | None = typer.Option(
-        None,
-        help="Recordings of a known fault in the same files, to name later alarms by, e.g. "
-        '"lubrication:condition=dry;run=1,2". Repeatable.',
+    known: list[str] | None = option(
+        "Recordings of a known fault in the same files, to name later alarms by, e.g. "
+        '"lubrication:condition=dry;run=1,2". Repeatable.'
     ),
-    add: Path | None = typer.Option(
-        None,
-        help="Calibrated actuator (.toml) whose healthy runs these join, such as runs of a "
-        "later occasion; one run is enough. Actuator and known faults stay as in it.",
+    add: Path | None = option(
+        "Calibrated actuator (.toml) whose healthy runs these join, such as runs of a "
+        "later occasion; one run is enough. Actuator and known faults stay as in it."
     ),
     column: list[str] | None = options.COLUMN,
     map_file: Path | None = options.MAP,
@@ -48,15 +43,13 @@ def calibrate(
     check_target(out, (".toml",), replace=force or is_as_written(out))
     options.check_outputs(report)
     before = None if add is None else ematwin.Calibration.load(add)
-    if before is not None:
-        template = before.actuator
-    else:
-        template = ematwin.load_actuator(actuator or meant(records, column, map_file))
+    template = before.actuator if before is not None else (
+        ematwin.load_actuator(actuator or meant(records, column, map_file))
+    )  # fmt: skip
     wanted = choice(where or [], "--where")
     taught = [(text, *known_fault(text)) for text in known or []]
-    recordings = load(
-        records, column, map_file, template, wanted, *(labels for _, _, labels in taught)
-    )
+    choices = [wanted, *(labels for _, _, labels in taught)]
+    recordings = load(records, column, map_file, template, where=choices)
     faults = {
         f"{fault}: {text.partition(':')[2]}": fitting(recordings, labels)
         for text, fault, labels in taught
@@ -84,22 +77,19 @@ def calibrate(
     options.answer(json, lambda: {**found.as_dict(), **more}, tell, out, report)
 
 
-def print_calibration(report: "CalibrationReport", out: Path) -> None:
+def print_calibration(report: Any, out: Path) -> None:
     """Print fitted parameters, undetermined ones, and the spread of runs; ``out`` was written."""
-    from ematwin.report.calibration import (
-        forms_sentences,
-        misfit_sentence,
-        open_sentences,
-        parameter_table,
-        spread_sentences,
-    )
+    from ematwin.report import calibration as page
 
-    shown = parameter_table(report)
+    shown = page.parameter_table(report)
     if not options.has_room():  # what is not determined is also said below the table
         shown = shown.first(3)
     if shown.rows:
         options.print_table("Parameters", shown, width=110)
-    sentences = [*forms_sentences(report), *open_sentences(report, str(out))]
-    for sentence in filter(None, (*sentences, misfit_sentence(report), *spread_sentences(report))):
-        typer.echo(sentence)
+    for sentence in (
+        *page.forms_sentences(report), *page.open_sentences(report, str(out)),
+        page.misfit_sentence(report), *page.spread_sentences(report),
+    ):  # fmt: skip
+        if sentence:
+            typer.echo(sentence)
     options.print_notes("Warning", report.notes)

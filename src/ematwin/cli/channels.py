@@ -1,30 +1,23 @@
 """``ematwin channels``: the channels of a file and a proposed map."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import typer
 
 import ematwin
 from ematwin.cli import options
+from ematwin.cli.options import argument, option
 from ematwin.cli.recordings import meant
 from ematwin.files import check_target, write_text
 from ematwin.showing.text import capital
 
-if TYPE_CHECKING:
-    from ematwin.recordings.proposal import Proposal
-    from ematwin.recordings.survey import Surveyed
-
 
 def channels(
-    file: Path = typer.Argument(
-        ..., help="CSV, Parquet, Excel, MAT, MDF4, TDMS, HDF5, ULog or MCAP."
-    ),
+    file: Path = argument("CSV, Parquet, Excel, MAT, MDF4, TDMS, HDF5, ULog or MCAP."),
     actuator: str | None = options.RECORDED_ACTUATOR,
-    write: Path | None = typer.Option(
-        None, help="Write the proposed map here (.toml), for identify --map."
-    ),
-    plot: Path | None = typer.Option(None, help="Write a page with every channel here (.html)."),
+    write: Path | None = option("Write the proposed map here (.toml), for identify --map."),
+    plot: Path | None = option("Write a page with every channel here (.html)."),
     force: bool = options.FORCE,
     json: bool = options.JSON,
 ) -> None:
@@ -66,7 +59,7 @@ def channels(
     options.answer(json, plain, tell, plot)
 
 
-def print_proposal(proposal: "Proposal", file: Path, actuator: str, written: Path | None) -> None:
+def print_proposal(proposal: Any, file: Path, actuator: str, written: Path | None) -> None:
     """Print the map with its reasons, open questions, and the next command."""
     typer.echo(f"\nProposed map for the kind {proposal.kind}:")
     for name, entry in proposal.entries.items():
@@ -91,7 +84,7 @@ def print_proposal(proposal: "Proposal", file: Path, actuator: str, written: Pat
         typer.echo(f"Next: answer what is open in {written}.")
 
 
-def sparkline(one: "Surveyed") -> str:
+def sparkline(one: Any) -> str:
     """A channel in one line of blocks: the mean over each piece, from its least to its largest."""
     import numpy as np
 

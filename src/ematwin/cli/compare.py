@@ -1,58 +1,45 @@
 """``ematwin compare``: many searches, compared fairly."""
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 import typer
 
 import ematwin
 from ematwin.cli import complete, options
+from ematwin.cli.options import flag, option
 from ematwin.errors import InputError
-
-if TYPE_CHECKING:
-    from ematwin.benchmarking.engines.base import Engine
-    from ematwin.benchmarking.study import Tally
 
 
 def compare(
-    cases: str = typer.Option(
-        "own",
-        help="own: the cases of the kind (bldc: Table 1 of the paper, also called paper); "
+    cases: str = option(
+        "own: the cases of the kind (bldc: Table 1 of the paper, also called paper); "
         "multi: several random faults at once; or a TOML file.",
+        "own",
     ),
-    count: int | None = typer.Option(
-        None, help="Number of cases of --cases multi; 50 if not given."
-    ),
-    algorithms: str = typer.Option(
-        "paper",
-        help="Names from `ematwin algorithms`, separated by commas; paper (the paper's six as "
+    count: int | None = option("Number of cases of --cases multi; 50 if not given."),
+    algorithms: str = option(
+        "Names from `ematwin algorithms`, separated by commas; paper (the paper's six as "
         "first published), improved (the six, tuned alike) and best stand for several.",
+        "paper",
         autocompletion=complete.several_algorithms,
     ),
-    runs: int = typer.Option(10, help="Repetitions of each case and algorithm."),
-    population: int = typer.Option(50, help="Size of the population."),
-    iterations: int = typer.Option(200, help="The budget is population times this."),
-    seed: int = typer.Option(1, help="Seed of the study; all others follow from it."),
+    runs: int = option("Repetitions of each case and algorithm.", 10),
+    population: int = option("Size of the population.", 50),
+    iterations: int = option("The budget is population times this.", 200),
+    seed: int = option("Seed of the study; all others follow from it.", 1),
     noise: str | None = options.NOISE,
-    box: str = typer.Option("plain", help="plain; or remapped, where healthy is not in a corner."),
+    box: str = option("plain; or remapped, where healthy is not in a corner.", "plain"),
     actuator: str = options.ACTUATOR,
     scenario: str | None = options.SCENARIO,
-    store: str = typer.Option("study.db", help="SQLite file, or postgresql://user@host/name."),
-    workers: int | None = typer.Option(
-        None, min=1, help="Processes on this machine, all cores if not given."
+    store: str = option("SQLite file, or postgresql://user@host/name.", "study.db"),
+    workers: int | None = option("Processes on this machine, all cores if not given.", min=1),
+    engine: str | None = option("local (default) or dask."),
+    scheduler: str | None = option("Address of a Dask scheduler, e.g. tcp://host:8786."),
+    time_limit: float | None = option("Seconds after which a run is stopped."),
+    patience: float = option(
+        "Seconds to wait for workers or a scheduler that are gone, or keep dying.", 60.0, min=0.0
     ),
-    engine: str | None = typer.Option(None, help="local (default) or dask."),
-    scheduler: str | None = typer.Option(
-        None, help="Address of a Dask scheduler, e.g. tcp://host:8786."
-    ),
-    time_limit: float | None = typer.Option(None, help="Seconds after which a run is stopped."),
-    patience: float = typer.Option(
-        60.0,
-        min=0.0,
-        help="Seconds to wait for workers or a scheduler that are gone, or keep dying.",
-    ),
-    retry_failed: bool = typer.Option(
-        False, "--retry-failed", help="Repeat failed and timed-out runs."
-    ),
+    retry_failed: bool = flag("--retry-failed", "Repeat failed and timed-out runs."),
     json: bool = options.JSON,
 ) -> None:
     """Compare search algorithms over fault cases; continue where an earlier call stopped."""
@@ -81,7 +68,7 @@ def compare(
 def _engine(
     name: str | None, scheduler: str | None, workers: int | None, time_limit: float | None,
     patience: float,
-) -> "Engine":  # fmt: skip
+) -> Any:  # fmt: skip
     from ematwin.numerics.side_by_side import cores
 
     if time_limit is not None and not 0.0 < time_limit < float("inf"):
@@ -102,7 +89,7 @@ def _engine(
     raise InputError(f"There is no engine {name!r}; choose local or dask.")
 
 
-def _print(tally: "Tally", where: str) -> None:
+def _print(tally: Any, where: str) -> None:
     ended = ", ".join(f"{n} {status}" for status, n in sorted(tally.counts.items()))
     typer.echo(f"{tally.planned} runs in {where}: {ended}.")
     typer.echo(

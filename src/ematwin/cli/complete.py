@@ -4,47 +4,31 @@ The shell waits meanwhile: nothing is imported before, and no error ever reaches
 """
 
 from collections.abc import Callable, Iterable
+from importlib import import_module
+from typing import Any
 
 
-def _completion(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
+def _completion(module: str, names: Callable[[Any], Iterable[str]]) -> Callable[[str], list[str]]:
+    """Complete one of the ``names`` that a module of ematwin knows."""
+
     def starting(incomplete: str) -> list[str]:
         try:
-            return sorted(name for name in names() if name.startswith(incomplete))
+            known = names(import_module(f"ematwin.{module}"))
+            return sorted(name for name in known if name.startswith(incomplete))
         except Exception:  # such as a broken package that adds an actuator
             return []
 
     return starting
 
 
-@_completion
-def actuators() -> Iterable[str]:
-    """Shipped parameter sets; the shell itself completes the names of files."""
-    from ematwin.models.registry import shipped_actuators
-
-    return shipped_actuators()
-
-
-@_completion
-def scenarios() -> Iterable[str]:
-    """Shipped scenarios of all kinds."""
-    from ematwin.models.registry import models
-
-    return {name for model in models().values() for name in model.scenarios()}
-
-
-@_completion
-def algorithms() -> Iterable[str]:
-    """Search methods."""
-    from ematwin.estimation.search import methods
-
-    return [method.name for method in methods()]
-
-
-@_completion
-def _presets() -> Iterable[str]:
-    from ematwin.optimizers.registry import PRESETS
-
-    return PRESETS
+# the shell itself completes the names of files
+actuators = _completion("models.registry", lambda registry: registry.shipped_actuators())
+scenarios = _completion(
+    "models.registry",
+    lambda registry: {n for m in registry.models().values() for n in m.scenarios()},
+)
+algorithms = _completion("estimation.search", lambda search: [one.name for one in search.methods()])
+_presets = _completion("optimizers.registry", lambda registry: registry.PRESETS)
 
 
 def several_algorithms(incomplete: str) -> list[str]:

@@ -14,6 +14,7 @@ import ematwin
 from ematwin.cli import options
 from ematwin.cli.fleet import print_fleet
 from ematwin.cli.identify import print_findings
+from ematwin.cli.options import flag, option
 from ematwin.errors import FileError, InputError
 from ematwin.files import write_text
 
@@ -42,11 +43,9 @@ RUN: dict[str, Any] = {  # at constant speed both ways: shows the cogging
 
 
 def demo(
-    folder: Path = typer.Option(Path("ematwin-demo"), help="Write the records and the pages here."),
-    seed: int = typer.Option(1, help="Seed of the sensor noise and of the search."),
-    fleet: bool = typer.Option(
-        False, "--fleet", help="Instead simulate a fleet, 60 actuators over three years."
-    ),
+    folder: Path = option("Write the records and the pages here.", Path("ematwin-demo")),
+    seed: int = option("Seed of the sensor noise and of the search.", 1),
+    fleet: bool = flag("--fleet", "Instead simulate a fleet, 60 actuators over three years."),
     units: str | None = options.UNITS,
     json: bool = options.JSON,
 ) -> None:

@@ -2,66 +2,48 @@
 
 import json as json_text
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import typer
 
 import ematwin
 from ematwin.cli import options
+from ematwin.cli.options import flag, option
 from ematwin.errors import FileError, InputError
 from ematwin.files import check_target, write_text
 from ematwin.quantities import parse_quantity
 
-if TYPE_CHECKING:
-    from ematwin.experiments.design import Design
-    from ematwin.experiments.healthy_tests import HealthyTests
-    from ematwin.models.parameter_set import ParameterSet
-
 
 def design(
-    out: Path = typer.Option(..., help="Write the command here (.toml)."),
+    out: Path = option("Write the command here (.toml).", ...),
     actuator: str = options.ACTUATOR,
     scenario: str | None = options.SCENARIO,
-    fault: str | None = typer.Option(
-        None, help="The fault to identify; the least identifiable one if not given."
+    fault: str | None = option("The fault to identify; the least identifiable one if not given."),
+    limit: list[str] | None = option(
+        'The most that a healthy actuator may be asked for, e.g. "current=6 A"; also '
+        "travel, speed, load. As the given command if not given. Repeatable."
     ),
-    limit: list[str] | None = typer.Option(
-        None,
-        help='The most that a healthy actuator may be asked for, e.g. "current=6 A"; also '
-        "travel, speed, load. As the given command if not given. Repeatable.",
-    ),
-    duration: str | None = typer.Option(
-        None, help='Length of the command, e.g. "0.5 s"; as given otherwise.'
-    ),
-    at: list[str] | None = typer.Option(
-        None, help="A fault at which to look, e.g. friction=0.25. Repeatable."
-    ),
+    duration: str | None = option('Length of the command, e.g. "0.5 s"; as given otherwise.'),
+    at: list[str] | None = option("A fault at which to look, e.g. friction=0.25. Repeatable."),
     noise: str | None = options.NOISE,
     exact: bool = options.EXACT,
-    check: int = typer.Option(
-        0, help="Identify so many simulated recordings of each command.", min=0
-    ),
-    trials: int | None = typer.Option(
-        None,
-        help="Recordings on which the most promising commands are tried before one is chosen; "
+    check: int = option("Identify so many simulated recordings of each command.", 0, min=0),
+    trials: int | None = option(
+        "Recordings on which the most promising commands are tried before one is chosen; "
         "0 for none.",
         min=0,
     ),
-    discriminate: list[str] | None = typer.Option(
-        None,
-        help="Tell two explanations apart instead: given twice, e.g. short_a=0.05,short_b=0.05 "
-        "and motor.emf_constant=0.071; or once, an answer of identify --json or a recording.",
+    discriminate: list[str] | None = option(
+        "Tell two explanations apart instead: given twice, e.g. short_a=0.05,short_b=0.05 "
+        "and motor.emf_constant=0.071; or once, an answer of identify --json or a recording."
     ),
-    learn: bool = typer.Option(
-        False,
+    learn: bool = flag(
         "--learn",
-        help="Propose tests of the healthy actuator instead, which determine the parameters "
+        "Propose tests of the healthy actuator instead, which determine the parameters "
         "that its calibration, or its data sheet, leaves open.",
     ),
-    budget: int | None = typer.Option(
-        None, help="Commands to look at; a minute's worth if not given.", min=1
-    ),
-    seed: int = typer.Option(1, help="Seed of faults, noise and search.", min=0),
+    budget: int | None = option("Commands to look at; a minute's worth if not given.", min=1),
+    seed: int = option("Seed of faults, noise and search.", 1, min=0),
     report: Path | None = options.REPORT,
     force: bool = options.FORCE,
     units: str | None = options.UNITS,
@@ -144,7 +126,7 @@ def _refuse(which: str, given: dict[str, Any]) -> None:
         raise InputError(f"{which} takes no {wrong[0]}; leave it out.")
 
 
-def _limits(texts: list[str], actuator: "ParameterSet") -> dict[str, float]:
+def _limits(texts: list[str], actuator: Any) -> dict[str, float]:
     """Limits in SI, from numbers with or without units."""
     from ematwin.models.registry import model_of
 
@@ -156,7 +138,7 @@ def _limits(texts: list[str], actuator: "ParameterSet") -> dict[str, float]:
 
 
 def _explanations(
-    texts: list[str], actuator: str, chosen: "ParameterSet"
+    texts: list[str], actuator: str, chosen: Any
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Two explanations, from two lists of values, an answer of identify, or a recording."""
     if len(texts) == 2:
@@ -202,7 +184,7 @@ def _answer(path: Path) -> tuple[dict[str, float], list[dict[str, float]]]:
         raise InputError(text) from None
 
 
-def _print_tests(found: "HealthyTests", written: list[Path]) -> None:
+def _print_tests(found: Any, written: list[Path]) -> None:
     from ematwin.report.experiments import LEARNT, learnt_table, tests_table
 
     if not found.tests:
@@ -213,7 +195,7 @@ def _print_tests(found: "HealthyTests", written: list[Path]) -> None:
         typer.echo(sentence)
 
 
-def _print(found: "Design") -> None:
+def _print(found: "ematwin.Design") -> None:
     from ematwin.report.experiments import errors_table, price_table
 
     options.print_table("Expected error of each fault", errors_table(found))

@@ -1,43 +1,32 @@
 """``ematwin detect``: recordings in, a verdict on each out."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import typer
 
 import ematwin
 from ematwin.cli import options
-from ematwin.cli.recordings import choice, constant_load, remarks, runs, runs_in
-from ematwin.cli.recordings import load as loaded
+from ematwin.cli.options import argument, option
+from ematwin.cli.recordings import choice, constant_load, gathered, remarks
 from ematwin.errors import InputError
-
-if TYPE_CHECKING:
-    from collections.abc import Collection
-
-    from ematwin.monitoring.detection import Detection
-    from ematwin.monitoring.diagnosis import Diagnosis
-    from ematwin.monitoring.runs import Runs
-    from ematwin.recordings.recording import Recording
 
 # Keys that each verdict has, null where they do not apply.
 _ALWAYS = dict.fromkeys(("distance", "load_N", "sensor_coupling"))
 
 
 def detect(
-    records: list[Path] = typer.Argument(
-        ...,
-        help="Files with recordings to judge, folders of them, or a table of runs "
-        "(docs/recordings.md).",
+    records: list[Path] = argument(
+        "Files with recordings to judge, folders of them, or a table of runs (docs/recordings.md)."
     ),
-    actuator: Path | None = typer.Option(
-        None,
-        help="Actuator calibrated by `ematwin calibrate` (.toml); a table of runs may name one "
-        "in each row.",
+    actuator: Path | None = option(
+        "Actuator calibrated by `ematwin calibrate` (.toml); a table of runs may name one "
+        "in each row."
     ),
-    each: str = typer.Option(
-        "run",
-        help="What to judge: each run (its recordings together, where a healthy population "
+    each: str = option(
+        "What to judge: each run (its recordings together, where a healthy population "
         "judges) or each motion (recording).",
+        "run",
     ),
     where: list[str] | None = options.WHERE,
     column: list[str] | None = options.COLUMN,
@@ -59,45 +48,34 @@ def detect(
     options.check_outputs(report, table)
     failing = options.grades(fail_on)
     wanted = choice(where or [], "--where")
-    recordings: Any
-    calibration = None
-    if runs_in(records):
-        recordings = runs(
-            records[0], actuator, column, map_file,
-            lambda given, first: ematwin.Calibration.load(_needed(given)),
-            where=[wanted] if wanted else None,
-        )  # fmt: skip
-        given = None if load is None else constant_load(load, recordings.groups[0].known.actuator)
-    else:
-        calibration = ematwin.Calibration.load(_needed(actuator))
-        recordings = loaded(
-            records, column, map_file, calibration.actuator, *([wanted] if wanted else [])
-        )
-        given = constant_load(load, calibration.actuator)
+
+    def calibrated(given: Path | None, _: Path) -> ematwin.Calibration:
+        if given is None:
+            raise InputError(
+                "detect needs a calibrated actuator; give the file of ematwin calibrate with "
+                "--actuator, or a table of runs that names one in each row."
+            )
+        return ematwin.Calibration.load(given)
+
+    choices = [wanted] if wanted else None
+    recordings, known = gathered(records, actuator, column, map_file, calibrated, where=choices)
+    given = constant_load(load, known.actuator)
     with options.progress_bar("Judging", not json) as progress:
-        found = ematwin.detect(recordings, calibration, load=given, progress=progress)
+        found = ematwin.detect(
+            recordings, known if isinstance(recordings, list) else None, load=given,
+            progress=progress,
+        )  # fmt: skip
     answer(found, recordings, each, table, report, json, failing)
 
 
-def _needed(actuator: Path | None) -> Path:
-    if actuator is None:
-        raise InputError(
-            "detect needs a calibrated actuator; give the file of ematwin calibrate with "
-            "--actuator, or a table of runs that names one in each row."
-        )
-    return actuator
-
-
 def answer(
-    found: "Detection", recordings: "list[Recording] | Runs", each: str, table: Path | None,
-    report: Path | None, json: bool, failing: "Collection[str]",
+    found: Any, recordings: Any, each: str, table: Path | None,
+    report: Path | None, json: bool, failing: set[str],
 ) -> None:  # fmt: skip
     """Write table and page if they are wanted, and print the verdicts with assumptions."""
-    from ematwin.monitoring.runs import Runs
     from ematwin.recordings.tables import write_rows
 
-    read = recordings.recordings if isinstance(recordings, Runs) else recordings
-    assumed, doubtful = remarks(read)
+    assumed, doubtful = remarks(getattr(recordings, "recordings", recordings))
     if table is not None:
         write_rows(table, found.rows(each))
     if report is not None:
@@ -124,13 +102,17 @@ def answer(
     options.answer(json, plain, tell, table, report, fails=fails)
 
 
-def print_verdicts(found: "Detection", each: str) -> None:
+def print_verdicts(found: Any, each: str) -> None:
     """Print the table, with a column for each fault that some verdict names, and the notes."""
     from ematwin.monitoring.detection import counted, gathered_notes, gathered_reasons
     from ematwin.report.detection import verdict_table
 
     rows = found.each(each)
-    telling = dict.fromkeys(name for one in rows if one.alarm for name in _telling(one))
+    telling: dict[str, None] = {}
+    for one in (one for one in rows if one.alarm):  # its faults, or what is furthest from healthy
+        named = [m.name for m in one.magnitudes if m.name in one.faults]
+        furthest = max(one.magnitudes, key=lambda m: abs(m.score)).name
+        telling |= dict.fromkeys(named or [furthest])
     what = each if found.by_run else "recording"
     options.print_table("", verdict_table(rows, what, list(telling)), width=200)
     if found.by_run and not found.is_named:
@@ -140,9 +122,3 @@ def print_verdicts(found: "Detection", each: str) -> None:
         typer.echo(found.sentence)
     options.print_notes("Why", gathered_reasons(rows))
     options.print_notes("Note", gathered_notes(rows))
-
-
-def _telling(one: "Diagnosis") -> list[str]:
-    """Magnitudes of the named faults, or else the magnitude furthest from healthy."""
-    named = [m.name for m in one.magnitudes if m.name in one.faults]
-    return named or [max(one.magnitudes, key=lambda m: abs(m.score)).name]

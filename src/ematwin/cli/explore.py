@@ -2,18 +2,17 @@
 
 from pathlib import Path
 
-import typer
-
 import ematwin
 from ematwin.cli import options
+from ematwin.cli.options import argument
 from ematwin.cli.recordings import map_of, meant
 
 
 def explore(
-    record: Path | None = typer.Argument(
-        None,
-        help="A recording: Parquet, CSV, MAT, MDF4, TDMS or HDF5; without one the twin is "
+    record: Path | None = argument(
+        "A recording: Parquet, CSV, MAT, MDF4, TDMS or HDF5; without one the twin is "
         "shown beside the healthy one.",
+        None,
     ),
     actuator: str | None = options.RECORDED_ACTUATOR,
     scenario: str | None = options.SCENARIO,
@@ -36,7 +35,7 @@ def explore(
 
 
 def serve(
-    fleet: Path = typer.Argument(..., help="The folder of `ematwin watch --fleet`."),
+    fleet: Path = argument("The folder of `ematwin watch --fleet`."),
     port: int = options.PORT,
     units: str | None = options.UNITS,
     no_browser: bool = options.NO_BROWSER,

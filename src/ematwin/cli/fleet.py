@@ -3,29 +3,23 @@
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import typer
 
 import ematwin
 from ematwin.cli import options
+from ematwin.cli.options import argument, option
 from ematwin.errors import InputError
 from ematwin.showing.results import plain
 
-if TYPE_CHECKING:
-    from ematwin.fleet.actuator import FleetActuator
-    from ematwin.fleet.fleet import Fleet
-
-FLEET = typer.Argument(..., help="The folder of `ematwin watch --fleet`.")
-SERIAL = typer.Argument(..., help="Serial number of the actuator.")
-MAGNITUDE = typer.Argument(
-    None, help="The magnitude of the alarm, e.g. friction; else all of them."
-)
-NOTE = typer.Option("", help="A remark that is kept, e.g. who and why.")
-STEP = typer.Option(
-    None,
-    help="End with exit code 1 if an actuator has reached this step (watch, plan, act), or if "
-    "its latest recording has a fault (fault).",
+FLEET = argument("The folder of `ematwin watch --fleet`.")
+SERIAL = argument("Serial number of the actuator.")
+MAGNITUDE = argument("The magnitude of the alarm, e.g. friction; else all of them.", None)
+NOTE = option("A remark that is kept, e.g. who and why.", "")
+STEP = option(
+    "End with exit code 1 if an actuator has reached this step (watch, plan, act), or if "
+    "its latest recording has a fault (fault)."
 )
 
 fleet = typer.Typer(
@@ -39,11 +33,9 @@ fleet = typer.Typer(
 def status(
     fleet: Path = FLEET,
     report: Path | None = options.REPORT,
-    table: Path | None = typer.Option(
-        None, help="Write a row for each actuator as a table (.csv or .parquet)."
-    ),
-    recordings: Path | None = typer.Option(
-        None, help="Write a row for each recording as a table (.csv or .parquet)."
+    table: Path | None = option("Write a row for each actuator as a table (.csv or .parquet)."),
+    recordings: Path | None = option(
+        "Write a row for each recording as a table (.csv or .parquet)."
     ),
     fail_on: str | None = STEP,
     units: str | None = options.UNITS,
@@ -69,7 +61,7 @@ def status(
 def overhaul(
     fleet: Path = FLEET,
     serial: str = SERIAL,
-    on: str | None = typer.Option(None, help="Day or time, e.g. 2026-05-01; now if not given."),
+    on: str | None = option("Day or time, e.g. 2026-05-01; now if not given."),
     note: str = NOTE,
 ) -> None:
     """Record that an actuator was repaired or exchanged: its wear begins anew."""
@@ -92,9 +84,7 @@ def acknowledge(
 def silence(
     fleet: Path = FLEET,
     serial: str = SERIAL,
-    until: str = typer.Option(
-        ..., help="Day or time, e.g. 2026-06-01; one that has passed ends a silence."
-    ),
+    until: str = option("Day or time, e.g. 2026-06-01; one that has passed ends a silence.", ...),
     magnitude: str | None = MAGNITUDE,
     note: str = NOTE,
 ) -> None:
@@ -123,9 +113,7 @@ def history(fleet: Path = FLEET, serial: str = SERIAL, json: bool = options.JSON
 def withdraw(
     fleet: Path = FLEET,
     serial: str = SERIAL,
-    entries: list[str] = typer.Argument(
-        ..., help="Entries, as `ematwin fleet history` shows them."
-    ),
+    entries: list[str] = argument("Entries, as `ematwin fleet history` shows them."),
     note: str = NOTE,
 ) -> None:
     """Withdraw wrong entries; the history shows both. Then enter the right ones."""
@@ -133,9 +121,7 @@ def withdraw(
         typer.echo(f"{serial}: {one['what']} of {one['time']:%Y-%m-%d} withdrawn.")
 
 
-def _told(
-    folder: Path, serial: str, how: str, tell: Callable[["FleetActuator"], tuple[str, ...]]
-) -> None:
+def _told(folder: Path, serial: str, how: str, tell: Callable[[Any], tuple[str, ...]]) -> None:
     names = tell(ematwin.Fleet(folder, create=False)[serial])
     typer.echo(f"{serial}: {', '.join(names)} {how}.")
 
@@ -148,7 +134,7 @@ def check_step(fail_on: str | None) -> None:
         raise InputError(f"--fail-on takes fault, watch, plan or act, received {fail_on!r}.")
 
 
-def reached(fleet: "Fleet", fail_on: str | None) -> bool:
+def reached(fleet: "ematwin.Fleet", fail_on: str | None) -> bool:
     """Whether an actuator has reached what ``--fail-on`` names."""
     from ematwin.fleet.alarms import STEPS
 
@@ -159,7 +145,7 @@ def reached(fleet: "Fleet", fail_on: str | None) -> bool:
     )
 
 
-def print_fleet(fleet: "Fleet") -> None:
+def print_fleet(fleet: "ematwin.Fleet") -> None:
     """The actuators for people, the most urgent first."""
     from ematwin.report.page import Row, Table
 

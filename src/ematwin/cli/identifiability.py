@@ -6,34 +6,30 @@ import typer
 
 import ematwin
 from ematwin.cli import complete, options
+from ematwin.cli.options import argument, flag, option
 from ematwin.files import write_text
 
 
 def identifiability(
-    commands: list[str] | None = typer.Argument(
-        None,
-        help="Scenarios: shipped ones by name, TOML files, or recordings (.csv, .parquet) of "
+    commands: list[str] | None = argument(
+        "Scenarios: shipped ones by name, TOML files, or recordings (.csv, .parquet) of "
         "which the command is taken. The kind's default if none is given.",
+        None,
         autocompletion=complete.scenarios,
     ),
     actuator: str = options.ACTUATOR,
-    fault: list[str] | None = typer.Option(
-        None,
-        help="A fault at which to look, e.g. friction=0.25; each is just a fault if not given. "
-        "Repeatable.",
+    fault: list[str] | None = option(
+        "A fault at which to look, e.g. friction=0.25; each is just a fault if not given. "
+        "Repeatable."
     ),
     noise: str | None = options.NOISE,
     exact: bool = options.EXACT,
-    false_alarm: float | None = typer.Option(
-        None, help="Probability that a healthy value is taken for a fault; 0.00135 (3 sigma)."
+    false_alarm: float | None = option(
+        "Probability that a healthy value is taken for a fault; 0.00135 (3 sigma)."
     ),
-    miss: float | None = typer.Option(
-        None, help="Probability that the smallest fault is overlooked; 0.1."
-    ),
-    sobol: bool = typer.Option(
-        False,
-        "--sobol",
-        help="Also say how much of the answer's variance goes back to each unknown.",
+    miss: float | None = option("Probability that the smallest fault is overlooked; 0.1."),
+    sobol: bool = flag(
+        "--sobol", "Also say how much of the answer's variance goes back to each unknown."
     ),
     report: Path | None = options.REPORT,
     units: str | None = options.UNITS,

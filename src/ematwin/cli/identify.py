@@ -8,56 +8,45 @@ import typer
 import ematwin
 from ematwin.cli import complete, options
 from ematwin.cli.detect import answer
-from ematwin.cli.recordings import constant_load, map_of, meant, runs, runs_in
+from ematwin.cli.options import argument, option
+from ematwin.cli.recordings import constant_load, gathered, meant
 from ematwin.errors import InputError
 from ematwin.showing.text import with_interval
 
 
 def identify(
-    records: list[Path] = typer.Argument(
-        ...,
-        help="A recording (docs/formats.md). Of several, of a folder, or of a table of runs "
-        "(docs/recordings.md), a table of verdicts.",
+    records: list[Path] = argument(
+        "A recording (docs/formats.md). Of several, of a folder, or of a table of runs "
+        "(docs/recordings.md), a table of verdicts."
     ),
     actuator: str | None = options.RECORDED_ACTUATOR,
-    algorithm: str | None = typer.Option(
-        None,
-        help="A name from `ematwin algorithms`; the default method of the kind if not given.",
+    algorithm: str | None = option(
+        "A name from `ematwin algorithms`; the default method of the kind if not given.",
         autocompletion=complete.algorithms,
     ),
-    budget: int | None = typer.Option(
-        None, help="Simulations: a maximum for multistart, else exact."
+    budget: int | None = option("Simulations: a maximum for multistart, else exact."),
+    population: int = option("Size, for a population method.", 50),
+    iterations: int = option("Number, for a population method.", 200),
+    seed: int = option("Seed of the search.", 1),
+    only: str | None = option(
+        "Search only these: faults, e.g. friction,backlash, or parameters by their place, "
+        "e.g. motor.emf_constant."
     ),
-    population: int = typer.Option(50, help="Size, for a population method."),
-    iterations: int = typer.Option(200, help="Number, for a population method."),
-    seed: int = typer.Option(1, help="Seed of the search."),
-    only: str | None = typer.Option(
-        None,
-        help="Search only these: faults, e.g. friction,backlash, or parameters by their place, "
-        "e.g. motor.emf_constant.",
-    ),
-    hold: list[str] | None = typer.Option(
-        None, help="Hold a fault that is not searched at a value, e.g. gain=0.6."
-    ),
+    hold: list[str] | None = option("Hold a fault that is not searched at a value, e.g. gain=0.6."),
     column: list[str] | None = options.COLUMN,
     map_file: Path | None = options.MAP,
-    resample_to: str | None = typer.Option(
-        None, help='Bring the record to this rate first, e.g. "20 kHz".'
-    ),
-    gaps: str = typer.Option("refuse", help="Holes in the record: refuse, longest or mask."),
+    resample_to: str | None = option('Bring the record to this rate first, e.g. "20 kHz".'),
+    gaps: str = option("Holes in the record: refuse, longest or mask.", "refuse"),
     load: str | None = options.LOAD,
     exact: bool = options.EXACT,
-    uncertainty: str | None = typer.Option(
-        None, help="How sure the answer is: laplace, profile or posterior (docs/certainty.md)."
+    uncertainty: str | None = option(
+        "How sure the answer is: laplace, profile or posterior (docs/certainty.md)."
     ),
-    threshold: list[str] | None = typer.Option(
-        None,
-        help='Size from which a fault matters, e.g. friction=0.2 or friction="0.04 N*m": '
-        "adds the probability that the fault is larger. Repeatable.",
+    threshold: list[str] | None = option(
+        'Size from which a fault matters, e.g. friction=0.2 or friction="0.04 N*m": '
+        "adds the probability that the fault is larger. Repeatable."
     ),
-    checkpoint: Path | None = typer.Option(
-        None, help="Keep a population method's state here; resume from it."
-    ),
+    checkpoint: Path | None = option("Keep a population method's state here; resume from it."),
     report: Path | None = options.REPORT,
     table: Path | None = options.TABLE,
     fail_on: str | None = options.FAIL,
@@ -65,27 +54,19 @@ def identify(
     json: bool = options.JSON,
 ) -> None:
     """Find the faults with which the digital twin behaves like the recorded actuator."""
-    from ematwin.monitoring.gather import files_of, is_one
+    from ematwin.monitoring.gather import is_one
 
     options.check_outputs(report, table)
     failing = options.grades(fail_on)
-    several, twin = runs_in(records), ematwin.Calibration.of
-    recordings: Any
+
+    def twin(given: Any, first: Path) -> ematwin.Calibration:
+        return ematwin.Calibration.of(given or meant([first], column, map_file))
+
     with options.progress_bar(f"Reading {records[0].name}", not json) as progress:
-        reading: dict[str, Any] = {"resample_to": resample_to, "gaps": gaps, "progress": progress}
-        if several:
-            recordings = runs(
-                records[0], actuator, column, map_file,
-                lambda given, first: twin(given or meant([first], column, map_file)), **reading,
-            )  # fmt: skip
-            known = recordings.groups[0].known
-        else:
-            files = [file for path in records for file in files_of(path)]
-            known = twin(actuator or meant(files, column, map_file))
-            columns = map_of(column, map_file, known.actuator)
-            recordings = ematwin.read(
-                files, columns, actuator=known.actuator, split=True, **reading
-            )
+        recordings, known = gathered(
+            records, actuator, column, map_file, twin, resample_to=resample_to, gaps=gaps,
+            progress=progress,
+        )  # fmt: skip
     settings: dict[str, Any] = {
         "budget": budget, "population": population, "iterations": iterations, "seed": seed,
         "only": None if only is None else [name.strip() for name in only.split(",")],
@@ -93,7 +74,8 @@ def identify(
         "load": constant_load(load, known.actuator), "exact": exact, "uncertainty": uncertainty,
         "thresholds": options.pairs(threshold or [], "--threshold"),
     }  # fmt: skip
-    if several or len(records) > 1 or len(recordings) > 1 or not is_one(records[0]):
+    alone = isinstance(recordings, list) and len(records) == len(recordings) == 1
+    if not (alone and is_one(records[0])):
         with options.progress_bar("Judging", not json) as show:
             judged = ematwin.identify(
                 recordings, known, algorithm, **settings,
@@ -138,7 +120,7 @@ def print_findings(found: "ematwin.Identification") -> None:
         Row([r.name, r.value, r.interval, r.healthy, r.k, r.meaning], r.name in found.present)
         for r in fault_cells(found)
     ]
-    shown = Table(header, rows, last_is_text=True)
+    shown = Table(header, rows, texts=(-1,))
     title, values = f"Faults of {found.actuator.name}", shown.first(5)
     options.print_table(title, shown if options.has_room() else values, whole=values.header)
     for one in found.model.contrasts(found.actuator):

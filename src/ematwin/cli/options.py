@@ -4,8 +4,8 @@ import json
 import os
 import shutil
 import sys
-from collections.abc import Callable, Collection, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Iterable
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,63 +21,63 @@ if TYPE_CHECKING:
     from ematwin.report.page import Table
     from ematwin.showing.bars import Bar
 
-ACTUATOR = typer.Option(
+
+def option(help: str, default: Any = None, *names: str, **more: Any) -> Any:
+    """An option with a value; None where it is not given, or a ``default``."""
+    return typer.Option(default, *names, help=help, **more)
+
+
+def argument(help: str, default: Any = ..., **more: Any) -> Any:
+    """An argument of a command; it has to be given unless it has a ``default``."""
+    return typer.Argument(default, help=help, **more)
+
+
+def flag(name: str, help: str) -> Any:
+    """An option without a value."""
+    return typer.Option(False, name, help=help)
+
+
+ACTUATOR = option(
+    "A shipped parameter set of any kind, a TOML file, or a calibrated actuator.",
     "servo48",
-    help="A shipped parameter set of any kind, a TOML file, or a calibrated actuator.",
     autocompletion=complete.actuators,
 )
-SCENARIO = typer.Option(
-    None,
-    help="A shipped scenario, or a TOML, CSV or Parquet file; the kind's default if not given.",
+SCENARIO = option(
+    "A shipped scenario, or a TOML, CSV or Parquet file; the kind's default if not given.",
     autocompletion=complete.scenarios,
 )
-EXACT = typer.Option(
-    False, "--exact", help="Parameters are exactly those of the actuator: no tolerances count."
+EXACT = flag("--exact", "Parameters are exactly those of the actuator: no tolerances count.")
+WHERE = option("Use only recordings with this label: condition=normal. Repeatable.")
+COLUMN = option('Which channel is what, e.g. i_a="Phase A [A]". Repeatable.')
+MAP = option("The same in a TOML file (docs/recordings.md).", None, "--map")
+NOISE = option("Sensor noise, e.g. white=0.02,bits=12.")
+LOAD = option(
+    'The constant load of a record that does not hold it, e.g. "10 N*m"; 0 if there was none.'
 )
-WHERE = typer.Option(
-    None, help="Use only recordings with this label: condition=normal. Repeatable."
-)
-COLUMN = typer.Option(None, help='Which channel is what, e.g. i_a="Phase A [A]". Repeatable.')
-MAP = typer.Option(None, "--map", help="The same in a TOML file (docs/recordings.md).")
-NOISE = typer.Option(None, help="Sensor noise, e.g. white=0.02,bits=12.")
-LOAD = typer.Option(
-    None,
-    help='The constant load of a record that does not hold it, e.g. "10 N*m"; 0 if there was none.',
-)
-TABLE = typer.Option(None, help="Write all verdicts as a table (.csv or .parquet).")
-REPORT = typer.Option(None, help="Write a self-contained page here (.html).")
-FORCE = typer.Option(
-    False, "--force", help="Replace a file that exists, which you may have edited."
-)
-RECORDED_ACTUATOR = typer.Option(
-    None,
-    "--actuator",
-    help="A shipped parameter set of any kind, a TOML file, or a calibrated actuator; if not "
+TABLE = option("Write all verdicts as a table (.csv or .parquet).")
+REPORT = option("Write a self-contained page here (.html).")
+FORCE = flag("--force", "Replace a file that exists, which you may have edited.")
+RECORDED_ACTUATOR = option(
+    "A shipped parameter set of any kind, a TOML file, or a calibrated actuator; if not "
     "given the default one of the kind that has such channels.",
     autocompletion=complete.actuators,
 )
-FAIL = typer.Option(
-    None,
-    help="End with exit code 1 if a recording gets one of these grades: fault, changed, none; "
-    "several with commas.",
+FAIL = option(
+    "End with exit code 1 if a recording gets one of these grades: fault, changed, none; "
+    "several with commas."
 )
-UNITS = typer.Option(
-    None,
-    "--units",
-    callback=use_units,  # without the option it takes those of the user's settings
-    help='Show values in these units, e.g. "angle=mrad, torque=mN m"; ematwin units keeps '
+UNITS = option(
+    'Show values in these units, e.g. "angle=mrad, torque=mN m"; ematwin units keeps '
     "them. Tables and JSON stay SI.",
+    callback=use_units,  # without the option it takes those of the user's settings
 )
-JSON = typer.Option(False, "--json", help="Answer as JSON.")
-PORT = typer.Option(0, help="Port of the page on this machine; 0 takes a free one.")
-NO_BROWSER = typer.Option(False, "--no-browser", help="Print the address and open nothing.")
+JSON = flag("--json", "Answer as JSON.")
+PORT = option("Port of the page on this machine; 0 takes a free one.", 0)
+NO_BROWSER = flag("--no-browser", "Print the address and open nothing.")
 
 
 def pairs(texts: list[str], what: str) -> dict[str, str]:
-    """``["friction=0.25"]`` as a mapping.
-
-    Raises `InputError` if a text is not name=value, or a name comes twice.
-    """
+    """``["friction=0.25"]`` as a mapping; `InputError` if a name comes twice."""
     found: dict[str, str] = {}
     for text in texts:
         name, equals, value = text.partition("=")
@@ -125,26 +125,19 @@ def print_json(answer: Any) -> None:
 
 
 def answer(
-    json: bool,
-    plain: Callable[[], Any],
-    tell: Callable[[], None],
-    *written: Path | None,
+    json: bool, plain: Callable[[], Any], tell: Callable[[], None], *written: Path | None,
     fails: bool = False,
-) -> None:
-    """Answer a program or people, and end with exit code 1 where a grade of --fail-on was met.
+) -> None:  # fmt: skip
+    """Answer a program (`plain`) or people (`tell`, then the files that were ``written``).
 
-    Parameters
-    ----------
-    plain : gives values for JSON, which hold the files as well
-    tell : prints for people; the files that were ``written`` follow
+    ``fails``: a grade of --fail-on was met, so that the exit code is 1.
     """
     if json:
         print_json(plain())
     else:
         tell()
-        for path in written:
-            if path is not None:
-                typer.echo(f"wrote {path}")
+        for path in filter(None, written):
+            typer.echo(f"wrote {path}")
     if fails:
         raise typer.Exit(1)
 
@@ -157,10 +150,7 @@ def has_room() -> bool:
 def print_table(
     title: str, shown: "Table", *, whole: Collection[str] = (), width: int = 150
 ) -> None:
-    """Print a table: a terminal wraps it to its width, but for columns that stay ``whole``.
-
-    A file gets all of it.
-    """
+    """Print a table, but for columns that stay ``whole`` wrapped to a terminal; to a file all."""
     from rich.console import Console
     from rich.table import Table as Drawn
 
@@ -187,15 +177,11 @@ def print_notes(kind: str, notes: Iterable[str]) -> None:
         typer.echo(f"{kind}: {for_shell(note)}")
 
 
-@contextmanager
-def progress_bar(title: str, shown: bool = True) -> "Iterator[Bar]":
+def progress_bar(title: str, shown: bool = True) -> "AbstractContextManager[Bar]":
     """A bar on standard error; gives a function that takes the share done, and words beside it."""
-    from ematwin.showing.bars import in_terminal
+    from ematwin.showing.bars import in_terminal, no_bar
 
-    if shown:
-        yield from in_terminal(title)
-    else:
-        yield lambda share, words="": None
+    return in_terminal(title) if shown else nullcontext(no_bar)
 
 
 def searching(show: "Bar", what: str, best: str) -> Callable[[int, float, int], None]:

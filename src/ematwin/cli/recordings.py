@@ -13,7 +13,6 @@ from ematwin.quantities import parse_quantity
 if TYPE_CHECKING:
     from ematwin.models.parameter_set import ParameterSet
     from ematwin.monitoring.calibration import Calibration
-    from ematwin.monitoring.runs import Runs
     from ematwin.recordings.recording import Recording
 
 Choices = dict[str, list[str]]
@@ -42,42 +41,35 @@ def map_of(column: list[str] | None, map_file: Path | None, actuator: Any) -> An
 
 def load(
     files: list[Path], column: list[str] | None, map_file: Path | None, actuator: Any,
-    *choices: Choices,
+    **reading: Any,
 ) -> "list[Recording]":  # fmt: skip
-    """Recordings of an actuator in files and folders, each motion of a table, that fit a choice.
-
-    ``column`` holds texts such as ``set_point=Demand [mm]``, ``map_file`` the same for all files.
-    """
+    """Recordings of an actuator in files and folders, each motion of a table."""
     from ematwin.monitoring.gather import files_of
 
     columns = map_of(column, map_file, actuator)
     files = [file for path in files for file in files_of(path)]
-    return ematwin.read(files, columns, actuator=actuator, split=True, where=choices or None)
+    return ematwin.read(files, columns, actuator=actuator, split=True, **reading)
 
 
-def runs_in(files: list[Path]) -> bool:
-    """Whether a table of runs is given in place of recordings.
+def gathered(
+    files: list[Path], actuator: Any, column: list[str] | None, map_file: Path | None,
+    known_of: "Callable[[Any, Path], Calibration]", **reading: Any,
+) -> tuple[Any, "Calibration"]:  # fmt: skip
+    """Recordings in files and folders, or those of a table of runs, and what judges the first.
 
-    Raises `InputError` if it is one of several files.
+    ``known_of`` takes the actuator that was named, if any, and the first file of it.
     """
-    from ematwin.monitoring.runs import is_table_of_runs
+    from ematwin.monitoring.gather import files_of
+    from ematwin.monitoring.runs import is_table_of_runs, read_runs
 
-    tables = [file for file in files if is_table_of_runs(file)]
-    if tables and len(files) > 1:
-        raise InputError(f"{tables[0]} is a table of runs (a column path); give it alone.")
-    return bool(tables)
-
-
-def runs(
-    table: Path, actuator: Any, column: list[str] | None, map_file: Path | None,
-    known_of: "Callable[[Any, Path], Calibration]", **options: Any,
-) -> "Runs":  # fmt: skip
-    """The recordings of a table of runs, with the channels that the options name."""
-    from ematwin.monitoring.runs import read_runs
-
-    return read_runs(
-        table, actuator, partial(map_of, column, map_file), known_of=known_of, **options
-    )
+    for table in filter(is_table_of_runs, files):
+        if len(files) > 1:
+            raise InputError(f"{table} is a table of runs (a column path); give it alone.")
+        columns = partial(map_of, column, map_file)
+        runs = read_runs(table, actuator, columns, known_of=known_of, **reading)
+        return runs, runs.groups[0].known
+    known = known_of(actuator, files_of(files[0])[0])
+    return load(files, column, map_file, known.actuator, **reading), known
 
 
 def constant_load(text: str | None, actuator: "ParameterSet") -> float | None:

@@ -6,29 +6,27 @@ import typer
 
 import ematwin
 from ematwin.cli import options
+from ematwin.cli.options import argument, flag, option
 from ematwin.errors import InputError
 
-WHERE = typer.Argument(..., help="The store of `ematwin compare`: a file or a database URL.")
+WHERE = argument("The store of `ematwin compare`: a file or a database URL.")
 store = typer.Typer(help="Check the store of a study.", no_args_is_help=True, rich_markup_mode=None)
 
 
 def report(
     store: str = WHERE,
-    out: Path | None = typer.Option(
-        None, help="Write a page, and the tables as CSV and Parquet, to this folder."
+    out: Path | None = option("Write a page, and the tables as CSV and Parquet, to this folder."),
+    target: list[float] | None = option(
+        "Err% to give success rates for. Repeatable; default 0.5, 1, 2, 5."
     ),
-    target: list[float] | None = typer.Option(
-        None, help="Err% to give success rates for. Repeatable; default 0.5, 1, 2, 5."
+    misfit: list[float] | None = option(
+        "Relative misfit to give the evaluations to. Repeatable; default 0.1, 0.02, 0.005."
     ),
-    misfit: list[float] | None = typer.Option(
-        None,
-        help="Relative misfit to give the evaluations to. Repeatable; default 0.1, 0.02, 0.005.",
+    threshold: float = option(
+        "Deviation from healthy that counts as a fault, as a share of the range.", 0.05
     ),
-    threshold: float = typer.Option(
-        0.05, help="Deviation from healthy that counts as a fault, as a share of the range."
-    ),
-    seed: int = typer.Option(1, help="Seed of the bootstrap."),
-    json: bool = typer.Option(False, "--json", help="Answer with all tables as JSON."),
+    seed: int = option("Seed of the bootstrap.", 1),
+    json: bool = flag("--json", "Answer with all tables as JSON."),
 ) -> None:
     """Report a study: errors, times, ranks, tests, convergence and diagnosis, from its store."""
     from ematwin.benchmarking.analysis import analyse

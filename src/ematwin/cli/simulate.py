@@ -6,39 +6,30 @@ import typer
 
 import ematwin
 from ematwin.cli import complete, options
+from ematwin.cli.options import argument, option
 from ematwin.errors import InputError
 from ematwin.files import check_target, write_text
 from ematwin.showing.text import said
 
 
 def simulate(
-    fault: list[str] | None = typer.Option(
-        None,
-        help="A fault and its magnitude, e.g. friction=0.25: in [0, 1] for the brushless "
-        "actuator, for other kinds in its own unit (`ematwin actuators NAME`). Repeatable.",
+    fault: list[str] | None = option(
+        "A fault and its magnitude, e.g. friction=0.25: in [0, 1] for the brushless "
+        "actuator, for other kinds in its own unit (`ematwin actuators NAME`). Repeatable."
     ),
-    model: str | None = typer.Option(
-        None, help="For the brushless actuator: reference (default) or monitor."
-    ),
+    model: str | None = option("For the brushless actuator: reference (default) or monitor."),
     scenario: str | None = options.SCENARIO,
     actuator: str = options.ACTUATOR,
-    out: Path | None = typer.Option(None, help="Write the record here (.parquet or .csv)."),
-    plot: Path | None = typer.Option(
-        None, help="Write a page here that shows the record beside the healthy one (.html)."
+    out: Path | None = option("Write the record here (.parquet or .csv)."),
+    plot: Path | None = option(
+        "Write a page here that shows the record beside the healthy one (.html)."
     ),
-    noise: str | None = typer.Option(
-        None, help="Sensor noise, e.g. white=0.02,offset=0.05,bits=12,full_scale=25."
-    ),
-    seed: int = typer.Option(0, help="Seed of the noise."),
-    sample_rate: float | None = typer.Option(
-        None, help="Samples per second, Hz; the kind's own if not given."
-    ),
-    step: float | None = typer.Option(
-        None, help="Step of the model, s; the actuator's if not given."
-    ),
-    also: str | None = typer.Option(
-        None,
-        help="Further channels, with commas, e.g. voltage_a,voltage_b,voltage_c or bus_current.",
+    noise: str | None = option("Sensor noise, e.g. white=0.02,offset=0.05,bits=12,full_scale=25."),
+    seed: int = option("Seed of the noise.", 0),
+    sample_rate: float | None = option("Samples per second, Hz; the kind's own if not given."),
+    step: float | None = option("Step of the model, s; the actuator's if not given."),
+    also: str | None = option(
+        "Further channels, with commas, e.g. voltage_a,voltage_b,voltage_c or bus_current."
     ),
     units: str | None = options.UNITS,
     json: bool = options.JSON,
@@ -98,16 +89,15 @@ def simulate(
 
 
 def export_fmu(
-    actuator: str = typer.Argument(
-        ...,
-        help="A shipped parameter set of any kind, a TOML file, or a calibration.",
+    actuator: str = argument(
+        "A shipped parameter set of any kind, a TOML file, or a calibration.",
         autocompletion=complete.actuators,
     ),
-    out: Path = typer.Option(..., help="Write the archive here (.fmu)."),
-    fidelity: str | None = typer.Option(
-        None, help="reference or monitor, where a kind has both; its first if not given."
+    out: Path = option("Write the archive here (.fmu).", ...),
+    fidelity: str | None = option(
+        "reference or monitor, where a kind has both; its first if not given."
     ),
-    fmi: int = typer.Option(3, help="Version of the standard: 3 or 2."),
+    fmi: int = option("Version of the standard: 3 or 2.", 3),
     json: bool = options.JSON,
 ) -> None:
     """Export an actuator for co-simulation elsewhere: an FMU that needs no Python."""

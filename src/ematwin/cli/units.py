@@ -5,15 +5,15 @@ import tomllib
 import tomli_w
 import typer
 
-from ematwin.cli.options import JSON, print_json
+from ematwin.cli.options import JSON, argument, print_json
 from ematwin.errors import FileError, InputError
 from ematwin.files import write_text
 from ematwin.quantities import QUANTITIES, parse_units, settings_file, units_in_settings
 
 
 def units(
-    keep: str | None = typer.Argument(
-        None, help='Units to keep, e.g. "angle=mrad, torque=mN m"; SI forgets them.'
+    keep: str | None = argument(
+        'Units to keep, e.g. "angle=mrad, torque=mN m"; SI forgets them.', None
     ),
     json: bool = JSON,
 ) -> None:

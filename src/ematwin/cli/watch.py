@@ -3,47 +3,38 @@
 import time
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import typer
 
 import ematwin
 from ematwin.cli import options
 from ematwin.cli.fleet import STEP, check_step, print_fleet, reached
+from ematwin.cli.options import argument, option
 from ematwin.cli.recordings import map_of
 from ematwin.errors import InputError
 from ematwin.showing.results import plain
 
-if TYPE_CHECKING:
-    from ematwin.fleet.fleet import Fleet
-    from ematwin.fleet.watch import Watched
-
 
 def watch(
-    recordings: list[Path] = typer.Argument(
-        ...,
-        help="Folders or files with recordings: recordings/EMA-17/2026-05-01T08-30.csv, a "
-        "table with a column serial_number, or a table of runs with columns path, serial, time.",
+    recordings: list[Path] = argument(
+        "Folders or files with recordings: recordings/EMA-17/2026-05-01T08-30.csv, a "
+        "table with a column serial_number, or a table of runs with columns path, serial, time."
     ),
-    fleet: Path = typer.Option(..., help="Folder of the fleet; made where it is missing."),
-    actuator: str | None = typer.Option(
-        None,
-        help="Twin of actuators without a file calibrations/<serial number>.toml in the fleet.",
+    fleet: Path = option("Folder of the fleet; made where it is missing.", ...),
+    actuator: str | None = option(
+        "Twin of actuators without a file calibrations/<serial number>.toml in the fleet."
     ),
-    serial_number: str | None = typer.Option(
-        None,
-        help=r"Regular expression for paths, e.g. '(?P<serial>EMA-\d+)'; a group time is "
-        "the date.",
+    serial_number: str | None = option(
+        r"Regular expression for paths, e.g. '(?P<serial>EMA-\d+)'; a group time is "
+        "the date."
     ),
     column: list[str] | None = options.COLUMN,
     map_file: Path | None = options.MAP,
-    every: float | None = typer.Option(
-        None, help="Look again every so many seconds, until Ctrl-C; else once."
-    ),
-    scheduler: str | None = typer.Option(
-        None,
-        help="Judge on the workers of a Dask scheduler, e.g. tcp://host:8786, which see the "
-        "same folders.",
+    every: float | None = option("Look again every so many seconds, until Ctrl-C; else once."),
+    scheduler: str | None = option(
+        "Judge on the workers of a Dask scheduler, e.g. tcp://host:8786, which see the "
+        "same folders."
     ),
     report: Path | None = options.REPORT,
     table: Path | None = options.TABLE,
@@ -85,7 +76,7 @@ def watch(
         time.sleep(every)
 
 
-def _plain(fleet: "Fleet", found: "Watched") -> dict[str, object]:
+def _plain(fleet: "ematwin.Fleet", found: Any) -> dict[str, object]:
     return {
         "judged": found.judged, "known": found.known, "duplicates": found.duplicates,
         "set_aside": [{"source": a, "reason": b} for a, b in found.set_aside],
@@ -93,7 +84,7 @@ def _plain(fleet: "Fleet", found: "Watched") -> dict[str, object]:
     }  # fmt: skip
 
 
-def _tell(fleet: "Fleet", found: "Watched") -> None:
+def _tell(fleet: "ematwin.Fleet", found: Any) -> None:
     typer.echo(str(found))
     options.print_notes("Set aside", [f"{path}: {reason}" for path, reason in found.set_aside])
     print_fleet(fleet)

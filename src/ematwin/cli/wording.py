@@ -29,11 +29,8 @@ _VALUE = r"""\s?=\s?("[^"]*"|[\w.+-]*\w)"""
 def for_shell(text: str, options: Mapping[str, str] | None = None) -> str:
     """Replace the names of arguments in a sentence of the library by names of options.
 
-    Parameters
-    ----------
-    text : str
-    options : mapping or None, options by the names of their arguments, ``{"map_file": "--map"}``;
-        None takes the options of the running command
+    ``options`` are options by the names of their arguments, ``{"map_file": "--map"}``; None takes
+    those of the running command.
     """
     options = _called() if options is None else options
     there = set(options.values())

@@ -34,16 +34,8 @@ class StoppedError(Exception):
 class Explorer:
     """A recording, its actuator's twin, and the unknowns that one may move.
 
-    Raises `RecordError` if candidates cannot be compared with the recording; `InputError` if an
-    argument cannot be used.
-
-    Parameters are as of `ematwin.explore`. Raises `RecordError` if candidates cannot be compared
-    with the recording; `InputError` if an argument cannot be used.
-
-    Attributes
-    ----------
-    unknowns : by name, what has a slider: faults, then load and sensors where they matter
-    stopped : set it to end a search that is under way
+    Parameters and errors are as of `ematwin.explore`. ``unknowns`` have a slider, by name: faults,
+    then load and sensors where they matter. ``stopped`` is set to end a search that is under way.
     """
 
     def __init__(

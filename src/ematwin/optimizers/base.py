@@ -5,8 +5,6 @@ objective, no budget and no clock. Those belong to the loop (`ematwin.optimizers
 one loop serves every method, on one core or on many.
 """
 
-from __future__ import annotations
-
 import importlib.util
 from abc import ABC, abstractmethod
 from collections.abc import Callable

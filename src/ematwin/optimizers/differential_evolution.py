@@ -19,8 +19,6 @@ between that bound and the base vector, as in the authors' later program (Price,
 2005, "bounce-back"), so that bounds attract no more than the costs there deserve.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

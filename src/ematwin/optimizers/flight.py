@@ -12,8 +12,7 @@ def fly(X, V, onward, weights, reaches_food, levy, radius, lower, upper, limit, 
     X, V : (N, d) places and steps, changed in place
     onward : (N, d) terms of the steps that do not depend on neighbours
     weights : (3, N, d) of separation, alignment and cohesion
-    reaches_food : (N,) bool
-    levy : (N, d) flights of those that neither reach food nor have neighbours
+    reaches_food : (N,) bool; levy : (N, d) flights of those that have no neighbours either
     radius, lower, upper, limit : (d,) of neighbours, of the box, of a step
     sums : (2, d) room for the sums over neighbours
     """

@@ -20,8 +20,6 @@ to act on numbers as crossover and mutation act on bits: Deb and Agrawal (1995),
 (1996).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

@@ -4,8 +4,6 @@ Each works on all pairs of parents at once. Parents come as two arrays of the sa
 pair; children come back the same way.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -86,10 +84,7 @@ class SimulatedBinary:
         swapped = np.where(whole, first > second, rng.random(first.shape) < 0.5)
         one = np.where(swapped, upper, lower)
         other = np.where(swapped, lower, upper)
-        return (
-            box.clip(np.where(crossed, one, first)),
-            box.clip(np.where(crossed, other, second)),
-        )
+        return (box.clip(np.where(crossed, one, first)), box.clip(np.where(crossed, other, second)))
 
     def _spread(self, u: FloatArray, room: FloatArray) -> FloatArray:
         """Spread factor, limited so that the child stays within ``room`` gaps of its parent."""

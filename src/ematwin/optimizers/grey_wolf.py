@@ -17,8 +17,6 @@ positions outside the box are clipped before they are evaluated. ``start`` and `
 Grey Wolf Optimizer, Appl. Comput. Intell. Soft Comput. 2016, 7950348, where the power is 2.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ematwin.optimizers.base import Box, FloatArray, PopulationOptimizer, falling, positive

@@ -5,8 +5,6 @@ unknown to methods. A checkpoint holds the whole state of a search in one file. 
 pickle, and a pickle can run any code when it is read: read only your own.
 """
 
-from __future__ import annotations
-
 import math
 import pickle
 import time
@@ -56,6 +54,27 @@ class _Search:
         if stagnation is not None and self.evaluations - self.improved_at >= stagnation:
             return str(Stop.STAGNATION)
         return str(Stop.BUDGET) if self.evaluations >= budget else self.optimizer.stop()
+
+    def spend_batch(self, evaluate: Evaluate, budget: int) -> None:
+        """Ask for a batch, or for the rest of the budget, evaluate it, and tell its costs."""
+        started = time.perf_counter()
+        points = self.optimizer.ask()[: budget - self.evaluations]
+        limits = self.optimizer.limits()
+        if limits is not None:
+            # a cost below the best so far always matters: to the history, if not to the method
+            limits = np.maximum(limits, self.cost)[: len(points)]
+        costs = evaluate(points, self.evaluations == 0, limits)
+        ranked = np.where(np.isfinite(costs), costs, np.inf)
+        best = int(np.argmin(ranked))
+        # The books are closed before the optimiser learns, so that an interrupt during tell()
+        # loses nothing that was found.
+        self.evaluations += len(points)
+        if ranked[best] < self.cost:
+            self.x, self.cost = points[best].copy(), float(ranked[best])
+            self.improved_at = self.evaluations
+        self.history.append((self.evaluations, self.cost))
+        self.optimizer.tell(points, costs)
+        self.seconds += time.perf_counter() - started
 
 
 def minimize(
@@ -144,29 +163,31 @@ def minimize(
         algorithm, box, population=population, iterations=iterations, seed=seed
     )
     identity = {
-        "algorithm": name,
-        "lower bounds": box.lower.tolist(),
-        "upper bounds": box.upper.tolist(),
-        "population": population,
-        "iterations": iterations,
-        "seed": seed,
-        "budget": budget,
-    }
+        "algorithm": name, "lower bounds": box.lower.tolist(), "upper bounds": box.upper.tolist(),
+        "population": population, "iterations": iterations, "seed": seed, "budget": budget,
+    }  # fmt: skip
     path = None if checkpoint is None else Path(checkpoint)
     search = _restored(path, identity, optimizer) or _Search(
         optimizer, np.full(box.dimension, np.nan)
     )
 
-    def after_batch(batches: int, stopped: str | None) -> str | None:
-        if path is not None and (stopped is not None or batches % checkpoint_every == 0):
-            _save(path, identity, search)
-        now = search.evaluations, search.cost, search.improved_at, search.seconds, budget
-        if callback is not None and callback(Progress(*now)) is True:
-            return stopped or str(Stop.CALLBACK)
-        return stopped
-
+    stopped, batches = search.ended(budget, target, stagnation), 0
     try:
-        stopped = _run(search, evaluate, (budget, target, stagnation), after_batch)
+        while stopped is None:
+            search.spend_batch(evaluate, budget)
+            batches += 1
+            stopped = search.ended(budget, target, stagnation)
+            if path is not None and (stopped is not None or batches % checkpoint_every == 0):
+                content = pickle.dumps((_CHECKPOINT, identity, search), pickle.HIGHEST_PROTOCOL)
+                with written_whole(path, durable=True, private=True) as draft:
+                    draft.write_bytes(content)
+            now = search.evaluations, search.cost, search.improved_at, search.seconds, budget
+            if callback is not None and callback(Progress(*now)) is True:
+                stopped = stopped or str(Stop.CALLBACK)
+    except KeyboardInterrupt:
+        if search.evaluations == 0:
+            raise
+        stopped = str(Stop.INTERRUPTED)
     finally:
         search.optimizer.close()
     if not math.isfinite(search.cost):
@@ -176,57 +197,9 @@ def minimize(
         )
     evaluations, costs = zip(*search.history, strict=True)
     return MinimizeResult(
-        x=search.x,
-        cost=search.cost,
-        evaluations=search.evaluations,
-        history=History(np.array(evaluations), np.array(costs)),
-        stopped=stopped,
-        seconds=search.seconds,
-        algorithm=name,
-        seed=seed,
-    )
-
-
-def _run(
-    search: _Search,
-    evaluate: Evaluate,
-    ends: tuple[int, float | None, int | None],
-    after_batch: Callable[[int, str | None], str | None],
-) -> str:
-    """Ask, evaluate, tell, until there is a reason to stop; give the reason."""
-    stopped, batches = search.ended(*ends), 0
-    try:
-        while stopped is None:
-            started = time.perf_counter()
-            _batch(search, evaluate, ends[0])
-            search.seconds += time.perf_counter() - started
-            batches += 1
-            stopped = after_batch(batches, search.ended(*ends))
-    except KeyboardInterrupt:
-        if search.evaluations == 0:
-            raise
-        return str(Stop.INTERRUPTED)
-    return stopped
-
-
-def _batch(search: _Search, evaluate: Evaluate, budget: int) -> None:
-    """Spend one batch, or the rest of the budget."""
-    points = search.optimizer.ask()[: budget - search.evaluations]
-    limits = search.optimizer.limits()
-    if limits is not None:
-        # a cost below the best so far always matters: to the history, if not to the method
-        limits = np.maximum(limits, search.cost)[: len(points)]
-    costs = evaluate(points, search.evaluations == 0, limits)
-    ranked = np.where(np.isfinite(costs), costs, np.inf)
-    best = int(np.argmin(ranked))
-    # The books are closed before the optimiser learns, so that an interrupt during tell() loses
-    # nothing that was found.
-    search.evaluations += len(points)
-    if ranked[best] < search.cost:
-        search.x, search.cost = points[best].copy(), float(ranked[best])
-        search.improved_at = search.evaluations
-    search.history.append((search.evaluations, search.cost))
-    search.optimizer.tell(points, costs)
+        search.x, search.cost, search.evaluations,
+        History(np.array(evaluations), np.array(costs)), stopped, search.seconds, name, seed,
+    )  # fmt: skip
 
 
 def _restored(path: Path | None, identity: dict[str, Any], fresh: Optimizer) -> _Search | None:
@@ -262,10 +235,3 @@ def _restored(path: Path | None, identity: dict[str, Any], fresh: Optimizer) -> 
             )
     fresh.close()
     return state
-
-
-def _save(path: Path, identity: dict[str, Any], search: _Search) -> None:
-    """Write a checkpoint: at every moment, power failures included, the file is whole."""
-    content = pickle.dumps((_CHECKPOINT, identity, search), protocol=pickle.HIGHEST_PROTOCOL)
-    with written_whole(path, durable=True, private=True) as draft:
-        draft.write_bytes(content)

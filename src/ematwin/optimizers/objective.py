@@ -1,8 +1,7 @@
 """The objective of a search, called with a whole batch or point by point, its answers checked."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
+from functools import partial
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -35,80 +34,6 @@ Evaluate = Callable[[FloatArray, bool, FloatArray | None], FloatArray]
 """Points of a batch, whether it is the first of the search, and limits (N,), to costs."""
 
 
-def evaluator(objective: Objective, vectorized: bool | None) -> Evaluate:
-    """Give what evaluates a batch; ``vectorized`` as of `ematwin.optimizers.loop.minimize`."""
-    limited = objective if isinstance(objective, LimitedObjective) else None
-    takes_batches = vectorized
-
-    def evaluate(points: FloatArray, first: bool, limits: FloatArray | None) -> FloatArray:
-        nonlocal takes_batches
-        if takes_batches is None:  # a batch if it can take the first one, else point by point
-            try:
-                costs = _first_batch(objective, points)
-                takes_batches = True
-            except (IndexError, TypeError, ValueError) as error:  # as one of one point gives
-                try:
-                    costs = _one_by_one(objective, points, False)
-                except EmatwinError:  # it takes neither: what a batch gave tells more
-                    raise error from None
-                takes_batches = False
-            return costs
-        if not takes_batches:
-            return _one_by_one(objective, points, first)
-        if first:
-            return _first_batch(objective, points)
-        if limited is not None and limits is not None:
-            within = limits
-            return _batch(lambda rows: limited.costs_within(rows, within), points, False)
-        return _batch(objective, points, False)
-
-    return evaluate
-
-
-def _first_batch(objective: Objective, points: FloatArray) -> FloatArray:
-    """Evaluate a whole batch so that an objective of one point is recognised.
-
-    Such an objective takes rows for variables and gives one number a column. Where there are as
-    many rows as columns this looks right: a piece of the batch does not.
-    """
-    count, variables = points.shape
-    pieces = [points[:-1], points[-1:]] if count == variables > 1 else [points]
-    return np.concatenate([_batch(objective, piece, True) for piece in pieces])
-
-
-def _batch(objective: Objective, points: FloatArray, first: bool) -> FloatArray:
-    """Evaluate a batch in one call."""
-    try:
-        answer = _answer(objective, points.copy(), first, _ONE_POINT)
-    except IndexError as error:
-        if not first or len(points) >= points.shape[1]:
-            raise
-        raise InputError(
-            f"The objective failed at {len(points)} points of {points.shape[1]} variables: "
-            f"{error}. {_ONE_POINT}"
-        ) from error
-    if answer.shape != (len(points),):
-        raise InputError(
-            f"The objective must give one cost per point: for points of shape {points.shape} "
-            f"it gave shape {answer.shape}. {_ONE_POINT}"
-        )
-    return answer
-
-
-def _one_by_one(objective: Objective, points: FloatArray, first: bool) -> FloatArray:
-    """Evaluate a batch point by point."""
-    costs = np.empty(len(points))
-    for n, point in enumerate(points):
-        answer = _answer(objective, point.copy(), first, _WHOLE_BATCH)
-        if answer.size != 1:
-            raise InputError(
-                f"The objective must give one cost: for a point of shape {point.shape} it gave "
-                f"shape {answer.shape}. {_WHOLE_BATCH}"
-            )
-        costs[n] = answer.item()
-    return costs
-
-
 _ONE_POINT = (
     "It receives a whole batch, one row per point; for an objective of one point give "
     "vectorized=False."
@@ -118,17 +43,73 @@ _WHOLE_BATCH = (
 )
 
 
-def _answer(objective: Objective, points: FloatArray, first: bool, advice: str) -> FloatArray:
-    """The answer of the objective as numbers."""
+def evaluator(objective: Objective, vectorized: bool | None) -> Evaluate:
+    """Give what evaluates a batch; ``vectorized`` as of `ematwin.optimizers.loop.minimize`."""
+
+    def one_by_one(points: FloatArray, first: bool) -> FloatArray:
+        return np.array([_costs(objective, point, first).item() for point in points])
+
+    def evaluate(points: FloatArray, first: bool, limits: FloatArray | None) -> FloatArray:
+        nonlocal vectorized
+        if vectorized is None:  # a batch if it can take the first one, else point by point
+            try:
+                costs = _first_batch(objective, points)
+                vectorized = True
+            except (IndexError, TypeError, ValueError) as error:  # as one of one point gives
+                try:
+                    costs = one_by_one(points, False)
+                except EmatwinError:  # it takes neither: what a batch gave tells more
+                    raise error from None
+                vectorized = False
+            return costs
+        if not vectorized:
+            return one_by_one(points, first)
+        if first:
+            return _first_batch(objective, points)
+        if limits is not None and isinstance(objective, LimitedObjective):
+            return _costs(partial(objective.costs_within, limits=limits), points, False)
+        return _costs(objective, points, False)
+
+    return evaluate
+
+
+def _first_batch(objective: Objective, points: FloatArray) -> FloatArray:
+    """Evaluate a whole batch so that an objective of one point is recognised.
+
+    It takes rows for variables and gives one number a column. Where there are as many rows as
+    columns this looks right: a piece of the batch does not.
+    """
+    count, variables = points.shape
+    pieces = [points[:-1], points[-1:]] if count == variables > 1 else [points]
+    return np.concatenate([_costs(objective, piece, True) for piece in pieces])
+
+
+def _costs(objective: Objective, points: FloatArray, first: bool) -> FloatArray:
+    """Costs (N,) of a batch (N, d), or of size 1 of a point (d,), checked."""
+    single = points.ndim == 1
+    advice = _WHOLE_BATCH if single else _ONE_POINT
     try:
-        answer = objective(points)
+        answer = objective(points.copy())
     except (IndexError, TypeError, ValueError) as error:
-        if first and not isinstance(error, EmatwinError):
-            error.add_note(advice)  # this mistake, perhaps; an error of its own stays what it is
+        if isinstance(error, EmatwinError) or not first:
+            raise
+        if isinstance(error, IndexError) and not single and len(points) < points.shape[1]:
+            raise InputError(
+                f"The objective failed at {len(points)} points of {points.shape[1]} variables: "
+                f"{error}. {advice}"
+            ) from error
+        error.add_note(advice)  # this mistake, perhaps; an error of its own stays what it is
         raise
     try:
-        return np.asarray(answer, dtype=np.float64)
+        costs = np.asarray(answer, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InputError(
             f"The objective must give numbers, received {type(answer).__name__}. {advice}"
         ) from error
+    if costs.size != 1 if single else costs.shape != (len(points),):
+        wanted = "cost: for a point" if single else "cost per point: for points"
+        raise InputError(
+            f"The objective must give one {wanted} of shape {points.shape} it gave shape "
+            f"{costs.shape}. {advice}"
+        )
+    return costs

@@ -1,47 +1,21 @@
 """The forms of this package's own methods that can be named, with their sources and departures.
 
-Three kinds of forms stand beside each other. Those as first published, or as the author's program
-has them; this package's own improved forms; and tuned forms, whose settings were chosen with one
-effort for all six methods, on functions that stand in no study:
-
-    python benchmarks/tuning.py
-
-Of 32 settings of each method, the published form and 31 drawn at random, those with the least mean
-rank over eight functions of eight variables, five seeds each: 12.8 million evaluations a method. No
-fault case and no actuator took part. Mean rank of 32, tuned beside published:
-
-    ga 3.4 and 30.4, pso 7.8 and 15.9, de 3.4 and 17.4, gwo 9.6 and 19.6, da 6.0 and 9.4,
-    woa 7.4 and 9.4
+Forms as first published, or as the author's program has them; this package's own improved forms;
+and tuned forms, whose settings were chosen with one effort for all six methods, on functions that
+stand in no study (``benchmarks/tuning.py``, docs/optimizers.md).
 """
-
-from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from ematwin.optimizers import differential_evolution as de
+from ematwin.optimizers import particle_swarm as pso
 from ematwin.optimizers.base import Algorithm, RandomSearch
-from ematwin.optimizers.differential_evolution import (
-    DifferentialEvolution,
-    Dither,
-    Either,
-    best_1,
-    rand_1,
-)
 from ematwin.optimizers.dragonfly import Dragonfly
 from ematwin.optimizers.genetic_algorithm import HOLLAND, Binary, GeneticAlgorithm, Real
 from ematwin.optimizers.genetic_operators import Polynomial, SimulatedBinary, Tournament
 from ematwin.optimizers.grey_wolf import GreyWolf
-from ematwin.optimizers.particle_swarm import (
-    CONSTRICTION,
-    INERTIA_1998,
-    ORIGINAL_1995,
-    STANDARD_2006,
-    Global,
-    GrowingRing,
-    ParticleSwarm,
-    Ring,
-)
 from ematwin.optimizers.whale import Whale
 
 _DEB = "Deb and Agrawal (1995), Complex Syst. 9, 115-148"
@@ -105,56 +79,57 @@ ALGORITHMS = (
         f"a ring that grows (after Suganthan 1999); {_CRAZY}",
         "coefficients: the four functions of docs/optimizers.md; ring and craziness: these and "
         "cases of Table 1 of ESREL 2020, with other seeds",
-        ParticleSwarm, "particle-swarm",
+        pso.ParticleSwarm, "particle-swarm",
     ),
     _own(
         "pso-inertia", "Particle swarm, whole swarm informed, falling inertia",
         "Kennedy and Eberhart (1995), Proc. IEEE ICNN 4, 1942-1948; inertia of Shi and Eberhart "
         "(1998, 1999)",
-        _BOUND, _PUBLISHED, ParticleSwarm,
-        topology=Global(), coefficients=INERTIA_1998, crazy=0.0,
+        _BOUND, _PUBLISHED, pso.ParticleSwarm,
+        topology=pso.Global(), coefficients=pso.INERTIA_1998, crazy=0.0,
     ),
     _own(
         "pso-1995", "Particle swarm, whole swarm informed, no inertia weight",
         "Kennedy and Eberhart (1995), Proc. IEEE ICNN 4, 1942-1948",
-        f"{_BOUND}; speed limit of half the box", _PUBLISHED, ParticleSwarm,
-        topology=Global(), coefficients=ORIGINAL_1995, crazy=0.0,
+        f"{_BOUND}; speed limit of half the box", _PUBLISHED, pso.ParticleSwarm,
+        topology=pso.Global(), coefficients=pso.ORIGINAL_1995, crazy=0.0,
     ),
     _own(
         "pso-global", "Particle swarm, whole swarm informed, crazy particles", _CLERC,
-        f"whole swarm informed; {_CRAZY}", _FOUR, ParticleSwarm, topology=Global(),
+        f"whole swarm informed; {_CRAZY}", _FOUR, pso.ParticleSwarm, topology=pso.Global(),
     ),
     _own(
         "pso-ring", "Particle swarm, ring topology", _CLERC,
-        f"ring of one neighbour on either side; {_CRAZY}", _FOUR, ParticleSwarm, topology=Ring(),
+        f"ring of one neighbour on either side; {_CRAZY}", _FOUR, pso.ParticleSwarm,
+        topology=pso.Ring(),
     ),
     _own(
         "pso-plain", "Particle swarm, whole swarm informed, constriction",
         "Clerc and Kennedy (2002), IEEE Trans. Evol. Comput. 6, 58-73", _BOUND, _PUBLISHED,
-        ParticleSwarm, topology=Global(), coefficients=CONSTRICTION, crazy=0.0,
+        pso.ParticleSwarm, topology=pso.Global(), coefficients=pso.CONSTRICTION, crazy=0.0,
     ),
     _own(
         "pso-tuned", "Particle swarm, tuned", _CLERC,
-        "neighbourhood and crazy particles as tuned", _TUNED, ParticleSwarm,
-        topology=GrowingRing(3.0), coefficients=STANDARD_2006, crazy=0.1,
+        "neighbourhood and crazy particles as tuned", _TUNED, pso.ParticleSwarm,
+        topology=pso.GrowingRing(3.0), coefficients=pso.STANDARD_2006, crazy=0.1,
     ),
     _own(
         "de", "Differential evolution, best/1/bin, mixed CR", _STORN,
         f"CR is drawn between the two of the source for each trial; {_BOUNCE}", _FOUR,
-        DifferentialEvolution, "differential-evolution",
+        de.DifferentialEvolution, "differential-evolution",
     ),
     _own(
         "de-rand", "Differential evolution, rand/1/bin, F 0.5, CR 0.9", _STORN, _BOUNCE,
-        _PUBLISHED, DifferentialEvolution, strategy=rand_1, CR=0.9,
+        _PUBLISHED, de.DifferentialEvolution, strategy=de.rand_1, CR=0.9,
     ),
     _own(
         "de-best", "Differential evolution, best/1/bin, F 0.8, CR 0.9", _STORN, _BOUNCE,
-        _PUBLISHED, DifferentialEvolution, strategy=best_1, F=0.8, CR=0.9,
+        _PUBLISHED, de.DifferentialEvolution, strategy=de.best_1, F=0.8, CR=0.9,
     ),
     _own(
         "de-tuned", "Differential evolution, tuned", _STORN,
-        f"strategy, F and CR as tuned; {_BOUNCE}", _TUNED, DifferentialEvolution,
-        strategy=best_1, F=Dither(), CR=Either(share=0.73),
+        f"strategy, F and CR as tuned; {_BOUNCE}", _TUNED, de.DifferentialEvolution,
+        strategy=de.best_1, F=de.Dither(), CR=de.Either(share=0.73),
     ),
     _own(
         "gwo", "Grey wolf optimiser", _WOLF, "none from the author's program", _PUBLISHED,

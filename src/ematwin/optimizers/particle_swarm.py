@@ -24,8 +24,6 @@ a swarm of 50 stays in a local minimum of Rastrigin's function (``docs/optimizer
 numbers); ``crazy=0`` is the paper's final form.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

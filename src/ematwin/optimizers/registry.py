@@ -5,8 +5,6 @@ A further method is registered by an entry point of the group ``ematwin.optimize
 class of `Optimizer` or a function ``(box, *, population, iterations, seed)``.
 """
 
-from __future__ import annotations
-
 import difflib
 import importlib.metadata
 from functools import partial
@@ -98,7 +96,7 @@ def _try(name: str, factory: OptimizerFactory) -> None:
 
 
 def registered() -> tuple[Algorithm, ...]:
-    """The algorithms that `register` named in this process."""
+    """Those of this process."""
     return tuple(_REGISTERED.values())
 
 
@@ -125,10 +123,9 @@ def find(name: str) -> Algorithm:
     if wanted in known:
         return known[wanted]
     close = difflib.get_close_matches(wanted, known, n=3, cutoff=0.5)
-    if names := dict.fromkeys(known[key].name for key in close):
-        raise InputError(f"There is no algorithm {name!r}. Did you mean {', '.join(names)}?")
-    names = dict.fromkeys(one.name for one in known.values())
-    raise InputError(f"There is no algorithm {name!r}. Known are {', '.join(names)}.")
+    names = ", ".join(dict.fromkeys(known[key].name for key in close or known))
+    said = f"Did you mean {names}?" if close else f"Known are {names}."
+    raise InputError(f"There is no algorithm {name!r}. {said}")
 
 
 def resolve(

@@ -1,7 +1,5 @@
 """Result of a search, its progress, and the reasons why it ends."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
@@ -83,9 +81,7 @@ class MinimizeResult:
 
     def to_frame(self) -> Any:
         """A pandas DataFrame of the best cost after each batch; needs pandas."""
-        return frame(
-            {"evaluations": self.history.evaluations, "cost": self.history.cost}, "evaluations"
-        )
+        return frame(vars(self.history), "evaluations")
 
     to_dataframe = to_frame
 

@@ -17,8 +17,6 @@ at the coordinates' zero; positions are clipped before they are evaluated. ``sta
 other than 2 and 1 are departures: a = start (1 - (t / T)^power), as for the grey wolf.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ematwin.optimizers.base import Box, FloatArray, PopulationOptimizer, falling, positive

@@ -12,7 +12,7 @@ from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison
 from ematwin.models.registry import model_of
 from ematwin.monitoring.calibration_report import CalibrationReport
-from ematwin.plots.style import BLUE, GREY, ORANGE, PALE, Panel, panels_drawn, styled
+from ematwin.plots.style import BLUE, GREY, ORANGE, PALE, Panel, empty, panels_drawn, styled
 from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording
 from ematwin.showing.text import capital
@@ -22,10 +22,9 @@ _PARTS = 48  # of a turn, of the speeds and of the time
 
 def plot_learnt(report: CalibrationReport) -> Any:
     """Change of each parameter from the template, with its 95 % interval."""
-    from plotly.graph_objects import Figure
-
     shown = [p for p in report.parameters if p.template][::-1]  # plotly draws from below
-    figure = Figure()
+    height = 110 + 26 * len(shown)  # px of a parameter
+    figure = empty(height, hovermode="closest", margin_l=20, margin_t=20, showlegend=False)
     figure.add_scatter(
         y=[p.place for p in shown],
         x=[100.0 * (p.value / p.template - 1.0) for p in shown],
@@ -37,11 +36,7 @@ def plot_learnt(report: CalibrationReport) -> Any:
         },
         hovertemplate="%{y}: %{x:.2f} %<extra></extra>",
     )  # fmt: skip
-    figure.update_xaxes(title_text="change, %", zeroline=True, zerolinewidth=2)
-    return styled(
-        figure, 110 + 26 * len(shown),  # px of a parameter
-        hovermode="closest", margin_l=20, margin_t=20, showlegend=False,
-    )  # fmt: skip
+    return figure.update_xaxes(title_text="change, %", zeroline=True, zerolinewidth=2)
 
 
 class _Beside(NamedTuple):
@@ -136,10 +131,7 @@ def _answer(comparison: Comparison, values: dict[str, float]) -> dict[str, np.nd
 
 
 def _motion(model: Model, recording: Recording) -> tuple[np.ndarray, str, np.ndarray, str]:
-    """The recorded position nearest to the motor, else the command; its name; speed and its unit.
-
-    An angle of the motor is given in turns from 0 to 1.
-    """
+    """The recorded position nearest to the motor, else the command; its name; speed, its unit."""
     places = [
         one.name for one in model.channels
         if one.unit in ("rad", "m") and one.name in recording.channels and one.name != model.command
@@ -154,10 +146,7 @@ def _motion(model: Model, recording: Recording) -> tuple[np.ndarray, str, np.nda
 
 
 def _by_parts(values: np.ndarray, gap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Middles of equal parts of the range of values (N,), and the root mean square of a gap (N,).
-
-    Of parts with few samples, such as the fastest speeds, it is NaN.
-    """
+    """Middles of equal parts of the range of values (N,), and RMS of a gap (N,); NaN of a few."""
     edges = np.linspace(values.min(), values.max(), _PARTS + 1)
     part = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, _PARTS - 1)
     counts = np.bincount(part, minlength=_PARTS)

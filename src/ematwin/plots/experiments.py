@@ -11,7 +11,7 @@ from ematwin.experiments.discriminate import Discrimination
 from ematwin.experiments.healthy_tests import HealthyTests
 from ematwin.experiments.identifiability import Identifiability
 from ematwin.models.registry import model_of
-from ematwin.plots.style import BLUE, GREEN, GREY, ORANGE, PALE, Panel, panels_drawn, styled
+from ematwin.plots.style import BLUE, GREEN, GREY, ORANGE, PALE, Panel, empty, panels_drawn
 from ematwin.showing.text import capital
 
 _POINTS = 2000  # of a curve
@@ -19,10 +19,9 @@ _POINTS = 2000  # of a curve
 
 def plot_smallest(found: Sequence[Identifiability] | Identifiability) -> Any:
     """The smallest detectable fault as a share of its range, by command; none where no bar is."""
-    from plotly.graph_objects import Figure
-
     several = [found] if isinstance(found, Identifiability) else list(found)
-    figure = Figure()
+    height = 140 + max(len(one.told) for one in several) * (16 + 14 * len(several))
+    figure = empty(height, hovermode="closest", barmode="group", margin_l=20)
     for n, one in enumerate(several):
         told = one.told[::-1]  # plotly draws from below
         shares = [100.0 * t.smallest / t.range if math.isfinite(t.smallest) else None
@@ -32,22 +31,18 @@ def plot_smallest(found: Sequence[Identifiability] | Identifiability) -> Any:
             marker_color=(BLUE, ORANGE, GREEN, GREY)[n % 4],
             text=["" if share is not None else "none" for share in shares],
         )  # fmt: skip
-    figure.update_xaxes(
+    return figure.update_xaxes(
         title_text="smallest fault found, % of its range", rangemode="tozero", ticksuffix=" %"
     )
-    faults = max(len(one.told) for one in several)
-    height = 140 + faults * (16 + 14 * len(several))
-    return styled(figure, height, hovermode="closest", barmode="group", margin_l=20)
 
 
 def plot_correlation(found: Identifiability) -> Any:
     """The correlation of all that is unknown, as squares."""
-    from plotly.graph_objects import Figure
-
     names = list(found.names)
     values = np.asarray(found.correlation).round(3)
     rows, columns = np.indices(values.shape)
-    figure = Figure()
+    height = 200 + 18 * len(names)
+    figure = empty(height, margin_l=20, hovermode="closest", showlegend=False)
     figure.add_scatter(
         x=[names[n] for n in columns.ravel()], y=[names[n] for n in rows.ravel()],
         mode="markers", text=values.ravel(),
@@ -59,9 +54,7 @@ def plot_correlation(found: Identifiability) -> Any:
         hovertemplate="%{y} and %{x}: %{text:.2f}<extra></extra>",
     )  # fmt: skip
     figure.update_yaxes(autorange="reversed", categoryorder="array", categoryarray=names)
-    figure.update_xaxes(categoryorder="array", categoryarray=names, tickangle=-60)
-    height = 200 + 18 * len(names)
-    return styled(figure, height, margin_l=20, hovermode="closest", showlegend=False)
+    return figure.update_xaxes(categoryorder="array", categoryarray=names, tickangle=-60)
 
 
 def plot_command(found: Design | Discrimination) -> Any:
@@ -87,9 +80,7 @@ def plot_command(found: Design | Discrimination) -> Any:
 
 def plot_errors(found: Design) -> Any:
     """Expected and observed errors of each fault, as shares of its range."""
-    from plotly.graph_objects import Figure
-
-    figure = Figure()
+    figure = empty(360)
     for name, command, color, seen, symbol in (
         ("given", found.default, GREY, "#57606a", "x"),
         ("designed", found.promised, BLUE, ORANGE, "diamond"),
@@ -104,8 +95,7 @@ def plot_errors(found: Design) -> Any:
                 name=f"{name}, observed", mode="markers",
                 marker={"color": seen, "size": 11, "symbol": symbol},
             )  # fmt: skip
-    figure.update_yaxes(title_text="error, % of the range", rangemode="tozero")
-    return styled(figure, 360)
+    return figure.update_yaxes(title_text="error, % of the range", rangemode="tozero")
 
 
 def plot_healthy_tests(found: HealthyTests) -> Any:
@@ -122,10 +112,9 @@ def plot_healthy_tests(found: HealthyTests) -> Any:
 
 def plot_learnt_errors(found: HealthyTests) -> Any:
     """Standard error of each parameter by its tolerance, now and after each test, %."""
-    from plotly.graph_objects import Figure
-
     places = list(found.known)[::-1]  # plotly draws from below
-    figure = Figure()
+    height = 130 + 26 * len(places)  # px of a parameter
+    figure = empty(height, hovermode="closest", margin_l=20)
     for place in places:
         ends = [100.0 * found.known[place], 100.0 * found.after[place]]
         figure.add_scatter(
@@ -147,6 +136,4 @@ def plot_learnt_errors(found: HealthyTests) -> Any:
             marker={"color": color, "size": 9, "symbol": symbol, "line": {"width": 2}},
             hovertemplate="%{y}: %{x:.2g} %",
         )  # fmt: skip
-    figure.update_xaxes(title_text="standard error, %", type="log")
-    height = 130 + 26 * len(places)  # px of a parameter
-    return styled(figure, height, hovermode="closest", margin_l=20)
+    return figure.update_xaxes(title_text="standard error, %", type="log")

@@ -6,25 +6,13 @@ import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.estimation.identification import Identification
-from ematwin.plots.style import (
-    AMBER,
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    PALE,
-    Panel,
-    line,
-    panels_drawn,
-    stacked,
-    styled,
-)
+from ematwin.plots import style
 from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording
 
 _LOOKS = {
-    "fault": ORANGE, "changed": AMBER, "agrees with healthy": GREEN, "no verdict": GREY,
-    "held": PALE,
+    "fault": style.ORANGE, "changed": style.AMBER, "agrees with healthy": style.GREEN,
+    "no verdict": style.GREY, "held": style.PALE,
 }  # fmt: skip
 
 
@@ -35,8 +23,6 @@ def plot_faults(found: Identification) -> Any:
     name, orange is a fault that the verdict names; grey where there is no verdict or the value was
     held. A diamond is the true value, where the recording is a simulation.
     """
-    from plotly.graph_objects import Figure
-
     unknowns = {
         one.name: one
         for one in found.model.faults(found.actuator)
@@ -54,7 +40,8 @@ def plot_faults(found: Identification) -> Any:
         or (at[name],) * 2
         for name in names
     }
-    figure = Figure()
+    height = 130 + 34 * len(names)  # px of a bar
+    figure = style.empty(height, hovermode="closest", barmode="overlay", margin_l=20)
     for label, color in _LOOKS.items():
         members = [name for name in names if _state(found, name, healthy[name]) == label]
         if not members:
@@ -63,26 +50,27 @@ def plot_faults(found: Identification) -> Any:
             y=members, x=[at[name] for name in members], orientation="h", name=label,
             marker_color=color, width=0.62,
             error_x={
-                "type": "data", "symmetric": False, "thickness": 1.6, "width": 5, "color": GREY,
+                "type": "data", "symmetric": False, "thickness": 1.6, "width": 5,
+                "color": style.GREY,
                 "array": [max(ends[name][1] - at[name], 0.0) for name in members],
                 "arrayminus": [max(at[name] - ends[name][0], 0.0) for name in members],
             },
             customdata=[_hover(found, name) for name in members],
             hovertemplate="%{customdata}<extra></extra>",
         )  # fmt: skip
-    truth = true_faults(found)
-    if truth:
+    if truth := true_faults(found):
         members = [name for name in names if name in truth]
         figure.add_scatter(
             y=members, x=[deviation(name, truth[name]) for name in members], mode="markers",
-            name="true (simulated)", marker={"symbol": "diamond-open", "size": 11, "color": BLUE,
-            "line": {"width": 2.5}}, hovertemplate="true: %{x:.3g} %<extra></extra>",
+            name="true (simulated)", hovertemplate="true: %{x:.3g} %<extra></extra>",
+            marker={"symbol": "diamond-open", "size": 11, "color": style.BLUE},
+            marker_line_width=2.5,
         )  # fmt: skip
     figure.update_yaxes(categoryorder="array", categoryarray=names)
-    figure.update_xaxes(title_text="deviation from healthy, % of its range", zeroline=True,
-                        zerolinewidth=2, ticksuffix=" %")  # fmt: skip
-    height = 130 + 34 * len(names)  # px of a bar
-    return styled(figure, height, hovermode="closest", barmode="overlay", margin_l=20)
+    return figure.update_xaxes(
+        title_text="deviation from healthy, % of its range", zeroline=True, zerolinewidth=2,
+        ticksuffix=" %",
+    )  # fmt: skip
 
 
 def _state(found: Identification, name: str, healthy: float) -> str:
@@ -147,11 +135,13 @@ def plot_fit(found: Identification, recording: Recording | None = None) -> Any:
         title, unit = captions[name]
         fitted, healthy = answers[name]
         # the measured line is wide and pale, so that it shows under the fitted one
-        beside = Panel(title, unit).line(time, target, "measured", PALE, width=5)
-        beside.line(time, healthy, "healthy twin", BLUE, dash="dot")
-        residual = Panel("Residual", unit).line(time, target - fitted, "measured - fitted", GREY)
-        panels += [beside.line(time, fitted, "fitted", ORANGE), residual]
-    return panels_drawn(panels, "time, s", 240)
+        beside = style.Panel(title, unit).line(time, target, "measured", style.PALE, width=5)
+        beside.line(time, healthy, "healthy twin", style.BLUE, dash="dot")
+        residual = style.Panel("Residual", unit).line(
+            time, target - fitted, "measured - fitted", style.GREY
+        )
+        panels += [beside.line(time, fitted, "fitted", style.ORANGE), residual]
+    return style.panels_drawn(panels, "time, s", 240)
 
 
 def plot_convergence(found: Any) -> Any:
@@ -167,9 +157,11 @@ def plot_convergence(found: Any) -> Any:
     else:
         evaluations, cost = found.history.evaluations, found.history.cost
         title, unit, each = "Best cost so far", "cost", "evaluations"
-    figure = stacked([title], [unit], each, height=340)
+    figure = style.stacked([title], [unit], each, height=340)
     finite = np.isfinite(cost)
-    line(figure, 1, evaluations[finite], cost[finite], found.algorithm, BLUE, shape="hv")
+    style.line(
+        figure, 1, evaluations[finite], cost[finite], found.algorithm, style.BLUE, shape="hv"
+    )
     if (cost[finite] > 0.0).all():
         figure.update_yaxes(type="log", dtick=1, exponentformat="power")
     return figure

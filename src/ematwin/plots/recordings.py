@@ -3,17 +3,7 @@
 from typing import Any
 
 from ematwin.models.registry import model_of
-from ematwin.plots.style import (
-    BLUE,
-    GREY,
-    ORANGE,
-    PALE,
-    Panel,
-    compact,
-    panels_drawn,
-    stacked,
-    styled,
-)
+from ematwin.plots import style
 from ematwin.recordings.recording import Recording
 from ematwin.recordings.survey import Survey
 
@@ -23,9 +13,9 @@ def plot_recording(recording: Recording) -> Any:
     panels = []
     for name, values in recording.channels.items():
         title = name.replace("_", " ")
-        panel = Panel(title, recording.units.get(name, ""))
-        panels.append(panel.line(recording.time, values, title, BLUE))
-    return panels_drawn(panels, "time, s", 120).update_layout(showlegend=False)
+        panel = style.Panel(title, recording.units.get(name, ""))
+        panels.append(panel.line(recording.time, values, title, style.BLUE))
+    return style.panels_drawn(panels, "time, s", 120).update_layout(showlegend=False)
 
 
 def plot_channels(found: Survey, taken: tuple[str, ...] = (), rate: float | None = None) -> Any:
@@ -39,19 +29,17 @@ def plot_channels(found: Survey, taken: tuple[str, ...] = (), rate: float | None
     """
     shown = [one for one in found.channels if not one.is_text and one.samples][:24]
     if not shown:
-        from plotly.graph_objects import Figure
-
-        return styled(Figure(), 120)
+        return style.empty(120)
     timed = all(one.rate or rate for one in shown)
-    figure = stacked(
+    figure = style.stacked(
         [one.name for one in shown], [one.unit for one in shown],
         "time, s" if timed else "sample", 110 + 120 * len(shown),
     )  # fmt: skip
     for n, one in enumerate(shown):
-        color = ORANGE if one.name in taken else BLUE
+        color = style.ORANGE if one.name in taken else style.BLUE
         figure.add_scatter(
-            x=compact(one.places / ((one.rate or rate or 1.0) if timed else 1.0)),
-            y=compact(one.shape), mode="lines",
+            x=style.compact(one.places / ((one.rate or rate or 1.0) if timed else 1.0)),
+            y=style.compact(one.shape), mode="lines",
             name="in the map" if one.name in taken else "not used", legendgroup=color,
             showlegend=all(trace.legendgroup != color for trace in figure.data),
             line={"color": color, "width": 1.2}, row=n + 1, col=1,
@@ -66,16 +54,20 @@ def plot_response(recording: Recording, healthy: Recording, actuator: Any) -> An
     signals, time = model_of(actuator).signals, recording.time
     pairs = zip(signals(recording, actuator), signals(healthy, actuator), strict=True)
     (first, base), *others = pairs
-    beside = Panel(first.title, first.unit).line(time, base.values, "healthy", PALE, width=5)
+    beside = style.Panel(first.title, first.unit).line(
+        time, base.values, "healthy", style.PALE, width=5
+    )
     title = f"Difference of the {first.title[0].lower()}{first.title[1:]}"
     difference = first.values - base.values
     panels = [
-        beside.line(time, first.values, "faulty", ORANGE),
-        Panel(title, first.unit).line(time, difference, "faulty - healthy", GREY),
+        beside.line(time, first.values, "faulty", style.ORANGE),
+        style.Panel(title, first.unit).line(time, difference, "faulty - healthy", style.GREY),
     ]
     for one, other in others:
-        panel = Panel(one.title, one.unit).line(time, other.values, "healthy", PALE, width=5)
+        panel = style.Panel(one.title, one.unit).line(
+            time, other.values, "healthy", style.PALE, width=5
+        )
         if one.reference is not None:
-            panel.line(time, one.reference, "command", BLUE, dash="dot")
-        panels.append(panel.line(time, one.values, "faulty", ORANGE))
-    return panels_drawn(panels, "time, s", 215)
+            panel.line(time, one.reference, "command", style.BLUE, dash="dot")
+        panels.append(panel.line(time, one.values, "faulty", style.ORANGE))
+    return style.panels_drawn(panels, "time, s", 215)

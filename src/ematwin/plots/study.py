@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.plots.style import styled
+from ematwin.plots.style import empty, styled
 
 # Okabe and Ito, told apart by colour-blind readers; from the ninth on Tol's muted ones.
 PALETTE = (
@@ -38,8 +38,8 @@ def plot_study(analysis: Any) -> dict[str, Any]:
         "Distribution of Err%": _distributions,
         "Evaluations to target": _targets,
     }
-    drawn = {heading: draw(analysis) for heading, draw in figures.items()}
-    return {heading: figure for heading, figure in drawn.items() if figure.data}
+    drawn = ((heading, draw(analysis)) for heading, draw in figures.items())
+    return {heading: figure for heading, figure in drawn if figure.data}
 
 
 def _colored(analysis: Any) -> list[tuple[str, str]]:
@@ -49,9 +49,7 @@ def _colored(analysis: Any) -> list[tuple[str, str]]:
 
 def _means(analysis: Any, metric: str, title: str) -> Any:
     """Means with their bootstrap intervals, by case and algorithm."""
-    from plotly.graph_objects import Figure
-
-    figure = styled(Figure(), 400)
+    figure = empty(400)
     for name, color in _colored(analysis):
         cells = analysis.cells[analysis.cells["algorithm"] == name].head(MOST_CASES)
         mean = cells[f"{metric}_mean"]
@@ -82,12 +80,10 @@ def _means(analysis: Any, metric: str, title: str) -> Any:
 
 def _ranks(analysis: Any) -> Any:
     """Average ranks; a line joins algorithms that do not differ significantly (Demsar 2006)."""
-    from plotly.graph_objects import Figure
-
     ranks = analysis.ranks
     known = len(ranks.average) > 1 and all(map(math.isfinite, ranks.average.values()))
     order = ranks.order if known else []
-    figure = styled(Figure(), 170 + 24 * len(order))
+    figure = empty(170 + 24 * len(order))
     reached = 0
     for n, name in enumerate(order):
         alike = n + 1
@@ -165,9 +161,7 @@ def _distributions(analysis: Any) -> Any:
 
 def _targets(analysis: Any) -> Any:
     """Share of pairs of run and target met over the evaluations."""
-    from plotly.graph_objects import Figure
-
-    figure = styled(Figure(), 420)
+    figure = empty(420)
     colors = dict(_colored(analysis))
     curves = analysis.curves
     for name, curve in curves.groupby("algorithm", sort=False) if len(curves) else ():
@@ -226,7 +220,5 @@ def _spread(
 
 def _short(values: Any) -> list[float | None]:
     """Numbers to four digits, as small in the page as they can be; None where there is none."""
-    return [
-        float(f"{value:.4g}") if math.isfinite(value) else None
-        for value in np.asarray(values, dtype=float).tolist()
-    ]
+    numbers = np.asarray(values, dtype=float).tolist()
+    return [float(f"{value:.4g}") if math.isfinite(value) else None for value in numbers]

@@ -79,6 +79,13 @@ def stacked(titles: list[str], units: list[str], x_title: str, height: int) -> A
     return styled(figure, height)
 
 
+def empty(height: int, **layout: Any) -> Any:
+    """A figure without panels, in the common look."""
+    from plotly.graph_objects import Figure
+
+    return styled(Figure(), height, **layout)
+
+
 def styled(figure: Any, height: int, **layout: Any) -> Any:
     """The common look; ``layout`` has what is different here."""
     figure.update_layout(

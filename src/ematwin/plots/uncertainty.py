@@ -1,6 +1,6 @@
 """Figures of uncertainty: corner plot, profiles, and the band of answers."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -8,7 +8,6 @@ import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.estimation.identification import Identification
-from ematwin.estimation.intervals import Draws
 from ematwin.estimation.profile import LIMIT, ProfileUncertainty
 from ematwin.estimation.uncertainty import predicted
 from ematwin.plots.style import BLUE, GREEN, GREY, ORANGE, line, stacked, styled
@@ -39,7 +38,43 @@ def plot_posterior(found: Identification, names: Sequence[str] | None = None) ->
         raise InputError(
             f"There are no draws of {missing[0]!r}; there are of {', '.join(sure.draws.names)}."
         )
-    return _corner(sure.draws, shown, _limits(sure.thresholds))
+    draws, limits = sure.draws, {}
+    for name, text in sure.thresholds.items():
+        with suppress(ValueError):  # those in a physical unit are no numbers
+            limits[name] = float(text)
+    from plotly.subplots import make_subplots
+
+    size = len(shown)
+    figure = make_subplots(
+        rows=size, cols=size, shared_xaxes=True, horizontal_spacing=0.012, vertical_spacing=0.012
+    )
+    edges = {name: _edges(draws.of(name)) for name in shown}
+    thin = slice(None, None, max(1, len(draws.values) // 1000))  # draws of a cloud
+    points = {name: draws.of(name)[thin].astype(np.float32) for name in shown}
+    for row, across in enumerate(shown):
+        for column, along in enumerate(shown[: row + 1]):
+            place = {"row": row + 1, "col": column + 1}
+            middle = 0.5 * (edges[along][1:] + edges[along][:-1])
+            if row == column:
+                counts, _ = np.histogram(draws.of(along), edges[along])
+                figure.add_bar(x=middle, y=counts, marker_color=BLUE, showlegend=False, **place)
+                limit = limits.get(along, np.nan)
+                if edges[along][0] < limit < edges[along][-1]:
+                    figure.add_vline(limit, line_color=ORANGE, line_dash="dot", **place)
+                figure.update_yaxes(showticklabels=False, **place)
+            else:
+                figure.add_scatter(
+                    x=points[along], y=points[across], mode="markers", showlegend=False,
+                    marker={"color": BLUE, "size": 3, "opacity": 0.25}, hoverinfo="skip", **place,
+                )  # fmt: skip
+                figure.update_xaxes(range=edges[along][[0, -1]], **place)
+                figure.update_yaxes(range=edges[across][[0, -1]], **place)
+                figure.update_yaxes(showticklabels=column == 0, **place)
+            if row == size - 1:
+                figure.update_xaxes(title_text=along, **place)
+            if column == 0 and row:
+                figure.update_yaxes(title_text=across, **place)
+    return styled(figure, 160 + 110 * size, hovermode="closest", bargap=0.0)
 
 
 def plot_profile(found: Identification) -> Any:
@@ -77,51 +112,6 @@ def plot_profile(found: Identification) -> Any:
     for annotation, (x, anchor) in zip(figure.layout.annotations, titles_at, strict=True):
         annotation.update(x=x, xanchor=anchor)
     return figure
-
-
-def _limits(thresholds: Mapping[str, str]) -> dict[str, float]:
-    """Thresholds that are given in the unknown's own unit, not in a physical one."""
-    found = {}
-    for name, text in thresholds.items():
-        with suppress(ValueError):
-            found[name] = float(text)
-    return found
-
-
-def _corner(drawn: Draws, names: Sequence[str], limits: Mapping[str, float]) -> Any:
-    from plotly.subplots import make_subplots
-
-    size = len(names)
-    figure = make_subplots(
-        rows=size, cols=size, shared_xaxes=True, horizontal_spacing=0.012, vertical_spacing=0.012
-    )
-    edges = {name: _edges(drawn.of(name)) for name in names}
-    thin = slice(None, None, max(1, len(drawn.values) // 1000))  # draws of a cloud
-    points = {name: drawn.of(name)[thin].astype(np.float32) for name in names}
-    for row, across in enumerate(names):
-        for column, along in enumerate(names[: row + 1]):
-            place = {"row": row + 1, "col": column + 1}
-            middle = 0.5 * (edges[along][1:] + edges[along][:-1])
-            if row == column:
-                counts, _ = np.histogram(drawn.of(along), edges[along])
-                figure.add_bar(x=middle, y=counts, marker_color=BLUE, showlegend=False, **place)
-                limit = limits.get(along, np.nan)
-                if edges[along][0] < limit < edges[along][-1]:
-                    figure.add_vline(limit, line_color=ORANGE, line_dash="dot", **place)
-                figure.update_yaxes(showticklabels=False, **place)
-            else:
-                figure.add_scatter(
-                    x=points[along], y=points[across], mode="markers", showlegend=False,
-                    marker={"color": BLUE, "size": 3, "opacity": 0.25}, hoverinfo="skip", **place,
-                )  # fmt: skip
-                figure.update_xaxes(range=edges[along][[0, -1]], **place)
-                figure.update_yaxes(range=edges[across][[0, -1]], **place)
-                figure.update_yaxes(showticklabels=column == 0, **place)
-            if row == size - 1:
-                figure.update_xaxes(title_text=along, **place)
-            if column == 0 and row:
-                figure.update_yaxes(title_text=across, **place)
-    return styled(figure, 160 + 110 * size, hovermode="closest", bargap=0.0)
 
 
 def _edges(x: np.ndarray) -> np.ndarray:

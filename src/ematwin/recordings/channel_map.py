@@ -25,7 +25,6 @@ from ematwin.validation import load_toml, one_sentence
 
 PHASES = ("current_a", "current_b", "current_c")
 _OPTIONS = ("sample_rate", "phase_order", "gear_ratio", "without")
-_CSV_OPTIONS = ("delimiter", "decimal", "skip_rows")
 
 
 def _hertz(value: Any) -> Any:
@@ -70,6 +69,9 @@ class CsvOptions(BaseModel):
     delimiter: Annotated[str, Field(min_length=1, max_length=1)] | None = None
     decimal: Literal[".", ","] | None = None
     skip_rows: Annotated[int, Field(ge=0)] | None = None  # lines before the header
+
+
+_CSV_OPTIONS = CsvOptions.model_fields
 
 
 class ChannelMap(BaseModel):
@@ -201,19 +203,18 @@ class ChannelMap(BaseModel):
 
     @classmethod
     def _from_table(cls, table: Mapping[str, Any], channels: Sequence[Channel]) -> "ChannelMap":
-        values: dict[str, Any] = {}
+        values: dict[str, Any] = {"columns": {}, "csv": {}}
         for key, value in table.items():
-            if key in ("columns", "csv"):
-                if not isinstance(value, Mapping):
-                    raise InputError(
-                        f"{key} must be a table, received {value!r}; write [{key}] above it."
-                    )
-                values.setdefault(key, {}).update(value)
-            elif key in _OPTIONS:
+            if key in _OPTIONS:
                 values[key] = value
+            elif key not in values:
+                values["csv" if key in _CSV_OPTIONS else "columns"][key] = value
+            elif isinstance(value, Mapping):
+                values[key].update(value)
             else:
-                section = "csv" if key in _CSV_OPTIONS else "columns"
-                values.setdefault(section, {})[key] = value
+                raise InputError(
+                    f"{key} must be a table, received {value!r}; write [{key}] above it."
+                )
         return cls(channels, **values)
 
 
@@ -221,10 +222,7 @@ Columns = ChannelMap | Mapping[str, Any] | str | Path | None
 
 
 def _column_name(text: str, channels: Sequence[Channel]) -> str:
-    """The name of the channel that a name or alias means.
-
-    Raises `InputError`, which names the closest, if there is none.
-    """
+    """The name of the channel that a name or alias means, or `InputError` with the closest."""
     channel = channel_called(text, channels)
     if channel is None:
         names = [one.name for one in channels]

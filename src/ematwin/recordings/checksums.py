@@ -23,10 +23,7 @@ MARK = f"# {KEY} "  # of the first line of a CSV
 
 
 def with_checksums(metadata: Mapping[str, Any], columns: Mapping[str, Any]) -> str:
-    """One line of JSON: metadata, and checksums of them and of (S,) float64 columns.
-
-    A spreadsheet that parts the line at its commas finds no formula in it.
-    """
+    """One line of JSON: metadata, and checksums of them and of (S,) float64 columns."""
     checksums = {name: _of_column(values) for name, values in columns.items()}
     whole = json.loads(json.dumps({**metadata, "checksums": checksums}))
     text = json.dumps({**whole, "checksum": _of_metadata(whole)}, sort_keys=True)
@@ -34,10 +31,10 @@ def with_checksums(metadata: Mapping[str, Any], columns: Mapping[str, Any]) -> s
 
 
 def checked(text: str | None, path: Path, others: str = "") -> dict[str, Any]:
-    """The metadata in a file; empty for files of others.
+    """The metadata in a file, from ``text`` as `with_checksums` made it; empty for files of others.
 
-    ``text`` is as `with_checksums` made it, or None; ``others`` whatever else stands there, by
-    which ours are recognised without their mark. Raises `FileError` if they were changed.
+    ``others`` is whatever else stands there, by which ours are recognised without their mark.
+    Raises `FileError` if they were changed.
     """
     if text is None:
         if re.search(r'": "[0-9a-f]{32}"', others):

@@ -24,13 +24,9 @@ _LONGEST_BRIDGE = 0.005  # s: over so short a time an input is taken for a strai
 def make_sound(found: Collected, policy: Policy, inputs: Collection[str]) -> None:
     """Deal with gaps in time and stretches of NaN of columns on one time base.
 
-    Raises `RecordError` if there are holes and they are refused, or nothing sound is left.
-
-    Parameters
-    ----------
-    policy : "refuse"; "longest" keeps the longest stretch without a hole; "mask" fills holes with
-        straight lines and lists them, so that the comparison can leave them out
-    inputs : columns that drive the model, which must be known throughout
+    ``policy`` "refuse" raises `RecordError`; "longest" keeps the longest stretch without a hole;
+    "mask" fills holes with straight lines and lists them, so that the comparison can leave them
+    out. ``inputs`` drive the model, and must be known throughout.
     """
     time, what = found.time, found.name
     for name, values in found.columns.items():
@@ -47,8 +43,8 @@ def make_sound(found: Collected, policy: Policy, inputs: Collection[str]) -> Non
             f"{steps.max():.4g} s, and {starts.size} are far longer than the median of "
             f"{np.median(steps):.4g} s. Record or export it with a fixed step."
         )
-    holes = {name: runs(~np.isfinite(values)) for name, values in found.columns.items()}
-    holes = {name: some for name, some in holes.items() if some}
+    missing = {name: runs(~np.isfinite(values)) for name, values in found.columns.items()}
+    holes = {name: some for name, some in missing.items() if some}
     if not starts.size and not holes:
         return
     if policy == "refuse":

@@ -66,8 +66,7 @@ def collect(
 ) -> Collected:
     """Read the channels of a file that are mapped or found by name (see `match`).
 
-    Raises `RecordError` if a channel is missing or ambiguous, holds no numbers, or its unit does
-    not fit.
+    Raises `RecordError` if one is missing or ambiguous, holds no numbers, or has another unit.
     """
     matched = match(file, channel_map, needs)
     uses = [name for name, _ in matched.channels.values()]
@@ -98,8 +97,7 @@ def collect(
 def derive(found: Collected, time: np.ndarray | None = None) -> None:
     """Add the channels that follow from others of one time base; drop those that stood in.
 
-    ``time`` (S,) belongs to all columns, once they have one: channels may follow from it. Raises
-    `RecordError` if means over different intervals would be combined.
+    ``time`` (S,) belongs to all columns, once they have one: channels may follow from it.
     """
     channels = found.map.channels
     columns = found.columns if time is None else found.columns | {"time": time}
@@ -175,12 +173,10 @@ def _unit(found: Collected, channel: Channel, name: str, entry: MappedChannel) -
     if stated:
         # a scale leads from the unit of the file (volts of a probe) to another one
         return (stated, "file") if entry.scale == 1.0 else (channel.unit, "scale")
-    if fits(beside(name)[1], channel.unit):
-        return beside(name)[1], "name"
     is_own = channel_called(bare(last_part(name)), found.map.channels) is not None
     # current_a is phase a, no current in A
-    unit = "" if is_own else unit_in_name(name, channel.unit, file.names)[1]
-    return (unit, "name") if unit else (channel.unit, "assumed")
+    unit = (beside(name) if is_own else unit_in_name(name, channel.unit, file.names))[1]
+    return (unit, "name") if fits(unit, channel.unit) else (channel.unit, "assumed")
 
 
 def _find_times(found: Collected) -> None:

@@ -9,20 +9,12 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from ematwin.errors import RecordError
+from ematwin.recordings import units
 from ematwin.recordings.channel import TIME, Channel, channel_called, derivable, plain
 from ematwin.recordings.channel_map import ChannelMap, MappedChannel
 from ematwin.recordings.formats.base import RecordedFile
 from ematwin.recordings.names import Said, find_channel, first_names, last_part, said_by
 from ematwin.recordings.survey import Surveyed, unit_and_stem
-from ematwin.recordings.units import (
-    bare,
-    example,
-    fits,
-    is_unit,
-    suffixes,
-    unit_factor,
-    unit_in_name,
-)
 from ematwin.showing.text import listed
 
 Needs = Sequence[Sequence[Sequence[str]]]
@@ -62,10 +54,10 @@ def match(file: RecordedFile, channel_map: ChannelMap, needs: Needs) -> Matched:
     """Find the channels of a recording in a file.
 
     Channels that the map does not name are found by their own name or alias, with or without a
-    unit. Beside a map an optional channel that is ambiguous or of another unit is left out, with a
-    warning, and so is another form of a quantity that the map gives. Raises `MissingChannelError`
-    if there is none of a needed channel; `RecordError` if a channel is ambiguous, or there is none
-    of that name in the map.
+    unit. Beside a map an optional channel that is ambiguous, of another unit, or another form of a
+    quantity that the map gives is left out with a warning. Raises `MissingChannelError` if there is
+    none of a needed channel; `RecordError` if one is ambiguous, or there is none of a name in the
+    map.
     """
     channels, mapped = channel_map.channels, channel_map.columns
     found = {
@@ -129,7 +121,7 @@ def _add_optional(
         stated, why = file.stated_unit(name), ""
         if others:
             why = f"{file.given.name} has several channels for it, {first_names([name, *others])}"
-        elif stated and not fits(stated, channel_map.channel(column).unit):
+        elif stated and not units.fits(stated, channel_map.channel(column).unit):
             why = f"{name} is in {stated}"
         if why:
             result.warnings.append(f"{column} was left out: {why}. Map it where it is needed.")
@@ -169,11 +161,11 @@ def _check_complete(
     for group, missing in unmet(needs, channel_map.channels, found):
         wanted = [channel_map.channel(name) for name in missing]
         for name in file.names:  # refused for its unit, such as error_kg for a position error
-            for stem, unit in suffixes(bare(last_part(name))):
+            for stem, unit in units.suffixes(units.bare(last_part(name))):
                 channel = channel_called(stem, wanted)
-                if channel is not None and len(unit) > 1 and is_unit(unit):
+                if channel is not None and len(unit) > 1 and units.is_unit(unit):
                     what = f"{channel.name} (channel {name!r} of {file.path})"
-                    unit_factor(unit, channel.unit, what)
+                    units.unit_factor(unit, channel.unit, what)
         meaning = f" ({wanted[0].meaning})" if len(group) == 1 == len(group[0]) else ""
         raise MissingChannelError(
             f"{file.path} has no channel for {', nor for '.join(map(listed, group))}{meaning}; "
@@ -184,10 +176,10 @@ def _check_complete(
 
 def _likely(file: RecordedFile, channel: Channel) -> str:
     """The channel of a file for which words speak most, for messages; an example if none do."""
-    best, likely = UNIT_ONLY, f"Channel 1 [{example(channel.unit)}]"
+    best, likely = UNIT_ONLY, f"Channel 1 [{units.example(channel.unit)}]"
     for name in file.names:
         one = Surveyed(name, *unit_and_stem(file, name))
-        if not one.unit or fits(one.unit, channel.unit):
+        if not one.unit or units.fits(one.unit, channel.unit):
             score, _ = _by_words(one, channel) or (0.0, "")
             best, likely = (score, name) if score > best else (best, likely)
     return likely
@@ -198,17 +190,19 @@ def named(name: str, channels: Sequence[Channel], names: Collection[str]) -> tup
 
     ``names`` are of all channels of the file.
     """
-    texts = dict.fromkeys((bare(last_part(name)), bare(name)))
+    texts = dict.fromkeys((units.bare(last_part(name)), units.bare(name)))
     for text in texts:
         channel = channel_called(text, channels)
         if channel is not None:
             return channel.name, OWN_NAME if name == channel.name else ALIAS
     for text in texts:
-        for stem, unit in suffixes(text, names):
+        for stem, unit in units.suffixes(text, names):
             channel = channel_called(stem, channels)
-            if channel is not None and fits(unit, channel.unit):
+            if channel is not None and units.fits(unit, channel.unit):
                 return channel.name, BEFORE_A_UNIT
-    stems = (stem for text in texts for stem in (text, unit_in_name(text, TIME.unit, names)[0]))
+    stems = (
+        stem for text in texts for stem in (text, units.unit_in_name(text, TIME.unit, names)[0])
+    )
     return (TIME.name, A_CLOCK) if any(plain(stem) in _CLOCKS for stem in stems) else ("", 0.0)
 
 
@@ -219,7 +213,7 @@ def candidates(
     names = [one.name for one in surveyed]
     found = []
     for one in surveyed:
-        if one.is_text or not one.samples or (one.unit and not fits(one.unit, channel.unit)):
+        if one.is_text or not one.samples or (one.unit and not units.fits(one.unit, channel.unit)):
             continue
         own, score = named(one.name, channels, names)
         is_own = score == OWN_NAME
@@ -238,7 +232,9 @@ def _by_words(one: Surveyed, channel: Channel) -> tuple[float, str] | None:
     if said.other or said.phase != wanted.phase:
         return None
     if channel.unit == "V" and not said.quantities and one.unit:
-        most = max(abs(one.low), abs(one.high)) * unit_factor(one.unit, channel.unit, one.name)
+        most = max(abs(one.low), abs(one.high)) * units.unit_factor(
+            one.unit, channel.unit, one.name
+        )
         if most < 1.0:
             return None  # V: more likely what a probe makes of a current
     found = _by_quantity(said, wanted, _DIMENSIONS.get(channel.unit, "") if one.unit else "", text)

@@ -159,10 +159,7 @@ def _lines(columns: Iterable[str], channels: Sequence[tuple[str, str]]) -> tuple
 
 
 class Draft:
-    """A proposal in the making: which channels are clear, and which have to be asked for.
-
-    ``command`` is the name of the channel that is commanded.
-    """
+    """A proposal in the making: which channels are clear, and which have to be asked for."""
 
     def __init__(
         self, found: Survey, channels: Sequence[Channel], needs: Needs, command: str
@@ -254,7 +251,7 @@ class Draft:
             reasons.append(f"The unit, {one.unit}, is stated by {where}.")
         if one.missing:
             reasons.append(f"{one.missing} of its {one.samples} samples are missing.")
-        if one.is_constant and column != "load":
+        if one.low == one.high and column != "load":
             reasons.append(f"It is {one.low:g} throughout.")
         if column == "load":
             reasons.append(

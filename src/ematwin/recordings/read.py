@@ -44,11 +44,9 @@ def read_file(
     Parameters
     ----------
     path : a file of a known format, or a DataFrame
-    channels : of the kind of actuator
+    channels : of the kind of actuator; ``inputs`` are those that drive the model
     needs : groups of channels; of each group at least one whole alternative must be there
-    inputs : channels that drive the model
-    own : whether a file that ematwin wrote is read as it is, whatever its channels; else if it
-        has the needed channels
+    own : read a file that ematwin wrote as it is, whatever its channels; else if it has the needed
     """
     channel_map = ChannelMap.of(columns, channels)
     if gaps not in (known := get_args(Policy)):
@@ -72,10 +70,7 @@ def read_file(
 
 
 def assumptions(recording: Recording) -> list[str]:
-    """Sentences on assumptions made in reading a recording, which its user must see.
-
-    Units that nobody stated above all; only how an ordinary text table was recognised is left out.
-    """
+    """Assumptions made in reading that a user must see: not how a usual text table is written."""
     said = recording.provenance.get("assumed", [])
     return [sentence(text) for text in said if not text.startswith(ROUTINE)]
 

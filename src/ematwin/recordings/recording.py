@@ -7,7 +7,6 @@ cannot tell a measurement from a simulation, except by the provenance that is ke
 import json
 from collections.abc import Iterator, Mapping
 from datetime import datetime
-from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -253,10 +252,6 @@ class Recording:
     def plot(self) -> Any:
         """Every channel over time, a figure of plotly."""
         return drawn(self, "channels", {"channels": "plot_recording"})
-
-    def __reduce__(self) -> Any:
-        parts = {name: getattr(self, name) for name in _RESERVED - {"time", "channels"}}
-        return partial(Recording, **parts), (self.time, self.channels)
 
 
 def label_text(labels: Mapping[str, str]) -> str:

@@ -14,8 +14,8 @@ import numpy as np
 def sampled(time: np.ndarray, values: np.ndarray, period: float) -> tuple[np.ndarray, float] | None:
     """Values (S,) at the times (S,) of the reads, s, and the period of the clock, s.
 
-    ``period`` is of the clock as stated, s. None where the values do not show such a clock: they
-    are as smooth without.
+    ``period`` is as stated, s. None where the values show no such clock: they are as smooth
+    without.
     """
     since = time - time[0]
     own, apart = period, 0.01 * period  # by which the clock of a device may be off

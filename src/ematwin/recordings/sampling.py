@@ -28,9 +28,9 @@ _WHOLE = 1e-6  # a ratio of rates so close to an integer is one
 def tidy_time(time: np.ndarray, what: object) -> tuple[np.ndarray, list[str]]:
     """Times (S,), s, that increase, and sentences on changes; ``what`` is for messages.
 
-    Times that are regular but for the digits with which they were written are put on the grid
-    that they came from; calendar times are counted from the first. Raises `RecordError` if times
-    are missing, fall or repeat.
+    Regular times that were written with few digits are put on the grid that they came from;
+    calendar times are counted from the first. Raises `RecordError` if times are missing, fall or
+    repeat.
     """
     if time.size < 2:
         raise RecordError(f"{what} holds {time.size} samples; a record needs at least two in time.")
@@ -97,7 +97,7 @@ def averaged(recording: Recording, rate: float, means: Collection[str]) -> Recor
     """The recording at a rate of ``rate`` (Hz) or a little more; itself where it has no double.
 
     Channels in ``means`` hold means over the interval that ends at their time, and do so
-    afterwards; of all others the value at that time is kept.
+    afterwards.
     """
     own = recording.sample_rate
     many = int(own / rate + _WHOLE)
@@ -125,7 +125,6 @@ def to_constant_rate(
     time : (S,) array, s, increasing, without gaps
     columns : dict of (S,) finite arrays; emptied where the rate changes, to spare memory
     rate : Hz, wanted; None keeps the recorded rate
-    what : file, or motion in it, for messages
     means : columns whose samples are means over the interval that ends at their time
     """
     changed: list[str] = []
@@ -143,17 +142,17 @@ def to_constant_rate(
         )
         grid = _grid(time, rate)
         return grid, _each(columns, partial(_akima, time, wanted=grid)), changed
-    if _taps(own, rate) > time.size:
+    taps = _low_pass(own, rate)
+    if taps.size > time.size:
         raise RecordError(
-            f"{what} is too short to be brought to {rate:g} Hz: the low-pass needs "
-            f"{_taps(own, rate)} samples, the record has {time.size}. Keep its rate, or record for "
-            "longer."
+            f"{what} is too short to be brought to {rate:g} Hz: the low-pass needs {taps.size} "
+            f"samples, the record has {time.size}. Keep its rate, or record for longer."
         )
     changed.append(
         f"the rate was lowered from {own:.6g} to {rate:.6g} Hz behind a low-pass without delay, "
         f"whole to {_PASS * rate / 2:.6g} Hz and down by {_ATTENUATION:g} dB at {rate / 2:.6g} Hz"
     )
-    grid, taps = _grid(time, rate), _low_pass(own, rate)
+    grid = _grid(time, rate)
     moved = np.clip(grid - 0.5 * (1.0 / rate - 1.0 / own), time[0], time[-1])
     lowered: Arrays = {}
     for name in list(columns):
@@ -218,21 +217,13 @@ def _grid(time: np.ndarray, rate: float) -> np.ndarray:
     return np.asarray(time[0] + np.arange(count + 1) / rate)
 
 
-def _taps(own: float, rate: float) -> int:
-    """Odd number of coefficients for the transition from `_PASS` to the new Nyquist frequency."""
-    from scipy.signal import kaiserord
-
-    count, _ = kaiserord(_ATTENUATION, (1.0 - _PASS) * rate / own)
-    return int(count) | 1
-
-
 def _low_pass(own: float, rate: float) -> np.ndarray:
-    """Kaiser-windowed sinc that is halfway down in the middle of the transition."""
-    from scipy.signal import firwin, kaiser_beta
+    """Kaiser-windowed sinc, halfway down between `_PASS` and the whole new Nyquist frequency."""
+    from scipy.signal import firwin, kaiserord
 
-    window = ("kaiser", kaiser_beta(_ATTENUATION))
+    count, beta = kaiserord(_ATTENUATION, (1.0 - _PASS) * rate / own)
     cutoff = 0.25 * (1.0 + _PASS) * rate
-    return np.asarray(firwin(_taps(own, rate), cutoff, window=window, fs=own))
+    return np.asarray(firwin(int(count) | 1, cutoff, window=("kaiser", beta), fs=own))
 
 
 def _filtered(values: np.ndarray, taps: np.ndarray) -> np.ndarray:
@@ -265,10 +256,7 @@ def _in_blocks(
     values: np.ndarray,
     wanted: np.ndarray,
 ) -> np.ndarray:
-    """An interpolation made piece by piece, since its coefficients are many times the samples.
-
-    The pieces overlap by so much that what lies further off makes no difference to a double.
-    """
+    """An interpolation made in pieces with overlap: its coefficients are many times the samples."""
     result = np.empty(wanted.shape)
     block = 1 << 16  # samples
     for first in range(0, time.size, block):

@@ -37,11 +37,6 @@ class Surveyed:
         """Whether it holds no numbers."""
         return bool(self.text)
 
-    @property
-    def is_constant(self) -> bool:
-        """Whether all its numbers are the same."""
-        return not self.is_text and self.low == self.high
-
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
         told = {key: getattr(self, key) for key in (
@@ -71,11 +66,7 @@ class Survey:
 
 
 def survey(path: Any, *, progress: Progress | None = None, **options: Any) -> Survey:
-    """Look at every channel of a file of a known format, or of a DataFrame.
-
-    ``options`` are of a text table, see `ematwin.recordings.channel_map.CsvOptions`. Raises
-    `FileError` if the file cannot be read, `MissingExtraError` if its library is not installed.
-    """
+    """Look at every channel of a file of a known format, or of a DataFrame."""
     with open_file(path, **options) as file:
         names = file.names
         rates: dict[str, float | None] = {}
@@ -147,11 +138,8 @@ def extremes(values: np.ndarray, points: int) -> np.ndarray:
     """Indices (P,), increasing, P <= ``points``, of a trace (S,) whose line looks like the whole.
 
     Each of ``points / 2`` stretches gives its least and its largest value, so that no spike is
-    lost, as it would be if every n-th sample were taken; the first and the last sample stay.
-    NaN counts as missing: a stretch of nothing else gives none.
+    lost; the first and the last sample stay. NaN counts as missing.
 
-    References
-    ----------
     Jugel, Jerzak, Hackenbroich and Markl (2014), Proc. VLDB Endow. 7(10), 797-808: what min and max
     of a column of pixels keep.
     """

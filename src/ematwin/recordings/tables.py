@@ -28,12 +28,9 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|-?(inf|nan)|-{1,3}"
 def write_recording(
     recording: Recording, path: str | Path, channels: Sequence[Channel] = ()
 ) -> None:
-    """Write one recording; it is read back equal, bit for bit.
+    """Write one recording as Parquet or CSV, by the ending; it is read back equal, bit for bit.
 
-    Parameters
-    ----------
-    path : its ending says whether Parquet or CSV
-    channels : of its kind, for the units of channels that have none
+    ``channels`` of its kind give the units of channels that have none.
     """
     columns = dict(recording.columns())
     metadata: dict[str, Any] = {
@@ -54,8 +51,7 @@ def write_recordings(
 ) -> None:
     """Write several recordings as one table, as a test bench would: labels, time, channels.
 
-    Units stand in the names of the columns: ``load [N*m]``. ``path`` and ``channels`` are as in
-    `write_recording`.
+    Units stand in the names of the columns: ``load [N*m]``.
     """
     if not recordings:
         raise InputError("There are no recordings to write; give at least one.")
@@ -133,8 +129,7 @@ def _cells(values: Any) -> Any:
 def no_formula(text: str) -> str:
     """A text for a cell, with an apostrophe before it if a spreadsheet would compute it.
 
-    Plain numbers such as ``-1.5`` are left as they are, and so are dashes alone, which stand for
-    missing values.
+    Numbers such as ``-1.5`` are left as they are, and dashes alone, which stand for missing values.
     """
     return f"'{text}" if _FORMULA.match(text) and not _NUMBER.fullmatch(text) else text
 
@@ -147,8 +142,7 @@ def without_apostrophe(text: str) -> str:
 def to_numpy(column: Any) -> np.ndarray:
     """Values (S,) of an array of pyarrow of floats, with NaN where it has nulls.
 
-    Without the conversion of pyarrow, which imports pandas where it is installed: that takes longer
-    than reading a recording.
+    The conversion of pyarrow imports pandas, which takes longer than reading a recording.
     """
     return np.from_dlpack(column.fill_null(math.nan) if column.null_count else column)
 

@@ -31,11 +31,7 @@ _OTHERS = ("kg", "V", "W", "K", "Pa", "Hz", "m/s^2")  # a letter alone is more o
 
 
 def unit_factor(unit: str, si_unit: str, what: str) -> float:
-    """The number that turns a value in ``unit`` into ``si_unit``.
-
-    Raises `RecordError` if the unit is unknown or measures something else; a frequency is no
-    angular speed.
-    """
+    """The number that turns ``unit`` into ``si_unit``; `RecordError` if it does not fit."""
     factor = _factor(unit.strip(), si_unit)
     if factor is None:
         raise RecordError(
@@ -79,8 +75,7 @@ def beside(name: str) -> tuple[str, str]:
 def suffixes(name: str, names: Collection[str] = ()) -> Iterator[tuple[str, str]]:
     """Yield stem and what may be a unit: behind the last underscore, behind the last but one.
 
-    ``names`` are of all channels of the file: a letter of a series (``phase_a``, ``phase_b``) is
-    no unit.
+    A letter of a series (``phase_a``, ``phase_b`` among all ``names`` of the file) is no unit.
     """
     if name.isupper():  # SET_POINT_MM is in mm, not in megametres
         name = name.casefold()

@@ -71,7 +71,7 @@ def parameter_table(report: CalibrationReport) -> Table:
         number, between = said_between(p.value, p.value - reach, p.value + reach, unit)
         cells = [p.place, number, between, number_of(p.template, unit)]
         rows.append(Row([*cells, "" if p.determined else "not determined"]))
-    return Table(["parameter", "value", "95 % interval", "template", ""], rows, last_is_text=True)
+    return Table(["parameter", "value", "95 % interval", "template", ""], rows, texts=(-1,))
 
 
 def misfit_sentence(report: CalibrationReport) -> str:
@@ -93,10 +93,7 @@ def forms_sentences(report: CalibrationReport) -> list[str]:
 
 
 def open_sentences(report: CalibrationReport, file: str = "CALIBRATED.toml") -> list[str]:
-    """Which parameters are not determined, known together only, or not fitted.
-
-    ``file`` holds the calibration, for the command that proposes tests.
-    """
+    """Parameters not determined, or known together only; ``file`` holds the calibration."""
     if not report.parameters:
         return []
     fitted = {p.place for p in report.parameters}

@@ -12,14 +12,7 @@ from ematwin.experiments.sensitivity import Sensitivity
 from ematwin.models.base import Demand
 from ematwin.models.registry import model_of
 from ematwin.models.scenario import Scenario
-from ematwin.plots.experiments import (
-    plot_command,
-    plot_correlation,
-    plot_errors,
-    plot_healthy_tests,
-    plot_learnt_errors,
-    plot_smallest,
-)
+from ematwin.plots import experiments as plots
 from ematwin.report.page import Row, Section, Table, render
 from ematwin.showing.text import number_of, said
 
@@ -32,7 +25,7 @@ def identifiability_page(
     ``parts`` are Sobol indices by the name of the command, where they were asked for.
     """
     best = found[0]
-    sections = [Section("Smallest fault that is found", figure=plot_smallest(found))]
+    sections = [Section("Smallest fault that is found", figure=plots.plot_smallest(found))]
     for one in found:
         text = (
             f"{one.scenario.duration:g} s. Noise and the twin's own error are "
@@ -43,7 +36,7 @@ def identifiability_page(
         obstacles = [f"No verdict: {sentence}" for sentence in one.obstacles]
         sections += [
             Section(one.scenario.name, text=text, points=obstacles, table=told_table(one)),
-            Section(figure=plot_correlation(one)),
+            Section(figure=plots.plot_correlation(one)),
         ]
         if parts:
             own = parts[one.scenario.name]
@@ -67,7 +60,7 @@ def sobol_table(parts: Sensitivity, channel: str) -> Table:
 def told_table(found: Identifiability) -> Table:
     """Each fault with its expected errors."""
     rows = [Row(one.cells, marked=one.how in ("open", "dead")) for one in found.told]
-    return Table(list(HEADINGS), rows, last_is_text=True)
+    return Table(list(HEADINGS), rows, texts=(-1,))
 
 
 def design_page(found: Design) -> str:
@@ -91,9 +84,9 @@ def design_page(found: Design) -> str:
     begun = "Identifiability of faults that have just begun"
     every = "With everything that is unknown, also what no command can determine."
     sections = [
-        Section("Command", table=parts_table(found.scenario), figure=plot_command(found)),
+        Section("Command", table=parts_table(found.scenario), figure=plots.plot_command(found)),
         Section("Errors", text=text, table=errors_table(found)),
-        Section(figure=plot_errors(found)),
+        Section(figure=plots.plot_errors(found)),
         Section("The price", price, table=price_table(found)),
         *(
             Section(f"{begun}: {title} command", every, table=told_table(one.told))
@@ -123,7 +116,7 @@ def discrimination_page(found: Discrimination) -> str:
         found.sentence,
         [
             Section("Explanations", table=Table(["", "first", "second"], rows)),
-            Section("Command", table=parts_table(found.scenario), figure=plot_command(found)),
+            Section("Command", table=parts_table(found.scenario), figure=plots.plot_command(found)),
             Section("How it was found", facts=facts),
         ],
     )
@@ -144,8 +137,8 @@ def healthy_tests_page(found: HealthyTests) -> str:
         "limits": _listed(found.limits),
     }
     sections = [
-        Section("Tests", table=tests_table(found, []), figure=plot_healthy_tests(found)),
-        Section("Parameters", text=text, figure=plot_learnt_errors(found)),
+        Section("Tests", table=tests_table(found, []), figure=plots.plot_healthy_tests(found)),
+        Section("Parameters", text=text, figure=plots.plot_learnt_errors(found)),
         Section(LEARNT, table=learnt_table(found)),
         Section("How they were found", facts=facts),
     ]
@@ -230,7 +223,7 @@ def parts_table(scenario: Scenario) -> Table:
             values = part.model_dump(exclude={"type"}, exclude_none=True)
             told = ", ".join(f"{name} {_shown(x)}" for name, x in values.items())
             rows.append(Row([history, part.type, told]))
-    return Table(["", "part", "SI"], rows, last_is_text=True, texts=(1,))
+    return Table(["", "part", "SI"], rows, texts=(1, -1))
 
 
 def _shown(value: object) -> str:

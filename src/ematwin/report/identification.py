@@ -68,7 +68,7 @@ def uncertainty_sections(found: Identification, record: Recording) -> list[Secti
 def uncertainty_table(sure: Uncertainty) -> Table:
     """Interval and probability of each fault by the method that was asked for."""
     rows = [Row(list(row), marked=sure.present[row[0]] > 0.5) for row in sure.rows]
-    return Table(list(sure.headings), rows, last_is_text=True)
+    return Table(list(sure.headings), rows, texts=(-1,))
 
 
 def fault_table(found: Identification) -> Table:
@@ -85,7 +85,7 @@ def fault_table(found: Identification) -> Table:
         cells += [row.k, row.k_interval, row.meaning]
         rows.append(Row(cells, marked=row.name in found.present))
     header = ["fault", "value", "95 % of value", "healthy", *(["true"] if truth else [])]
-    return Table([*header, "k", "95 % of k", "meaning"], rows, last_is_text=True)
+    return Table([*header, "k", "95 % of k", "meaning"], rows, texts=(-1,))
 
 
 def parts_table(found: Identification) -> Table:
@@ -100,7 +100,7 @@ def parts_table(found: Identification) -> Table:
         one = found.model.unknown(found.actuator, name)
         cells = [one.meaning, *said_between(value, low, high, one.unit), "not as recorded"]
         rows.append(Row(cells, marked=True))
-    return Table(["part", "value", "95 %", ""], rows, last_is_text=True)
+    return Table(["part", "value", "95 %", ""], rows, texts=(-1,))
 
 
 def _facts(found: Identification, record: Recording) -> dict[str, str]:

@@ -26,26 +26,25 @@ class Row:
 
 @dataclass(frozen=True)
 class Table:
-    """A table; columns of text (``texts``, ``last_is_text``) stand left and may be wrapped.
+    """A table; columns of text (``texts``, -1 the last) stand left and may be wrapped.
 
     ``pairs``: cells hold a value with its interval.
     """
 
     header: list[str]
     rows: list[Row]
-    last_is_text: bool = False
     texts: tuple[int, ...] = ()
     pairs: bool = False
 
     def first(self, columns: int) -> "Table":
-        """The table with so many of its columns, from the left."""
+        """The table with so many of its columns, fewer than all, from the left."""
         rows = [Row(row.cells[:columns], row.marked) for row in self.rows]
-        last = self.last_is_text and columns >= len(self.header)
-        return replace(self, header=self.header[:columns], rows=rows, last_is_text=last)
+        texts = tuple(n for n in self.texts if n >= 0)
+        return replace(self, header=self.header[:columns], rows=rows, texts=texts)
 
     def is_text(self, column: int) -> bool:
         """Whether a column, counted from 0, holds text."""
-        return column in self.texts or (self.last_is_text and column == len(self.header) - 1)
+        return column in self.texts or column - len(self.header) in self.texts
 
 
 @dataclass(frozen=True)
@@ -73,13 +72,8 @@ def render(
 ) -> str:  # fmt: skip
     """The page as one HTML text.
 
-    Parameters
-    ----------
-    title : of the page
-    lead : the answer in words, at the top; its first sentence is large
-    sections : in their order
-    warnings : sentences below the answer
-    grade : "healthy", "changed", "fault" or "none" gives the answer its colour; "" has none
+    The ``lead`` is the answer in words, its first sentence large; ``warnings`` stand below it. A
+    ``grade`` "healthy", "changed", "fault" or "none" gives it its colour.
     """
     import jinja2
 

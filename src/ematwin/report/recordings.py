@@ -51,7 +51,7 @@ def channels_table(
         rows.append(Row(cells))
     more = ["samples", "missing"] if shape is None else ["shape"]
     header = ["channel", "unit", "rate", "range", *more, "taken for"]
-    return Table(header, rows, last_is_text=True, texts=(1,))
+    return Table(header, rows, texts=(1, -1))
 
 
 def fault_table(values: Mapping[str, float], actuator: Any) -> Table:
@@ -60,7 +60,7 @@ def fault_table(values: Mapping[str, float], actuator: Any) -> Table:
     for row in model_of(actuator).describe(actuator, values):
         cells = [row.name, f"{row.normalised:.3g}", *row.said, row.meaning]
         rows.append(Row(cells, marked=row.value != row.healthy))
-    return Table(["fault", "k", "value", "healthy", "meaning"], rows, last_is_text=True)
+    return Table(["fault", "k", "value", "healthy", "meaning"], rows, texts=(-1,))
 
 
 def comparison_page(

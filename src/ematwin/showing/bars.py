@@ -6,7 +6,7 @@ Bars of rich and tqdm need ipywidgets in a notebook; a piece of HTML that is sho
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from html import escape
 from typing import Any
 
@@ -16,13 +16,13 @@ _PAUSE = 0.1  # s between two pictures
 Bar = Callable[..., None]  # takes the share done, in [0, 1], and a few words
 
 
-@contextmanager
-def bar(title: str) -> Iterator[Bar]:
+def no_bar(share: float, words: str = "") -> None:
+    """Show nothing."""
+
+
+def bar(title: str) -> AbstractContextManager[Bar]:
     """A bar that goes when the work is done; nothing where there is no terminal or notebook."""
-    if in_notebook():
-        yield from _in_notebook(title)
-    else:
-        yield from in_terminal(title)
+    return _in_notebook(title) if in_notebook() else in_terminal(title)
 
 
 @contextmanager
@@ -35,13 +35,11 @@ def told(
 
     ``shown`` turns a report into the share done, and words beside it if there are any.
     """
-    if not isinstance(progress, bool):
-        yield progress
-    elif not progress:
-        yield None
-    else:
+    if progress is True:
         with bar(title) as show:
             yield lambda *reported: show(*shown(*reported))
+    else:
+        yield progress or None
 
 
 def in_notebook() -> bool:
@@ -54,10 +52,18 @@ def in_notebook() -> bool:
     return shell is not None and hasattr(shell, "kernel")
 
 
+@contextmanager
 def _in_notebook(title: str) -> Iterator[Bar]:
     from IPython.display import HTML, display
 
-    shown: Any = display(HTML(_html(title, 0.0, "")), display_id=True)
+    def picture(share: float, words: str) -> HTML:
+        share = min(max(share, 0.0), 1.0)
+        return HTML(
+            f'<div>{escape(title)} <progress max="1" value="{share:.3f}"></progress> '
+            f"{100.0 * share:.0f} % {escape(words)}</div>"
+        )
+
+    shown: Any = display(picture(0.0, ""), display_id=True)
     last = 0.0
 
     def update(share: float, words: str = "") -> None:
@@ -65,7 +71,7 @@ def _in_notebook(title: str) -> Iterator[Bar]:
         now = time.monotonic()
         if now - last >= _PAUSE:
             last = now
-            shown.update(HTML(_html(title, share, words)))
+            shown.update(picture(share, words))
 
     try:
         yield update
@@ -73,18 +79,11 @@ def _in_notebook(title: str) -> Iterator[Bar]:
         shown.update(HTML(""))
 
 
-def _html(title: str, share: float, words: str) -> str:
-    share = min(max(share, 0.0), 1.0)
-    return (
-        f'<div>{escape(title)} <progress max="1" value="{share:.3f}"></progress> '
-        f"{100.0 * share:.0f} % {escape(words)}</div>"
-    )
-
-
+@contextmanager
 def in_terminal(title: str) -> Iterator[Bar]:
     """Show a bar with words and the time left on standard error, if that is a terminal."""
     if not sys.stderr.isatty():
-        yield lambda share, words="": None
+        yield no_bar
         return
     from rich.console import Console
     from rich.markup import escape as plain

@@ -16,10 +16,7 @@ from ematwin.files import check_target, write_text
 
 
 def frame(columns: Any, index: str | None = None) -> Any:
-    """A pandas DataFrame of columns (N,) by name, of which ``index`` may label the rows.
-
-    Raises `MissingExtraError`, which names the command that installs it, without pandas.
-    """
+    """A pandas DataFrame of columns (N,) by name or of rows; a column may be its ``index``."""
     try:
         from pandas import DataFrame
     except ImportError:
@@ -59,21 +56,14 @@ def plain(value: Any) -> Any:
 
 
 def drawn(result: Any, kind: str, functions: Mapping[str, str], *settings: Any) -> Any:
-    """The figure ``kind`` of a result, which a function of `ematwin.plots` draws.
-
-    ``functions`` are their names, by kind; ``settings`` further arguments. Raises `InputError` if
-    there is no such figure.
-    """
+    """The figure ``kind`` of a result, drawn by one of the ``functions`` of `ematwin.plots`."""
     if kind not in functions:
         raise InputError(f"There is no figure {kind!r}; choose {' or '.join(functions)}.")
     return getattr(import_module("ematwin.plots"), functions[kind])(result, *settings)
 
 
 def page_written(result: Any, path: str | Path, function: str) -> None:
-    """Write the page of a result; ``function`` of `ematwin.report`, by name, as "module:name".
-
-    Raises `InputError` if the name does not end in .html, `FileError` if it cannot be written.
-    """
+    """Write the page of a result, by the ``function`` "module:name" of `ematwin.report`."""
     check_target(Path(path), (".html",))
     module, _, name = function.partition(":")
     write_text(path, getattr(import_module(f"ematwin.report.{module}"), name)(result))

@@ -1,8 +1,6 @@
 """The promise of an engine."""
 
-import queue
 from abc import ABC, abstractmethod
-from typing import Any
 
 from ematwin.benchmarking.run import RunResult, RunSpec
 from ematwin.errors import EmatwinError
@@ -15,16 +13,11 @@ class EngineError(EmatwinError):
 
 
 class Engine(ABC):
-    """Carries runs to processes that do them, each run on one thread.
+    """Carries runs to processes that do them, each run on one thread, for ``time_limit`` s or None.
 
     An engine is given as many runs as it has `free` places, so that a run begins when it is
     submitted. A process that dies takes no run with it: the run is done again, unless it is the
-    run that kills.
-
-    Parameters
-    ----------
-    time_limit : s, of a run, or None
-    patience : s, for which workers that are gone are waited for
+    run that kills. Workers that are gone are waited for, ``patience`` s.
     """
 
     name: str
@@ -32,7 +25,6 @@ class Engine(ABC):
     def __init__(self, time_limit: float | None = None, patience: float = PATIENCE) -> None:
         self._limit = time_limit
         self._patience = patience
-        self._events: queue.SimpleQueue[tuple[Any, Any]] = queue.SimpleQueue()
 
     @abstractmethod
     def start(self) -> None:
@@ -52,23 +44,9 @@ class Engine(ABC):
     def submit(self, spec: RunSpec) -> None:
         """Begin a run."""
 
+    @abstractmethod
     def finished(self, timeout: float) -> list[RunResult]:
         """Give results that have come back; wait up to ``timeout`` s for the first."""
-        self._tend()
-        results: list[RunResult] = []
-        try:
-            while True:
-                results += self._land(*self._events.get(timeout=0.0 if results else timeout))
-        except queue.Empty:
-            return results
-
-    @abstractmethod
-    def _tend(self) -> None:
-        """Look after workers, and begin runs that wait."""
-
-    @abstractmethod
-    def _land(self, carrier: Any, future: Any) -> list[RunResult]:
-        """Give the result of a future that has ended; none if it is void or tried again."""
 
     @abstractmethod
     def close(self) -> None:

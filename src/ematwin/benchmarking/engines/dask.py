@@ -9,6 +9,7 @@ import logging
 import textwrap
 import time
 from contextlib import suppress
+from queue import Empty, SimpleQueue
 from typing import Any
 
 from ematwin.benchmarking.engines.base import PATIENCE, Engine, EngineError
@@ -40,11 +41,12 @@ class DaskEngine(Engine):
         self._address = scheduler
         self._workers = workers
         self._cluster: Any = None
-        self._client: Any = None
+        self.client: Any = None  # of `distributed`, once started, also for work other than runs
         self._slots = 0
         self._looked = 0.0
         self._answered = 0.0  # when there were workers last
         self._flights: dict[str, tuple[RunSpec, Any, float]] = {}
+        self._ended: SimpleQueue[tuple[str, Any]] = SimpleQueue()  # ids and futures
         self._again: dict[str, RunSpec] = {}  # were in flight when the scheduler was lost
 
     def start(self) -> None:  # noqa: D102
@@ -79,11 +81,6 @@ class DaskEngine(Engine):
             time.sleep(0.2)
 
     @property
-    def client(self) -> Any:
-        """The client of `distributed`, once started, for work other than runs."""
-        return self._client
-
-    @property
     def busy(self) -> int:  # noqa: D102
         return len(self._flights) + len(self._again)
 
@@ -95,10 +92,19 @@ class DaskEngine(Engine):
         self._again[spec.id] = spec
         self._send()
 
+    def finished(self, timeout: float) -> list[RunResult]:  # noqa: D102
+        self._watch()
+        self._send()
+        results: list[RunResult] = []
+        with suppress(Empty):
+            while True:
+                results += self._land(*self._ended.get(timeout=0.0 if results else timeout))
+        return results
+
     def close(self) -> None:  # noqa: D102
-        if self._client is not None and self._flights:
+        if self.client is not None and self._flights:
             with suppress(Exception):
-                self._client.cancel([flight[1] for flight in self._flights.values()], force=True)
+                self.client.cancel([flight[1] for flight in self._flights.values()], force=True)
         self._disconnect()
         if self._cluster is not None:
             with suppress(Exception):
@@ -108,13 +114,13 @@ class DaskEngine(Engine):
         self._again.clear()
 
     def _connect(self) -> None:
-        self._client = self._distributed.Client(
+        self.client = self._distributed.Client(
             self._cluster or self._address, timeout=_CONNECT, set_as_default=False
         )
 
     def _disconnect(self) -> None:
         """Disconnect from the scheduler; runs in flight wait to be submitted again."""
-        client, self._client, self._slots = self._client, None, 0
+        client, self.client, self._slots = self.client, None, 0
         self._again |= {id: flight[0] for id, flight in self._flights.items()}
         self._flights.clear()
         if client is not None:
@@ -124,24 +130,21 @@ class DaskEngine(Engine):
     def _send(self) -> None:
         """Submit waiting runs while there are free workers."""
         for id, spec in list(self._again.items()):
-            if self._client is None or len(self._flights) >= self._slots:
+            if self.client is None or len(self._flights) >= self._slots:
                 return
             run = execute, spec, self._limit, self.name
             try:
                 # impure: another client of this scheduler may have asked for the same run
-                future = self._client.submit(*run, pure=False, key=None, retries=0)
+                future = self.client.submit(*run, pure=False, key=None, retries=0)
             except Exception:
                 self._disconnect()
                 return
             del self._again[id]
             self._flights[id] = (spec, future, time.monotonic())
-            future.add_done_callback(lambda done, id=id: self._events.put((id, done)))
-
-    def _tend(self) -> None:
-        self._watch()
-        self._send()
+            future.add_done_callback(lambda done, id=id: self._ended.put((id, done)))
 
     def _land(self, id: str, future: Any) -> list[RunResult]:
+        """Give the result of a future that has ended; none if it is void or tried again."""
         if id not in self._flights or self._flights[id][1] is not future:
             return []
         spec, _, since = self._flights[id]
@@ -164,7 +167,7 @@ class DaskEngine(Engine):
 
     def _watch(self) -> None:
         """Look for workers now and then; connect again where the scheduler is gone."""
-        running = self._client is not None and self._client.status in {"running", "newly-created"}
+        running = self.client is not None and self.client.status in {"running", "newly-created"}
         if running and time.monotonic() - self._looked < _LOOK:
             return
         if not running:
@@ -173,10 +176,10 @@ class DaskEngine(Engine):
                 self._looked = time.monotonic()
                 with suppress(OSError, ValueError, TypeError):
                     self._connect()
-        if self._client is not None and self._look():
+        if self.client is not None and self._look():
             return
         if time.monotonic() - self._answered > self._patience:
-            what = "was lost" if self._client is None else "has lost all of its workers"
+            what = "was lost" if self.client is None else "has lost all of its workers"
             raise EngineError(
                 f"The scheduler at {self._address} {what}, for {self._patience:g} s now. Finished "
                 "runs are kept; start it and its workers, and give the same command again."
@@ -185,7 +188,7 @@ class DaskEngine(Engine):
     def _look(self) -> int:
         """Count the workers; as many runs go out at once."""
         try:
-            threads = self._client.nthreads()
+            threads = self.client.nthreads()
         except Exception:
             self._disconnect()
             return 0

@@ -6,11 +6,10 @@ done nothing wrong, so what dies is tried again, with pauses.
 """
 
 import os
-import queue
 import signal
 import threading
 import time
-from concurrent.futures import BrokenExecutor, Future
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
 from typing import Any
 
 from ematwin.benchmarking.engines.base import PATIENCE, Engine, EngineError
@@ -36,7 +35,7 @@ class LocalEngine(Engine):
         self, workers: int, time_limit: float | None = None, patience: float = PATIENCE
     ) -> None:
         super().__init__(time_limit, patience)
-        self._workers = [_Worker(self._events) for _ in range(workers)]
+        self._workers = [_Worker() for _ in range(workers)]
 
     def start(self) -> None:  # noqa: D102
         while not all(worker.ready for worker in self._workers):
@@ -53,30 +52,31 @@ class LocalEngine(Engine):
     def submit(self, spec: RunSpec) -> None:  # noqa: D102
         worker = next(one for one in self._workers if one.ready and one.spec is None)
         worker.spec = spec
-        self._launch(worker)
+        worker.submit(execute, worker.spec, self._limit, self.name)
 
     def close(self) -> None:  # noqa: D102
         for worker in self._workers:
             worker.end()
 
-    def _launch(self, worker: "_Worker") -> None:
-        worker.submit(execute, worker.spec, self._limit, self.name)
-
-    def _tend(self) -> None:
+    def finished(self, timeout: float) -> list[RunResult]:  # noqa: D102
         for worker in self._workers:
             worker.start_if_due()
+        tasks = {one.future: one for one in self._workers if one.future is not None}
+        if not tasks:
+            time.sleep(timeout)
+        ended = wait(tasks, timeout, FIRST_COMPLETED).done
+        return [result for task in ended for result in self._land(tasks[task], task)]
 
     def _land(self, worker: "_Worker", future: "Future[Any]") -> list[RunResult]:
         """Take in that a process has started, has done a run, or has died."""
-        if future is not worker.future:
-            return []
+        worker.future = None
         error = future.exception()
         if isinstance(error, BrokenExecutor):
             return self._recover(worker, error)
         if not worker.ready:
             worker.ready = True
             if worker.spec is not None:  # its process had died
-                self._launch(worker)
+                worker.submit(execute, worker.spec, self._limit, self.name)
             return []
         spec = worker.spec
         assert spec is not None
@@ -109,8 +109,7 @@ class LocalEngine(Engine):
 class _Worker:
     """A process that is started again when it dies; times are of the monotonic clock, s."""
 
-    def __init__(self, events: "queue.SimpleQueue[tuple[Any, Any]]") -> None:
-        self._events = events
+    def __init__(self) -> None:
         self._pool: Any = None
         self.spec: RunSpec | None = None  # the run that it does
         self.ready = False  # its process has started
@@ -135,15 +134,13 @@ class _Worker:
         self.submit(warm_up)  # a run's clock starts when it is submitted: somebody must be there
 
     def submit(self, function: Any, *arguments: Any) -> None:
-        """Let the process do something; an event says when it has."""
+        """Let the process do something."""
         self.submitted = time.monotonic()
         try:
-            future: Future[Any] = self._pool.submit(function, *arguments)
-        except (BrokenExecutor, RuntimeError, OSError) as error:  # it died while it was idle
-            future = Future()
-            future.set_exception(BrokenExecutor(str(error)))
-        self.future = future
-        future.add_done_callback(lambda done: self._events.put((self, done)))
+            self.future = self._pool.submit(function, *arguments)
+        except (RuntimeError, OSError) as error:  # it died while it was idle
+            self.future = Future()
+            self.future.set_exception(BrokenExecutor(str(error)))
 
     def died(self) -> None:
         """Note a death, and when the next process may start: each pause is twice the last."""

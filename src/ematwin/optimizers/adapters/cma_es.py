@@ -5,23 +5,11 @@ Where the package declares itself converged it starts afresh from another mean, 
 is spent.
 """
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np
 
 from ematwin.optimizers.base import FloatArray, PopulationOptimizer
-
-
-class _Normal:
-    """Standard normal numbers from our generator: the package would use numpy's global one."""
-
-    def __init__(self, rng: np.random.Generator) -> None:
-        self._rng = rng
-
-    def __call__(self, *shape: int) -> FloatArray:
-        return self._rng.standard_normal(shape)
 
 
 class CmaEs(PopulationOptimizer):
@@ -37,7 +25,7 @@ class CmaEs(PopulationOptimizer):
             "CMA_stds": self.box.span.tolist(),
             "popsize": self.population,
             "seed": np.nan,
-            "randn": _Normal(self.rng),
+            "randn": self._normal,
             "verbose": -9,
         }
         first = self.box.sample(self.rng, 1)[0]
@@ -46,6 +34,10 @@ class CmaEs(PopulationOptimizer):
 
     def _move(self) -> FloatArray:
         return self._start() if self._strategy.stop() else self._sampled()
+
+    def _normal(self, *shape: int) -> FloatArray:
+        """Standard normal numbers; the package would draw them from numpy's global generator."""
+        return self.rng.standard_normal(shape)
 
     def _sampled(self) -> FloatArray:
         # the package warns shortly before it converges

@@ -5,8 +5,6 @@ nevergrad is told as its number of workers. Its "NGOpt" is left out: release 1.0
 numpy 2.4 inside its surrogate model.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -7,9 +7,7 @@ zero where it has any) it goes on from its population, and from a new one when i
 to do.
 """
 
-from __future__ import annotations
-
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -26,7 +24,7 @@ class _Problem:
         self._box = box
         self._evaluate = evaluate
 
-    def __deepcopy__(self, memo: object) -> _Problem:
+    def __deepcopy__(self, memo: object) -> Self:
         return self
 
     def fitness(self, x: FloatArray) -> list[float]:

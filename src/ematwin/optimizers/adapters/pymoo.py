@@ -4,8 +4,6 @@ pymoo drops duplicates, so that a batch can be smaller than the population. Its 
 holds local functions that cannot be pickled, so none of them is said to be.
 """
 
-from __future__ import annotations
-
 import importlib
 from typing import Any
 

@@ -4,8 +4,6 @@ The library runs in a separate thread and calls ``evaluate``; that call hands it
 ``ask`` and sleeps until ``tell`` has brought their costs. Only one of the two threads ever runs.
 """
 
-from __future__ import annotations
-
 import threading
 from abc import abstractmethod
 from collections.abc import Callable

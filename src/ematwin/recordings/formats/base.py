@@ -17,6 +17,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from ematwin.errors import EmatwinError, FileError, InputError, MissingExtraError, RecordError
+from ematwin.recordings.checksums import verify
 from ematwin.recordings.units import says_nothing
 from ematwin.showing.results import is_frame
 
@@ -64,8 +65,9 @@ class RecordedFile:
         self.given = path  # by the user: the packed file that holds ``path``, if any
         # by full name where the channel lies in the file, in the order of the file
         self.channels: dict[str, Any] = {}
-        # samples of each channel, where only channels of one length belong together
-        self.lengths: dict[str, int] = {}
+        self.units: dict[str, str] = {}  # of channels, where the file states them
+        # keys of the time bases of channels: those of one key were sampled together
+        self.bases: dict[str, str] = {}
         self.metadata: dict[str, Any] = {}  # what ematwin itself wrote into the file
         self.assumed: list[str] = []  # sentences for the provenance
         self.start: datetime | None = None  # from which the times of `base_time` are counted
@@ -84,11 +86,8 @@ class RecordedFile:
     def read(self, names: Sequence[str], progress: Progress | None = None) -> dict[str, np.ndarray]:
         """Values of some channels, and of no others, as the file holds them.
 
-        Returns
-        -------
-        dict of (S,) float64 arrays, fresh ones, which the caller may overwrite
-            Missing samples are NaN; calendar times are s since the first of them, which is put into
-            `clocks`.
+        Gives fresh (S,) float64 arrays, which the caller may overwrite. Missing samples are NaN;
+        calendar times are s since the first of them, which is put into `clocks`.
         """
         if type(self).values is RecordedFile.values:
             raise NotImplementedError(f"{type(self).__name__} gives neither values nor read")
@@ -101,6 +100,7 @@ class RecordedFile:
                 columns[name] = as_float(found, name, self.path)
                 if progress is not None:
                     progress(done / len(names))
+        verify(columns, self.metadata, self.path)
         return columns
 
     def texts(self, name: str) -> list[str]:
@@ -119,7 +119,7 @@ class RecordedFile:
 
     def unit(self, name: str) -> str | None:
         """Unit of a channel as the file states it; None where it states none."""
-        return None
+        return self.units.get(name) or None
 
     def stated_unit(self, name: str) -> str:
         """Unit of a channel; "" where the file states none, or a dash."""
@@ -127,8 +127,8 @@ class RecordedFile:
         return "" if stated is None or says_nothing(stated) else stated.strip()
 
     def time_base(self, name: str) -> str:
-        """Key of the time base of a channel: channels of one key were sampled together."""
-        return f"{self.lengths[name]} samples" if name in self.lengths else ""
+        """Key of the time base of a channel."""
+        return self.bases.get(name, "")
 
     def base_time(self, key: str) -> np.ndarray | None:
         """Times of a time base, s; None where the file gives time as a channel or not at all."""
@@ -163,18 +163,17 @@ class FrameFile(RecordedFile):
     def __init__(self, frame: Any) -> None:
         super().__init__(Path(str(frame.attrs.get("source", "") or "DataFrame")))
         name = frame.index.name
-        dated = frame.index.dtype.kind in "mM"
-        if dated or str(name).strip().casefold() in ("time", "t", "timestamp"):
+        called_so = str(name).strip().casefold() in ("time", "t", "timestamp")
+        if called_so or frame.index.dtype.kind in "mM":
             self.channels["time" if name is None else str(name)] = frame.index
         for place, column in enumerate(frame.columns):
             key = str(column)
             if key in self.channels:
                 raise RecordError(f"The DataFrame has two columns {key!r}; rename one of them.")
             self.channels[key] = frame.iloc[:, place]
-        self._units = {str(key): str(unit) for key, unit in frame.attrs.get("units", {}).items()}
-
-    def unit(self, name: str) -> str | None:  # noqa: D102
-        return "s" if self.channels[name].dtype.kind in "mM" else self._units.get(name)
+        self.units = {str(key): str(unit) for key, unit in frame.attrs.get("units", {}).items()}
+        dated = (key for key, column in self.channels.items() if column.dtype.kind in "mM")
+        self.units |= dict.fromkeys(dated, "s")
 
     def values(self, name: str) -> Any:  # noqa: D102
         return self.channels[name].to_numpy()
@@ -313,10 +312,7 @@ def moment(stamp: np.datetime64, zone: tzinfo | None = None) -> datetime | None:
 
 
 def matrix_columns(name: str, shape: Sequence[int]) -> list[tuple[str, int]]:
-    """Channel names and lengths in an array: itself, or its columns ``name[k]``.
-
-    A vector is one channel, standing or lying; a matrix of up to 64 columns is one for each.
-    """
+    """Channel names and lengths in an array: a vector, or up to 64 columns ``name[k]``."""
     sides = sorted(side for side in shape if side != 1)
     if len(sides) == 1:
         return [(name, sides[0])]

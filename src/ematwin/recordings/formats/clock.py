@@ -50,23 +50,22 @@ class Clock:
         )
 
     def nanoseconds(self, texts: Sequence[str | None]) -> np.ndarray:
-        """Times (S,), int64, since 1970 or midnight; `MISSING` where a cell is empty.
+        """Times (S,), int64, since 1970 or midnight; `MISSING` where a cell is empty."""
+        return np.array([self._one(text) for text in texts], dtype=np.int64)
 
-        Raises `RecordError` if a text is no clock time.
-        """
-        days: dict[tuple[str | None, ...], int] = {}
-        return np.array([self._one(text, days) for text in texts], dtype=np.int64)
-
-    def _one(self, text: str | None, days: dict[tuple[str | None, ...], int]) -> int:
+    def _one(self, text: str | None) -> int:
         if text is None or not text.strip():
             return MISSING
         match = _CLOCK.fullmatch(text.strip())
         try:
             if match is None:
                 raise ValueError
-            day = match.groups()[:7]
-            if day not in days:
-                days[day] = self._day(*day)
+            year, month, day, first, _, second, later_year = match.groups()[:7]
+            if first is not None:
+                year, day, month = later_year, first, second
+                if self.month_first:
+                    day, month = month, day
+            on = date(1970, 1, 1) if year is None else date(int(year), int(month), int(day))
             hour, minute, second, fraction, half, zone = match.groups()[7:]
             hours = int(hour)
             if half:
@@ -75,19 +74,9 @@ class Clock:
                 raise ValueError
         except ValueError:
             raise RecordError(f"{text!r} is no clock time such as 09:14:02.5") from None
-        seconds = 3600 * hours + 60 * int(minute) + int(second) - _offset(zone)
-        return days[day] + seconds * 10**9 + int((fraction or "").ljust(9, "0"))
-
-    def _day(self, *parts: str | None) -> int:
-        year, month, day, first, _, second, later_year = parts
-        if first is not None:
-            year, day, month = later_year, first, second
-            if self.month_first:
-                day, month = month, day
-        if year is None or month is None or day is None:
-            return 0
-        days = date(int(year), int(month), int(day)) - date(1970, 1, 1)
-        return days.days * 86_400 * 10**9
+        days = (on - date(1970, 1, 1)).days
+        seconds = 86_400 * days + 3600 * hours + 60 * int(minute) + int(second) - _offset(zone)
+        return seconds * 10**9 + int((fraction or "").ljust(9, "0"))
 
 
 def _offset(zone: str | None) -> int:

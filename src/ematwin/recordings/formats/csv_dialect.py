@@ -56,8 +56,7 @@ def sniff(
 ) -> CsvDialect:  # fmt: skip
     """Recognise the dialect of a text table; options that are given are not guessed.
 
-    Raises `FileError` if the file is empty, holds a header only, or is no text; `RecordError` if no
-    rows of numbers can be recognised.
+    Raises `FileError` if it is empty or no text; `RecordError` without rows of numbers.
     """
     head, middle, encoding, mark = _samples(path)
     lines = head.splitlines(keepends=True)
@@ -147,10 +146,7 @@ def _is_comment(line: str) -> bool:
 
 
 def _fields(line: str, delimiter: str) -> list[str]:
-    line = line.rstrip("\r\n")
-    if '"' not in line:
-        return line.split(delimiter)
-    return next(csv.reader([line], delimiter=delimiter), [""])
+    return next(csv.reader([line.rstrip("\r\n")], delimiter=delimiter), [""])
 
 
 def _is_number(text: str, decimal: str) -> bool:

@@ -7,7 +7,7 @@ wanted columns fit.
 from collections.abc import Iterator, Sequence
 from datetime import UTC
 from pathlib import Path
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -23,21 +23,18 @@ class CsvFile(RecordedFile):
     """A text table; options as in `ematwin.recordings.channel_map.CsvOptions`."""
 
     kind: ClassVar[str] = "csv"
+    _on_invalid: ClassVar[Any] = None  # what is asked for rows of another width
 
     def __init__(self, path: Path, **options: Any) -> None:
         super().__init__(path)
         self._dialect = sniff(path, **options)
         self.channels = {name: place for place, name in enumerate(self._dialect.names)}
         self.metadata = self._dialect.metadata
+        self.units = self.metadata.get("units", {}) if self.metadata else {
+            name: "s" if place in self._dialect.clocks else self._dialect.units[place]
+            for name, place in self.channels.items()
+        }  # fmt: skip
         self.assumed = list(self._dialect.assumed)
-
-    def unit(self, name: str) -> str | None:  # noqa: D102
-        if self.metadata:
-            return cast("str | None", self.metadata.get("units", {}).get(name))
-        position = self.channels[name]
-        if position in self._dialect.clocks:
-            return "s"
-        return self._dialect.units[position] or None
 
     def read(  # noqa: D102
         self, names: Sequence[str], progress: Progress | None = None
@@ -99,7 +96,8 @@ class CsvFile(RecordedFile):
 
         keys = [f"c{n}" for n in range(len(self._dialect.names))]
         # names were read by us: bytes above 127 in other columns stay undecoded
-        encoding = self._dialect.encoding if self._dialect.encoding.startswith("utf-16") else "utf8"
+        encoding = self._dialect.encoding
+        encoding = encoding if encoding.startswith(("utf-16", "latin")) else "utf8"
         start = self._dialect.start
         size = max(self.path.stat().st_size - start, 1)
         as_text = {*self._dialect.clocks, *self._dialect.signed}
@@ -111,7 +109,9 @@ class CsvFile(RecordedFile):
                 file,
                 # pyarrow reads dozens of blocks ahead: four times as much took 100 MB more
                 csv.ReadOptions(column_names=keys, block_size=1 << 20, encoding=encoding),
-                csv.ParseOptions(delimiter=self._dialect.delimiter),
+                csv.ParseOptions(
+                    delimiter=self._dialect.delimiter, invalid_row_handler=self._on_invalid
+                ),
                 csv.ConvertOptions(
                     include_columns=list(chosen),
                     column_types=chosen,

@@ -47,12 +47,7 @@ class Hdf5File(RecordedFile):
 
     def values(self, name: str) -> Any:  # noqa: D102
         key, part = self.channels[name]
-        dataset = self._file[key]
-        if part is None:
-            return dataset[()]
-        if isinstance(part, str):
-            return dataset[part]
-        return dataset[part, :] if dataset.shape[0] != self.lengths[name] else dataset[:, part]
+        return self._file[key][part]
 
     def _note(self, key: str | bytes, item: Any) -> None:
         shape = getattr(item, "shape", None)
@@ -61,12 +56,13 @@ class Hdf5File(RecordedFile):
             return
         for field in item.dtype.names or ():
             name = f"{key}/{field}"
-            self.channels[name], self.lengths[name] = (key, field), int(np.prod(shape))
+            self.channels[name], self.bases[name] = (key, field), f"{np.prod(shape)} samples"
         if item.dtype.kind in "biuf":
             found = matrix_columns(key, shape)
             for k, (name, length) in enumerate(found):
-                self.channels[name] = (key, None if len(found) == 1 else k)
-                self.lengths[name] = length
+                lying = shape[0] != length
+                part = np.s_[:] if len(found) == 1 else np.s_[k, :] if lying else np.s_[:, k]
+                self.channels[name], self.bases[name] = (key, part), f"{length} samples"
 
 
 def _check_heaps(path: Path) -> None:

@@ -6,13 +6,13 @@ Variables are read one by one as they are wanted. Fields of a structure are name
 
 import re
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
-from ematwin.recordings.formats.base import Progress, RecordedFile, load_library, matrix_columns
+from ematwin.recordings.formats.base import RecordedFile, load_library, matrix_columns
 
 
 class MatFile(RecordedFile):
@@ -32,14 +32,7 @@ class MatFile(RecordedFile):
             )
             for key, length in found:
                 self.channels[key] = name
-                self.lengths[key] = length
-
-    def read(  # noqa: D102
-        self, names: Sequence[str], progress: Progress | None = None
-    ) -> dict[str, np.ndarray]:
-        found = super().read(sorted(names, key=list(self.channels).index), progress)
-        self._fields = {}
-        return {name: found[name] for name in names}
+                self.bases[key] = f"{length} samples"
 
     def values(self, name: str) -> np.ndarray:  # noqa: D102
         if name not in self._fields:

@@ -21,7 +21,7 @@ class McapFile(RecordedFile):
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         reader = load_library("mcap_ros2.reader", "mcap-ros2-support", "Reading MCAP files")
-        self._values: dict[str, list[float]] = {}
+        found: dict[str, list[float]] = {}
         self._times: dict[str, list[float]] = {}
         for one in reader.read_ros2_messages(str(path)):
             topic, message = one.channel.topic, one.ros_msg
@@ -30,26 +30,23 @@ class McapFile(RecordedFile):
             told = logged if stamp is None else stamp.sec + 1e-9 * stamp.nanosec
             self._times.setdefault(topic, []).append(told or logged)
             for field, value in _numbers(message):
-                self._values.setdefault(f"{topic}/{field}", []).append(value)
-        for name, values in self._values.items():
+                found.setdefault(f"{topic}/{field}", []).append(value)
+        for name, values in found.items():
             topic = max((one for one in self._times if name.startswith(f"{one}/")), key=len)
             if len(values) == len(self._times[topic]):
-                self.channels[name] = topic
-        if not self._values:
+                self.channels[name], self.bases[name] = values, topic
+        if not found:
             raise FileError(
                 f"{path} holds no numbers in messages of ROS 2. Messages of other kinds, and bags "
                 "in SQLite (.db3), are converted by ros2 bag convert."
             )
-
-    def time_base(self, name: str) -> str:  # noqa: D102
-        return str(self.channels[name])
 
     def base_time(self, key: str) -> np.ndarray | None:  # noqa: D102
         times = np.array(self._times[key])
         return times - times[0] if times[0] > 1e8 else times  # a moment, not a time of a run
 
     def values(self, name: str) -> Any:  # noqa: D102
-        return np.array(self._values[name])
+        return np.array(self.channels[name])
 
 
 def _numbers(message: Any, before: str = "") -> Iterator[tuple[str, float]]:

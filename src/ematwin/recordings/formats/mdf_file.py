@@ -43,14 +43,12 @@ class MdfFile(RecordedFile):
         for name, group, index in places:
             full = name if times[name] == 1 else f"group {group}/{name}"
             self.channels.setdefault(full, (group, index))
+            self.bases.setdefault(full, f"group {group}")
 
     def unit(self, name: str) -> str | None:  # noqa: D102
         group, index = self.channels[name]
         with refusing(self.path, self.kind):
             return self._file.get_channel_unit(group=group, index=index) or None
-
-    def time_base(self, name: str) -> str:  # noqa: D102
-        return f"group {self.channels[name][0]}"
 
     def base_time(self, key: str) -> np.ndarray | None:  # noqa: D102
         group = int(key.removeprefix("group "))
@@ -117,8 +115,7 @@ def _start_of(file: Any) -> datetime | None:
 def _open(library: Any, path: Path) -> Any:
     """An `asammdf.MDF`; quiet where it cannot be opened.
 
-    The destructor of the half-made object complains on stderr. The object dies with the
-    exception that refers to it, so both are let go while such complaints are switched off.
+    The destructor of the half-made object complains on stderr, and dies with the exception.
     """
 
     before, sys.unraisablehook = sys.unraisablehook, lambda _: None

@@ -23,11 +23,7 @@ from ematwin.recordings.formats.base import (
 
 
 def open_packed(path: Path, **options: Any) -> RecordedFile:
-    """Open the content of a gzip or zip file or a workbook; ``options`` are for text tables.
-
-    Raises `FileError` if it is damaged, or holds no recording or several; `MissingExtraError` if a
-    workbook is given and openpyxl is not installed.
-    """
+    """Open the content of a gzip or zip file or a workbook; ``options`` are for text tables."""
     suffix = path.suffix.lower()
     folder = TemporaryDirectory(prefix="ematwin-")
     content = {".gz": _ungzipped, ".zip": _unzipped}.get(suffix, _sheet)

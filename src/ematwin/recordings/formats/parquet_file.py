@@ -1,15 +1,14 @@
-"""Parquet files, through pyarrow, column by column in batches of rows."""
+"""Parquet files, through pyarrow, column by column."""
 
-from collections.abc import Sequence
 from datetime import UTC
 from pathlib import Path
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ematwin.errors import FileError, RecordError
-from ematwin.recordings.checksums import KEY, checked, verify
-from ematwin.recordings.formats.base import Progress, RecordedFile, refusing
+from ematwin.recordings.checksums import KEY, checked
+from ematwin.recordings.formats.base import RecordedFile, refusing
 from ematwin.recordings.tables import to_numpy
 
 
@@ -22,47 +21,26 @@ class ParquetFile(RecordedFile):
         super().__init__(path)
         import pyarrow.parquet as pq
 
-        self._origins: dict[str, int] = {}  # ns, of columns of clock times
         # pages that were written without a checksum are read as they are
         self._file = pq.ParquetFile(path, page_checksum_verification=True)
-        self._schema = self._file.schema_arrow
-        notes = {key: note.decode("latin-1") for key, note in (self._schema.metadata or {}).items()}
+        schema = self._file.schema_arrow
+        notes = {key: note.decode("latin-1") for key, note in (schema.metadata or {}).items()}
         self.metadata = checked(notes.get(KEY.encode()), path, "".join(notes.values()))
+        self.units = self.metadata.get("units", {})
+        for field in schema:
+            own = self.channels[field.name] = field.metadata or {}
+            if not self.metadata and (unit := own.get(b"unit") or own.get(b"units")):
+                self.units[field.name] = unit.decode()
 
-    @property
-    def names(self) -> tuple[str, ...]:  # noqa: D102
-        return tuple(self._schema.names)
-
-    def unit(self, name: str) -> str | None:  # noqa: D102
-        if self.metadata:
-            return cast("str | None", self.metadata.get("units", {}).get(name))
-        notes = self._schema.field(name).metadata or {}
-        found = notes.get(b"unit") or notes.get(b"units")
-        return found.decode() if found else None
-
-    def read(  # noqa: D102
-        self, names: Sequence[str], progress: Progress | None = None
-    ) -> dict[str, np.ndarray]:
-        rows = self._file.metadata.num_rows
-        columns = {name: np.empty(rows) for name in names}
-        with refusing(self.path, self.kind):
-            for position, name in enumerate(columns):
-                start = 0
-                for batch in self._file.iter_batches(1 << 16, columns=[name]):  # rows
-                    values = self._numbers(batch.column(0), name)
-                    columns[name][start : start + values.size] = values
-                    start += values.size
-                    if progress is not None:
-                        progress((position + start / rows) / len(columns))
-                if start != rows:
-                    raise FileError(
-                        f"{self.path} promises {rows} rows of {name} and holds {start}. It was "
-                        "damaged; copy it again."
-                    )
-        verify(columns, self.metadata, self.path)
-        if progress is not None:
-            progress(1.0)
-        return columns
+    def values(self, name: str) -> np.ndarray:
+        """Values (S,) of a column; moments and periods are s since the first of them."""
+        column, rows = self._file.read(columns=[name]).column(0), self._file.metadata.num_rows
+        if len(column) != rows:
+            raise FileError(
+                f"{self.path} promises {rows} rows of {name} and holds {len(column)}. It was "
+                "damaged; copy it again."
+            )
+        return self._numbers(column.combine_chunks(), name)
 
     def texts(self, name: str) -> list[str]:  # noqa: D102
         import pyarrow as pa
@@ -80,12 +58,12 @@ class ParquetFile(RecordedFile):
         self._file.close()
         pa.default_memory_pool().release_unused()
 
-    def _numbers(self, chunk: Any, name: str) -> np.ndarray:
+    def _numbers(self, column: Any, name: str) -> np.ndarray:
         import pyarrow as pa
 
-        kind = chunk.type
+        kind = column.type
         if kind == pa.float64():
-            return to_numpy(chunk)  # a cast would load what computes with columns
+            return to_numpy(column)  # a cast would load what computes with columns
         is_moment = pa.types.is_timestamp(kind)
         if is_moment or pa.types.is_time(kind) or pa.types.is_duration(kind):
             import pyarrow.compute as pc
@@ -94,16 +72,15 @@ class ParquetFile(RecordedFile):
                 pa.timestamp("ns", tz=kind.tz) if is_moment
                 else pa.time64("ns") if pa.types.is_time(kind) else pa.duration("ns")
             )  # fmt: skip
-            ticks = chunk.cast(in_ns).cast(pa.int64())
-            if name not in self._origins:
-                self._origins[name] = (ticks[0].as_py() or 0) if len(ticks) else 0
-                if is_moment:  # a time of day has no date
-                    first = np.datetime64(self._origins[name], "ns")
-                    self.note_clock(name, first, None if kind.tz is None else UTC)
-            since = pc.subtract(ticks, self._origins[name])
+            ticks = column.cast(in_ns).cast(pa.int64())
+            origin = (ticks[0].as_py() or 0) if len(ticks) else 0
+            if is_moment:  # a time of day has no date
+                zone = None if kind.tz is None else UTC
+                self.note_clock(name, np.datetime64(origin, "ns"), zone)
+            since = pc.subtract(ticks, origin)
             return to_numpy(since.cast(pa.float64(), safe=False)) * 1e-9
         try:
-            return to_numpy(chunk.cast(pa.float64()))
+            return to_numpy(column.cast(pa.float64()))
         except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
             raise RecordError(
                 f"Column {name} of {self.path} must hold numbers; it holds {kind}. "

@@ -38,29 +38,23 @@ class TdmsFile(RecordedFile):
                 + ("its last segment is incomplete" if self.channels else "it holds no channels")
                 + ". It may be truncated; copy it again or close it in the recording program."
             )
+        for name, channel in self.channels.items():
+            wave = channel.properties
+            if unit := wave.get("unit_string") or wave.get("NI_UnitDescription"):
+                self.units[name] = str(unit)
+            self.bases[name] = f"{len(channel)} samples"
+            if wave.get("wf_increment"):
+                self.bases[name] += (
+                    f" each {wave['wf_increment']!r} s from {wave.get('wf_start_offset', 0.0)!r} s "
+                    f"after {wave.get('wf_start_time')}"
+                )
         starts = [one.properties.get("wf_start_time") for one in self.channels.values()]
         stamps = [start for start in starts if isinstance(start, np.datetime64)]
         self._first = min(stamps, default=None)
         self.start = None if self._first is None else moment(self._first, UTC)  # as LabVIEW counts
 
-    def unit(self, name: str) -> str | None:  # noqa: D102
-        properties = self.channels[name].properties
-        found = properties.get("unit_string") or properties.get("NI_UnitDescription")
-        return str(found) if found else None
-
-    def time_base(self, name: str) -> str:  # noqa: D102
-        channel = self.channels[name]
-        wave = channel.properties
-        if not wave.get("wf_increment"):
-            return f"{len(channel)} samples"
-        return (
-            f"{len(channel)} samples each {wave['wf_increment']!r} s from "
-            f"{wave.get('wf_start_offset', 0.0)!r} s after {wave.get('wf_start_time')}"
-        )
-
     def base_time(self, key: str) -> np.ndarray | None:  # noqa: D102
-        name = next(name for name in self.channels if self.time_base(name) == key)
-        channel = self.channels[name]
+        channel = next(self.channels[name] for name, base in self.bases.items() if base == key)
         wave = channel.properties
         step, began = wave.get("wf_increment"), wave.get("wf_start_time")
         if not step:

@@ -16,8 +16,8 @@ import numpy as np
 
 from ematwin.errors import FileError
 from ematwin.recordings.formats.base import Progress, RecordedFile, refusing
-from ematwin.recordings.formats.csv_dialect import PLACEHOLDERS
-from ematwin.recordings.formats.csv_file import ends_within_a_line
+from ematwin.recordings.formats.csv_dialect import CsvDialect
+from ematwin.recordings.formats.csv_file import CsvFile, ends_within_a_line
 from ematwin.recordings.tables import to_numpy
 
 _HEAD = 1 << 16  # bytes in which the block of the recording ends
@@ -28,7 +28,6 @@ _START = "Starttime of export"
 class _Column(NamedTuple):
     place: int
     time: int  # place of its column of times
-    unit: str
 
 
 def is_export(path: Path) -> bool:
@@ -39,22 +38,24 @@ def is_export(path: Path) -> bool:
     return named is not None and f"\n{_START}" in head
 
 
-class TwinCatFile(RecordedFile):
+class TwinCatFile(CsvFile):
     """An export of the TwinCAT Scope; each column of times is a time base."""
 
     kind: ClassVar[str] = "TwinCAT Scope CSV"
+    texts = RecordedFile.texts
+    _on_invalid = staticmethod(lambda row: "skip" if row.text == "EOF" else "error")
 
     def __init__(self, path: Path) -> None:
-        super().__init__(path)
+        RecordedFile.__init__(self, path)
         with path.open("rb") as file:
             self._sign = file.readline().decode("utf-8-sig")[len("Name")]
             told, block = self._block(file), self._block(file)
-            self._start = file.tell()
+            start = file.tell()
             rows = file.read(_HEAD).decode("utf-8", "replace")
         first = rows.partition("\n")[0].rstrip("\r").split(self._sign)
         # ticks are too many for a float
         self._in_ticks = first[0].isdigit() and int(first[0]) > 10**15
-        self._decimal = "," if self._sign != "," and "," in rows else "."
+        decimal = "," if self._sign != "," and "," in rows else "."
         facts = {row[0]: row[1] for row in told if len(row) > 1}
         names = next((row for row in block if row[0] == "Name"), None)
         if names is None or len(names) < 2:
@@ -64,15 +65,18 @@ class TwinCatFile(RecordedFile):
             )
         units = next((row for row in block if row[0] == "Unit"), [])
         # older versions end each row with a delimiter
-        self._width = len(names) + (len(first) == len(names) + 1 and not first[-1])
+        width = len(names) + (len(first) == len(names) + 1 and not first[-1])
+        columns = [str(place) for place in range(width)]
+        # pyarrow decodes rows that it shows, and any bytes may be there
+        self._dialect = CsvDialect(columns, [], self._sign, decimal, "latin-1", start)
         time = 0
         for place, name in enumerate(names):
             if name == "Name":
                 time = place
             elif name.strip():
+                self.channels[name.strip()] = _Column(place, time)
                 unit = units[place].partition(" (")[0].strip() if place < len(units) else ""
-                unit = "" if unit == "(None)" else unit
-                self.channels[name.strip()] = _Column(place, time, unit)
+                self.units[name.strip()] = "" if unit == "(None)" else unit
         self._began, self._ended = (
             int(text) if text.strip().isdigit() else 0
             for text in (facts.get(_START, ""), facts.get("Endtime of export", ""))
@@ -91,9 +95,6 @@ class TwinCatFile(RecordedFile):
             elif found:
                 break
         return found
-
-    def unit(self, name: str) -> str | None:  # noqa: D102
-        return self.channels[name].unit or None
 
     def time_base(self, name: str) -> str:  # noqa: D102
         own = self.channels[name].time
@@ -130,7 +131,7 @@ class TwinCatFile(RecordedFile):
         columns = [self.channels[name] for name in names]
         values = self._read(sorted({column.place for column in columns}))
         found = {}
-        for name, (place, time, _) in zip(names, columns, strict=True):
+        for name, (place, time) in zip(names, columns, strict=True):
             # a fast channel has rows in which slow ones are empty
             found[name] = values[place][np.isfinite(self._stamps[time])]
         if progress is not None:
@@ -141,33 +142,17 @@ class TwinCatFile(RecordedFile):
         """Columns (S,) by their place; those in ticks become ms since the start of the export."""
         import pyarrow as pa
         import pyarrow.compute as pc
-        from pyarrow import csv
 
-        keys = [str(place) for place in range(self._width)]
-        chosen = [keys[place] for place in places]
-        with refusing(self.path, self.kind), self.path.open("rb") as file:
-            file.seek(max(self.path.stat().st_size - _HEAD, self._start))
-            if not file.read().rstrip(b"\r\n \0").endswith(b"EOF"):
-                ends_within_a_line(self)
-            file.seek(self._start)
-            table = csv.read_csv(
-                file,
-                # pyarrow decodes rows that it shows, and any bytes may be there
-                csv.ReadOptions(column_names=keys, encoding="latin-1"),
-                csv.ParseOptions(
-                    delimiter=self._sign,
-                    invalid_row_handler=lambda row: "skip" if row.text == "EOF" else "error",
-                ),
-                csv.ConvertOptions(
-                    include_columns=chosen,
-                    column_types=dict.fromkeys(chosen, pa.int64() if ticks else pa.float64()),
-                    null_values=[*csv.ConvertOptions().null_values, *PLACEHOLDERS],
-                    decimal_point=self._decimal,
-                ),
-            )
+        with refusing(self.path, self.kind):
+            with self.path.open("rb") as file:
+                file.seek(max(self.path.stat().st_size - _HEAD, self._dialect.start))
+                if not file.read().rstrip(b"\r\n \0").endswith(b"EOF"):
+                    ends_within_a_line(self)
+            types = dict.fromkeys(places, pa.int64()) if ticks else None
+            table = pa.Table.from_batches([batch for batch, _ in self._batches(places, types)])
         found = {}
-        for place, key in zip(places, chosen, strict=True):
-            column = table[key].combine_chunks()
+        for place, chunks in zip(places, table.columns, strict=True):
+            column = chunks.combine_chunks()
             if ticks:
                 since = pc.subtract(column, self._began or column[0])
                 column = pc.multiply(since.cast(pa.float64()), 1e3 * _TICK)

@@ -28,6 +28,7 @@ class ULogFile(RecordedFile):
             for field in data
             if field != "timestamp"
         }
+        self.bases = {name: topic for name, (topic, _) in self.channels.items()}
         if log.file_corruption or not self.channels:
             why = "it is damaged" if log.file_corruption else "it holds no messages"
             raise FileError(f"Cannot read {path} as ULog: {why}. Copy it from the vehicle again.")
@@ -37,9 +38,6 @@ class ULogFile(RecordedFile):
                 f"the log {path.name} ends within a message, as after a loss of power: it was "
                 f"read up to {1e-6 * last:.6g} s of the system's clock"
             )
-
-    def time_base(self, name: str) -> str:  # noqa: D102
-        return str(self.channels[name][0])
 
     def base_time(self, key: str) -> np.ndarray | None:  # noqa: D102
         # us since the start of the system
