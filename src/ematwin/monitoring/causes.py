@@ -30,55 +30,32 @@ DRIFT = 1.0
 
 
 class Direction(NamedTuple):
-    """Where a cause shifts the estimates.
+    """Where a cause shifts the estimates."""
 
-    Attributes
-    ----------
-    fault : its name, or `UNNAMED`
-    coefficients : (3, F) or (1, F) array, shift of the scores over the covariate (`fit_mean`)
-    taught : whether recordings with this fault showed it
-    around : (F,) array of bool, scores that it may also shift each by itself, by about the size
-    """
-
-    fault: str
-    coefficients: np.ndarray
-    taught: bool = False
+    fault: str  # its name, or `UNNAMED`
+    coefficients: np.ndarray  # (3, F) or (1, F), shift of the scores over the covariate
+    taught: bool = False  # whether recordings with this fault showed it
+    # (F,) array of bool, scores that it may also shift each by itself, by about the size
     around: np.ndarray | None = None
 
 
 class Posterior(NamedTuple):
-    """Probabilities of the causes.
+    """Probabilities of the causes."""
 
-    Attributes
-    ----------
-    probabilities : by fault, and of a change without a name (`UNNAMED`)
-    healthy : probability that nothing has changed
-    distance : from the healthy mean, over what healthy ones have on average
-    likeness : faults that fit the taught direction better than the physical one
-    """
-
-    probabilities: Mapping[str, float]
-    healthy: float
-    distance: float
-    likeness: frozenset[str]
+    probabilities: Mapping[str, float]  # by fault, and of a change without a name (`UNNAMED`)
+    healthy: float  # probability that nothing has changed
+    distance: float  # from the healthy mean, over what healthy ones have on average
+    likeness: frozenset[str]  # faults that fit the taught direction better than the physical one
 
 
 @dataclass(frozen=True)
 class Scatter:
-    """How scores of healthy recordings scatter.
+    """How scores of healthy recordings scatter."""
 
-    Attributes
-    ----------
-    between : (F, F) array, covariance of the means of a run
-    within : (F, F) array, of recordings of a run around its mean
-    motions : recordings of a run, of which ``between`` is the mean
-    freedom : number of recordings that it was learnt from
-    """
-
-    between: np.ndarray
-    within: np.ndarray
-    motions: float
-    freedom: int
+    between: np.ndarray  # (F, F), covariance of the means of a run
+    within: np.ndarray  # (F, F), of recordings of a run around its mean
+    motions: float  # recordings of a run, of which ``between`` is the mean
+    freedom: int  # number of recordings that it was learnt from
 
     @classmethod
     def of(cls, scores: np.ndarray, groups: np.ndarray, drifts: np.ndarray) -> "Scatter":

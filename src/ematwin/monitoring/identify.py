@@ -123,9 +123,11 @@ def identify(
     if is_table_of_runs(record):
         record = read_runs(record, actuator, columns, known_of=known_of)
     runs = record if isinstance(record, Runs) else None
-    known = known_of(actuator, record) if runs is None else runs.groups[0].known
-    if exact:
-        known = Calibration(known.actuator, Baseline.of_simulation())
+
+    def as_known(known: Calibration) -> Calibration:
+        return Calibration(known.actuator, Baseline.of_simulation()) if exact else known
+
+    known = as_known(known_of(actuator, record) if runs is None else runs.groups[0].known)
     names = [only] if isinstance(only, str) else None if only is None else list(only)
     settings: dict[str, Any] = {
         "budget": budget, "population": population, "iterations": iterations, "seed": seed,
@@ -149,8 +151,7 @@ def identify(
             raise InputError("A checkpoint is of one search; leave it out for several recordings.")
 
         def judged(known: Calibration, ready: list[Prepared], tell: Progress | None) -> Detection:
-            if exact:
-                known = Calibration(known.actuator, Baseline.of_simulation())
+            known = as_known(known)
 
             def work(one: Prepared, share: int) -> Identification:
                 return identified(
@@ -183,12 +184,6 @@ def identify(
     return replace(alone, verdict=verdict)
 
 
-@overload
-def detect(
-    recordings: Recording | Sequence[Recording | str | Path], *settings: Any, **more: Any
-) -> Detection: ...
-@overload
-def detect(recordings: Any, *settings: Any, **more: Any) -> Any: ...
 def detect(
     recordings: Any,
     calibration: Any = None,
