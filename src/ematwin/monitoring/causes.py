@@ -116,10 +116,7 @@ class Causes:
             if one.around is not None:
                 ways.append((self._around(x, shift, n, count), False))
         share = np.log((1.0 - BEFOREHAND) / len(found))
-        logs = {
-            fault: float(np.logaddexp.reduce([own for own, _ in ways]) - np.log(len(ways)) + share)
-            for fault, ways in found.items()
-        }
+        logs = {fault: _mean([own for own, _ in ways]) + share for fault, ways in found.items()}
         total = np.logaddexp.reduce([healthy, *logs.values()])
         return Posterior(
             {fault: float(np.exp(value - total)) for fault, value in logs.items()},
@@ -144,7 +141,7 @@ class Causes:
             variance, axes = self._spread(count, size, direction)
             square = (((x - size * shift) @ axes) ** 2 / variance).sum()
             each.append(self._logs(square, np.log(variance).sum()))
-        return float(np.logaddexp.reduce(each) - np.log(len(each)))
+        return _mean(each)
 
     def _along(
         self, x: np.ndarray, shift: np.ndarray, sizes: np.ndarray, variance: np.ndarray
@@ -163,12 +160,17 @@ class Causes:
         each = self._logs(square, np.log(spread).sum(-1) + np.log(wider))
         # half of the normal distribution: a fault has no negative size
         each += np.log(2.0) + log_ndtr(size[..., 0] * like / np.sqrt(wider))
-        return float(np.logaddexp.reduce(each, axis=None) - np.log(each.size))
+        return _mean(each)
 
     def _logs(self, square: Any, log_determinant: Any) -> Any:
         """Logarithms of the density of Student's t, but for a constant."""
         freedom, count = self._scatter.freedom, len(self._scatter.between)
         return -0.5 * ((freedom + count) * np.log1p(square / freedom) + log_determinant)
+
+
+def _mean(logs: Any) -> float:
+    """Logarithm of the mean of values by their logarithms."""
+    return float(np.logaddexp.reduce(logs, axis=None) - np.log(np.size(logs)))
 
 
 def _shrunk(rows: np.ndarray) -> np.ndarray:
