@@ -24,7 +24,6 @@ from ematwin.monitoring.learn_population import (
     check_outliers,
     evenly,
     mean_recordings,
-    report_on,
     restated,
     signature,
     with_discrepancy,
@@ -162,10 +161,9 @@ def _calibrated(
     check_outliers(calibration)
     calibration = replace(calibration, baseline=with_spread(calibration, measured))
     signatures = tuple(signature(calibration, fault, examples) for fault, examples in known.items())
+    calibration = replace(calibration, signatures=signatures)
     tell(1.0)
-    return report_on(
-        replace(calibration, signatures=signatures), parameters, learnt.tied, learnt.notes
-    )
+    return CalibrationReport(calibration, parameters, learnt.tied, runs, tuple(learnt.notes))
 
 
 def _renamed(actuator: ParameterSet, name: str | None) -> ParameterSet:
@@ -232,7 +230,8 @@ def _added(
     signatures = [restated(one, before.population, after.population) for one in before.signatures]
     signatures += [signature(after, fault, examples) for fault, examples in known.items()]
     tell(1.0)
-    return report_on(replace(after, signatures=tuple(signatures)), [], [], [])
+    after = replace(after, signatures=tuple(signatures))
+    return CalibrationReport(after, [], [], after.healthy.names)
 
 
 def _labels_of(recordings: Sequence[Recording]) -> str:

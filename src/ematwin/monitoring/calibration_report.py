@@ -37,9 +37,6 @@ class CalibrationReport:
     parameters: list[NominalParameter]
     tied: list[tuple[str, ...]]  # groups of parameters, known only by their ratios or products
     learnt: list[str]  # names of the runs
-    # of each quantity of the population, standard deviations within a run and between runs; of
-    # logarithms for multiples of healthy, else SI
-    run_spread: dict[str, tuple[float, float]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()  # sentences on what to be careful of
     basis: Basis | None = field(default=None, repr=False)  # None with a healthy population
 
@@ -52,6 +49,18 @@ class CalibrationReport:
     def baseline(self) -> Baseline:
         """How well they are known."""
         return self.calibration.baseline
+
+    @property
+    def run_spread(self) -> dict[str, tuple[float, float]]:
+        """Standard deviations within a run and between runs of each quantity of the population.
+
+        Of logarithms for multiples of healthy, else SI.
+        """
+        known = self.calibration
+        if not isinstance(known, PopulationCalibration):
+            return {}
+        spread = zip(known.reported.within.tolist(), known.reported.between.tolist(), strict=True)
+        return {one.name: both for one, both in zip(known.quantities, spread, strict=True)}
 
     @property
     def sources(self) -> dict[str, str]:

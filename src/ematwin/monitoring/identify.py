@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import replace
-from itertools import zip_longest
+from itertools import takewhile, zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
@@ -19,7 +19,7 @@ from ematwin.estimation.baseline import Baseline, frees_parameters
 from ematwin.estimation.constants import COVERAGE
 from ematwin.estimation.identification import Identification
 from ematwin.estimation.identify import Prepared, compares_sets, identified, prepared
-from ematwin.estimation.interrupt import noting_interrupts
+from ematwin.estimation.interrupt import until_interrupted
 from ematwin.estimation.search import Progress, Search
 from ematwin.estimation.verdict import Verdict
 from ematwin.models.reading import read
@@ -341,23 +341,16 @@ def _side_by_side(
     """
     lent = threads or cores()
     share = max(1, lent // len(ready))
-    with noting_interrupts() as interrupts, ThreadPoolExecutor(min(lent, len(ready))) as pool:
+    with until_interrupted() as interrupts, ThreadPoolExecutor(min(lent, len(ready))) as pool:
         tasks = [pool.submit(work, one, share) for one in ready]
-        stopped = False
         try:
             for done, task in enumerate(as_completed(tasks), 1):
                 if tell is not None:
                     tell(done, task.result().cost, len(tasks))
                 interrupts.check()
-        except KeyboardInterrupt:
-            interrupts.pressed, stopped = False, True
         finally:
             pool.shutdown(cancel_futures=True)
-    found = []
-    for task in tasks:
-        if stopped and task.cancelled():
-            break
-        found.append(task.result())
+    found = [task.result() for task in takewhile(lambda one: not one.cancelled(), tasks)]
     if not found:
         raise KeyboardInterrupt
     return found

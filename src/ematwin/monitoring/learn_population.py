@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 
 from ematwin.errors import RecordError
-from ematwin.estimation.baseline import Baseline, NominalParameter
+from ematwin.estimation.baseline import Baseline
 from ematwin.estimation.local import LocalDescent
 from ematwin.models.base import Monitoring
 from ematwin.models.comparison import Comparison
-from ematwin.monitoring.calibration_report import CalibrationReport
 from ematwin.monitoring.gather import Given, recordings_of
 from ematwin.monitoring.measure import Bench, Fit, Measured
 from ematwin.monitoring.population import Population, Signature, basis, fit_mean
@@ -37,22 +36,6 @@ def with_spread(calibration: PopulationCalibration, measured: Measured) -> Basel
         scatter=dict(zip(calibration.layout.magnitudes, spread, strict=False)),
         misfit=float(np.median([one.misfit for one in measured.estimates])),
         recordings=len(calibration.healthy.names),
-    )
-
-
-def report_on(
-    calibration: PopulationCalibration,
-    parameters: list[NominalParameter],
-    tied: list[tuple[str, ...]],
-    notes: list[str],
-) -> CalibrationReport:
-    """Report a calibration whose healthy runs were kept."""
-    names = [one.name for one in calibration.quantities]
-    reported = calibration.reported
-    spread = zip(reported.within.tolist(), reported.between.tolist(), strict=True)
-    runs = calibration.healthy.names
-    return CalibrationReport(
-        calibration, parameters, tied, runs, dict(zip(names, spread, strict=True)), tuple(notes)
     )
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from ematwin.errors import FileError, InputError, RecordError
-from ematwin.estimation.interrupt import noting_interrupts
+from ematwin.estimation.interrupt import until_interrupted
 from ematwin.estimation.search import Progress
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.reading import read
@@ -150,21 +150,18 @@ def over_groups(
     """
     total, done = sum(len(ready) for _, _, ready in groups), 0
     found: dict[str, Detection] = {}
-    with noting_interrupts() as interrupts:
+    with until_interrupted() as interrupts:
         for name, known, ready in groups:
 
             def told(now: int, cost: float, count: int, begun: int = done) -> None:
                 if tell is not None:
                     tell(begun + now, cost, total)
 
-            try:
-                found[name] = judged(known, ready, told)
-                done += len(ready)
-                interrupts.check()
-            except KeyboardInterrupt:
-                if not found:
-                    raise
-                break
+            found[name] = judged(known, ready, told)
+            done += len(ready)
+            interrupts.check()
+    if not found:
+        raise KeyboardInterrupt
     return Detection.of(found, total - done)
 
 
