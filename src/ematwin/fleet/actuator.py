@@ -17,7 +17,7 @@ from ematwin.estimation.thresholds import thresholds_of
 from ematwin.files import check_target, write_text
 from ematwin.fleet.alarms import STEPS, Alarm, Before, by_urgency, judge
 from ematwin.fleet.life import Life, Requirement, job_left, life_left, sooner
-from ematwin.fleet.store import columns_of, moment_of, years
+from ematwin.fleet.store import moment_of, years
 from ematwin.fleet.trend import Series, Trend, trend
 from ematwin.models.unknown import Unknown
 from ematwin.monitoring.calibration import Calibration
@@ -79,7 +79,16 @@ class FleetActuator:
 
     @cached_property
     def _columns(self) -> dict[str, np.ndarray]:
-        return columns_of(self.rows)
+        """By magnitude, of n rows with a verdict, (n, 5): time, value, error, temperature, load."""
+        found: dict[str, list[tuple[Any, ...]]] = {}
+        for row in self.rows:
+            names = () if row["grade"] == "none" else row["names"] or ()
+            for n, name in enumerate(names):
+                variance = row["covariance"][n * len(names) + n]
+                if variance is not None and 0.0 <= variance < math.inf:
+                    own = years(row["time"]), row["values"][n], variance**0.5
+                    found.setdefault(name, []).append((*own, row["temperature"], row["load"]))
+        return {name: np.array(several, dtype=float) for name, several in found.items()}
 
     def unknown(self, name: str) -> Unknown:
         """A magnitude as the table of its kind has it; `InputError` without an estimate of it."""

@@ -18,7 +18,7 @@ covariates), state detection (grade, faults), health assessment (values with the
 import hashlib
 import json
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from datetime import UTC, datetime
 from functools import cache
@@ -27,7 +27,6 @@ from typing import Any
 from urllib.parse import quote
 from uuid import uuid4
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -335,19 +334,3 @@ def years(moment: datetime) -> float:
 def moment_at(time: float) -> datetime:
     """The moment of a number of years since 1970."""
     return datetime.fromtimestamp(time * YEAR, UTC)
-
-
-def columns_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:
-    """By magnitude, of n rows with a verdict, (n, 5): time, value, error, temperature, load."""
-    found: dict[str, list[tuple[Any, ...]]] = {}
-    for row in rows:
-        if row["grade"] in (SET_ASIDE, "none"):
-            continue
-        names, time = row["names"] or (), years(row["time"])
-        for n, name in enumerate(names):
-            variance = row["covariance"][n * len(names) + n]
-            if variance is not None and 0.0 <= variance < float("inf"):
-                found.setdefault(name, []).append(
-                    (time, row["values"][n], variance**0.5, row["temperature"], row["load"])
-                )
-    return {name: np.array(several, dtype=float) for name, several in found.items()}

@@ -95,7 +95,8 @@ class Bench:
         self.comparisons: list[Comparison] = [
             self._monitoring.compare(model, one, actuator, settling_time) for one in recordings
         ]
-        self.groups = numbered([one.together for one in recordings])
+        together = {key: n for n, key in enumerate(dict.fromkeys(r.together for r in recordings))}
+        self.groups = np.array([together[one.together] for one in recordings])
         wanted = tuple(self.comparisons[0].measured() if channels is None else channels)
         for recording, comparison in zip(recordings, self.comparisons, strict=True):
             for name in wanted:
@@ -218,12 +219,6 @@ def layout_of(
     return Layout.of(
         phases(command, interval, settling_time), magnitudes, channels, Monitoring.of(model).short
     )
-
-
-def numbered(keys: Sequence[tuple[str, ...]]) -> np.ndarray:
-    """Number (N,) of each key, equal for equal keys, in the order of their first appearance."""
-    order = {key: n for n, key in enumerate(dict.fromkeys(keys))}
-    return np.array([order[key] for key in keys])
 
 
 def check_alike(

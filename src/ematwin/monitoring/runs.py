@@ -6,20 +6,19 @@ folder or a glob in each row. Further columns are optional: ``actuator`` (what j
 """
 
 import csv
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ematwin.errors import FileError, InputError, RecordError
-from ematwin.estimation.interrupt import until_interrupted
-from ematwin.estimation.search import Progress
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.reading import read
 from ematwin.monitoring.calibration import Calibration
-from ematwin.monitoring.detection import Detection
 from ematwin.monitoring.gather import files_of
 from ematwin.recordings.channel_map import Columns
 from ematwin.recordings.formats.clock import Clock
@@ -130,41 +129,6 @@ def read_runs(
     return Runs(tuple(_called_apart(list(groups.values()))))
 
 
-def over_groups(
-    groups: Sequence[tuple[str, Calibration, Sequence[Any]]],
-    judged: Callable[[Calibration, Any, Progress | None], Detection],
-    tell: Progress | None,
-) -> Detection:
-    """Judge the recordings of each actuator.
-
-    Parameters
-    ----------
-    groups : name, calibration, and recordings that are prepared
-    judged : judges these
-    tell : takes the number of recordings that are done, the last cost, and their number
-
-    Raises
-    ------
-    KeyboardInterrupt
-        If there was an interruption before any was done.
-    """
-    total, done = sum(len(ready) for _, _, ready in groups), 0
-    found: dict[str, Detection] = {}
-    with until_interrupted() as interrupts:
-        for name, known, ready in groups:
-
-            def told(now: int, cost: float, count: int, begun: int = done) -> None:
-                if tell is not None:
-                    tell(begun + now, cost, total)
-
-            found[name] = judged(known, ready, told)
-            done += len(ready)
-            interrupts.check()
-    if not found:
-        raise KeyboardInterrupt
-    return Detection.of(found, total - done)
-
-
 def _names_in(path: Path) -> list[str]:
     """Names of the columns of a CSV or Parquet file, in small letters; none of other files."""
     if path.suffix.lower() == ".parquet":
@@ -232,21 +196,16 @@ def _moment(text: str, clock: Clock | None, where: str) -> datetime | None:
     """A date, with or without a clock time, as a datetime."""
     if not text:
         return None
-    try:
+    with suppress(ValueError):
         return datetime.fromisoformat(text)
-    except ValueError:
-        pass
-    try:
-        if clock is None or not clock.is_dated:
-            raise RecordError(text)
-        ns = int(clock.nanoseconds([text])[0])
-    except RecordError:
-        raise InputError(
-            f"{where} has the time {text!r}; write a date such as 2026-03-01 or 03.03.2026 "
-            "09:14:02."
-        ) from None
-    moment = datetime.fromtimestamp(ns // 10**9, UTC).replace(microsecond=ns // 1000 % 10**6)
-    return moment if clock.is_utc else moment.replace(tzinfo=None)
+    with suppress(RecordError):
+        if clock is not None and clock.is_dated:
+            time = np.datetime64(int(clock.nanoseconds([text])[0]), "ns")
+            moment: datetime = time.astype("datetime64[us]").item()
+            return moment.replace(tzinfo=UTC) if clock.is_utc else moment
+    raise InputError(
+        f"{where} has the time {text!r}; write a date such as 2026-03-01 or 03.03.2026 09:14:02."
+    )
 
 
 def _called_apart(groups: list[Group]) -> Iterator[Group]:

@@ -1,4 +1,4 @@
-"""What the contract of models draws: candidates, faults, and other actuators of a kind."""
+"""Draws of the contract of models: candidates, faults, other actuators of a kind."""
 
 import math
 from functools import cached_property
