@@ -282,7 +282,7 @@ def forecast(test, value, share):
     n = round(share * len(test))
     # no standard errors are stated: the scatter is learnt; a year stands for 100 tests
     one = Series(test / 100.0, value, np.zeros(len(test)), np.zeros((len(test), 2)))
-    known = one.until(one.time[n - 1])
+    known = one.part(slice(n))
     wear = learn([known], float(value[0]), float(value[0]))
     to_come = paths(trend(known, wear), known.time[-1], "wiener", horizon=2.0, draws=2000)
     noise = np.sqrt(wear.variance(np.zeros(1))[0])

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from ematwin.models.registry import load_actuator, model_of, models
-from ematwin.models.simulating import simulate
 from ematwin.recordings.channel import Channel
+from ematwin.testing.draws import Bench
 from ematwin.testing.model_contract import ModelContract
 from own_model import laid_out
 from reference_fmus import van_der_pol
@@ -156,15 +156,10 @@ BROKEN = [
 @pytest.mark.parametrize(("check", "members", "said"), BROKEN, ids=[row[0] for row in BROKEN])
 def test_the_contract_says_what_is_missing(installed, check, members, said):
     model = type("Broken", (type(installed),), members)()
-    actuator = installed.parameters.load()
-    healthy = simulate(None, None, None, actuator)
-    given = {"model": model, "actuator": actuator, "healthy": healthy}
+    given = {"model": model, "bench": Bench(model, installed.parameters.load())}
     test = getattr(ModelContract(), f"test_{check}")
-    wanted = inspect.signature(test).parameters
-    if "comparison" in wanted:
-        given["comparison"] = model.compare(healthy, actuator)
     with pytest.raises(AssertionError, match=said):
-        test(**{name: given[name] for name in wanted})
+        test(**{name: given[name] for name in inspect.signature(test).parameters})
 
 
 def test_a_kind_that_takes_tolerances_as_exact_does_not_keep_the_contract(installed, monkeypatch):
@@ -172,4 +167,4 @@ def test_a_kind_that_takes_tolerances_as_exact_does_not_keep_the_contract(instal
     monkeypatch.setattr(type(installed), "fixed", exact)
     test = ModelContract().test_units_within_their_tolerances_are_judged_honestly
     with pytest.raises(AssertionError, match="check"):
-        test(installed, installed.parameters.load())
+        test(Bench(installed, installed.parameters.load()))

@@ -175,15 +175,15 @@ def test_life_is_counted_anew_each_hour(filled, monkeypatch):
 
 def state(fleet, level, slope=0.0, error=0.003):
     """A trend of friction at a level."""
+    from copy import copy
     from dataclasses import replace
 
     import numpy as np
 
-    one = fleet["EMA-01"].trend("friction")
-    return replace(
-        one, mean=np.array([level, slope, 0.0]), covariance=np.diag([error**2, 1e-6, 0.0]),
-        series=replace(one.series, error=np.zeros_like(one.series.error)),
-    )  # fmt: skip
+    one = copy(fleet["EMA-01"].trend("friction"))
+    one.mean, one.covariance = np.array([level, slope, 0.0]), np.diag([error**2, 1e-6, 0.0])
+    one.series = replace(one.series, error=np.zeros_like(one.series.error))
+    return one
 
 
 def lives(*draws):

@@ -38,7 +38,8 @@ def known(level=0.0, slope=SPEED, q=Q):
     """A trend whose level and slope are certain, and whose slope stays."""
     wear = Wear(np.zeros(5), np.full(5, 0.1), np.array([0.0, 0.1]), q, 1e-18, 1.0, 0.01, 1.0, 1.0)
     one = trend(Series(np.zeros(1), np.zeros(1), np.full(1, 1e-3), np.zeros((1, 2))), wear)
-    return replace(one, mean=np.array([level, slope, 0.0]), covariance=1e-18 * np.eye(3))
+    one.mean, one.covariance = np.array([level, slope, 0.0]), 1e-18 * np.eye(3)
+    return one
 
 
 def test_wiener_life_is_inverse_gaussian():
@@ -94,7 +95,7 @@ def test_intervals_of_forecasts_from_a_few_estimates_hold_what_follows():
         power = time ** random.uniform(0.7, 2.2)
         level = random.uniform(0.1, 0.8) * (power if seed % 2 else np.expm1(3.0 * time) / 19.1)
         value = level + random.normal(0.0, 0.02, 30)
-        series = Series(time, value, np.zeros(30), np.zeros((30, 2))).until(time[19])
+        series = Series(time, value, np.zeros(30), np.zeros((30, 2))).part(slice(20))
         ahead, to_come, _ = paths(trend(series, learn([series], 0.0, 1.0)), time[19], "wiener")
         low, high = np.quantile(to_come, [0.1, 0.9], axis=0)
         at = time[21::4] - time[19]

@@ -45,7 +45,7 @@ def test_a_database_answers_as_the_folder_does(postgres, tmp_path):
     assert stores[0].rows("EMA-02").num_rows == stores[1].rows("EMA-02").num_rows
     recipe = (Path(__file__).parents[2] / "docs/fleet.md").read_text("utf-8")  # for Grafana
     query = recipe.partition("```sql\n")[2].partition("```")[0]
-    shown = stores[1]._held._database.read(lambda c: c.exec_driver_sql(query).all())
+    shown = stores[1]._database.read(lambda c: c.exec_driver_sql(query).all())
     for unit in Fleet(tmp_path / "files", now=END):
         values = [value for _, serial, value in shown if serial == unit.serial_number]
         assert values == unit.series("friction").value.tolist()

@@ -9,7 +9,7 @@ from scipy.special import gammaln, polygamma
 from scipy.stats import norm
 
 from ematwin.fleet.learning import learn, shares, weighted_draws
-from ematwin.fleet.trend import Series, Wear, again, trend
+from ematwin.fleet.trend import Series, Trend, Wear, trend
 from naive.trend import dense
 
 WEAR = Wear(
@@ -60,7 +60,7 @@ def test_draws_of_the_wear_end_in_the_states_of_their_own_filters(overhauls):
         for n in range(0, len(mean), 97):
             own = {name: getattr(draws, name)[n] for name in draws._fields[:-1]}
             single = replace(wear, **own, lasting=draws.lasting)
-            done = again(series, found, single)
+            done = Trend(series, single, found.outliers, found.jumps)
             last = done.mean, done.covariance
             if overhauls == (3.5,):
                 last = single.mean[:3], np.diag(single.spread[:3] ** 2)
@@ -92,7 +92,7 @@ def test_one_odd_estimate_at_the_end_is_an_outlier_until_the_next_confirms_it():
     value = series.value.copy()
     value[-2:] += 0.4
     series = replace(series, value=value)
-    assert trend(series.until(series.time[-2]), STEADY).outliers == (len(value) - 2,)
+    assert trend(series.part(slice(-1)), STEADY).outliers == (len(value) - 2,)
     assert trend(series, STEADY).jumps == (len(value) - 2,)
 
 

@@ -17,6 +17,7 @@ class InterruptNoted:
 
     def __init__(self) -> None:
         self.pressed = False
+        self.ended = False  # whether it ended a block (`until_interrupted`)
 
     def check(self) -> None:
         """Raise KeyboardInterrupt if Ctrl-C was pressed and nothing has come of it."""
@@ -46,3 +47,13 @@ def noting_interrupts() -> Iterator[InterruptNoted]:
         yield noted
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
+def until_interrupted() -> Iterator[InterruptNoted]:
+    """As `noting_interrupts`, for a block that Ctrl-C ends and whose results so far count."""
+    with noting_interrupts() as noted:
+        try:
+            yield noted
+        except KeyboardInterrupt:
+            noted.ended = True

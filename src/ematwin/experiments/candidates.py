@@ -15,7 +15,7 @@ from itertools import product
 import numpy as np
 
 from ematwin.errors import InputError
-from ematwin.estimation.interrupt import noting_interrupts
+from ematwin.estimation.interrupt import until_interrupted
 from ematwin.experiments.experiment import UNANSWERED, Experiment, RefusedError
 from ematwin.models.base import Model
 from ematwin.models.history import Chirp, Component, Profile, Sine, Step
@@ -83,33 +83,29 @@ def ranked(
     found, ends = Ranking(), time.perf_counter() + (SECONDS if budget is None else math.inf)
     most = len(commands) if budget is None else min(budget, len(commands))
     seen: list[tuple[float, int]] = []
-    with noting_interrupts() as interrupts:
-        try:
-            for n in order:
-                interrupts.check()
-                if seen and (found.evaluations >= most or time.perf_counter() > ends):
-                    found.stopped = "budget" if found.evaluations >= most else "time"
-                    break
-                found.evaluations += 1
-                enough = seen[FINALISTS - 1][0] if len(seen) >= FINALISTS else math.inf
-                try:
-                    healthy = experiment.move(commands[n], limits)
-                    cost = cost_of(commands[n], healthy, enough)
-                except RefusedError as error:
-                    least = math.inf if found.nearest is None else found.nearest.excess
-                    found.nearest = error if 0.0 < error.excess < least else found.nearest
-                except UNANSWERED:
-                    pass
-                else:
-                    seen = sorted([*seen, *([(cost, n)] if math.isfinite(cost) else [])])
-                if progress is not None:
-                    progress(
-                        found.evaluations,
-                        seen[0][0] if seen else math.inf,
-                        max(most, found.evaluations),
-                    )
-        except KeyboardInterrupt:
-            interrupts.pressed, found.stopped = False, "interrupted"
+    with until_interrupted() as interrupts:
+        for n in order:
+            interrupts.check()
+            if seen and (found.evaluations >= most or time.perf_counter() > ends):
+                found.stopped = "budget" if found.evaluations >= most else "time"
+                break
+            found.evaluations += 1
+            enough = seen[FINALISTS - 1][0] if len(seen) >= FINALISTS else math.inf
+            try:
+                healthy = experiment.move(commands[n], limits)
+                cost = cost_of(commands[n], healthy, enough)
+            except RefusedError as error:
+                least = math.inf if found.nearest is None else found.nearest.excess
+                found.nearest = error if 0.0 < error.excess < least else found.nearest
+            except UNANSWERED:
+                pass
+            else:
+                seen = sorted([*seen, *([(cost, n)] if math.isfinite(cost) else [])])
+            if progress is not None:
+                best = seen[0][0] if seen else math.inf
+                progress(found.evaluations, best, max(most, found.evaluations))
+    if interrupts.ended:
+        found.stopped = "interrupted"
     found.commands = [commands[n] for _, n in seen]
     return found
 

@@ -16,7 +16,7 @@ import numpy as np
 from ematwin.errors import RecordError
 from ematwin.estimation.assess import assess
 from ematwin.estimation.constants import ANYTHING, SMALLEST
-from ematwin.estimation.interrupt import noting_interrupts
+from ematwin.estimation.interrupt import until_interrupted
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import find, named
 from ematwin.experiments.experiment import UNANSWERED, Experiment
@@ -75,15 +75,6 @@ class CommandErrors:
         errors = self.observed if observed else self.errors
         return max(x / self.ranges[n] for n, x in errors.items() if fault in (None, n))
 
-    def with_observed(self, errors: np.ndarray) -> "CommandErrors":
-        """With errors (N, n) of `identify` on N recordings; itself if there are none."""
-        if not len(errors):
-            return self
-        rms = np.sqrt((errors**2).mean(axis=0)).tolist()
-        return replace(
-            self, observed=dict(zip(self.errors, rms, strict=True)), checks=len(errors)
-        )  # fmt: skip
-
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values; infinite ones are null."""
         return plain({
@@ -96,6 +87,21 @@ class CommandErrors:
             "observed": self.observed or None,
             "checks": self.checks,
         })  # fmt: skip
+
+
+def observed(commands: Sequence[CommandErrors], errors: np.ndarray) -> list[CommandErrors]:
+    """C commands with their `identified_errors` (N, C, n) on the actuators that none refuses.
+
+    As they are if there are no such actuators.
+    """
+    sound = errors[np.isfinite(errors).all(axis=(1, 2))]
+    if not len(sound):
+        return list(commands)
+    rms = np.sqrt((sound**2).mean(axis=0)).tolist()
+    return [
+        replace(one, observed=dict(zip(one.errors, own, strict=True)), checks=len(sound))
+        for one, own in zip(commands, rms, strict=True)
+    ]
 
 
 def fault_vectors(
@@ -246,18 +252,17 @@ def identified_errors(
     ends, threads = time.perf_counter() + seconds, experiment.threads or cores()
     errors: list[list[float]] = []  # of all commands of an actuator, then of the next
     done, together = 0, max(1, threads // len(scenarios))
-    with noting_interrupts() as interrupts:
-        try:
-            while done < recordings and time.perf_counter() <= ends:
-                some = range(recordings)[done : done + together]
-                pairs = [(n, scenario) for n in some for scenario in scenarios]
-                errors += side_by_side(lambda pair: error_of(*pair), pairs, threads)
-                done += len(some)
-                interrupts.check()
-                if progress is not None:
-                    progress(done / recordings)
-        except KeyboardInterrupt:
-            interrupts.pressed, recordings = False, done
+    with until_interrupted() as interrupts:
+        while done < recordings and time.perf_counter() <= ends:
+            some = range(recordings)[done : done + together]
+            pairs = [(n, scenario) for n in some for scenario in scenarios]
+            errors += side_by_side(lambda pair: error_of(*pair), pairs, threads)
+            done += len(some)
+            interrupts.check()
+            if progress is not None:
+                progress(done / recordings)
+    if interrupts.ended:
+        recordings = done
     found = np.full((recordings, len(scenarios), len(magnitudes)), math.inf)
     found[:done] = np.reshape(errors, (-1, *found.shape[1:]))
     return found

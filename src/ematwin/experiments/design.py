@@ -23,13 +23,14 @@ from typing import Any
 import numpy as np
 
 from ematwin.errors import InputError
-from ematwin.estimation.interrupt import noting_interrupts
+from ematwin.estimation.interrupt import until_interrupted
 from ematwin.experiments.candidates import FINALISTS, SECONDS, Progress, Ranking, ranked
 from ematwin.experiments.command_errors import (
     CommandErrors,
     expected_errors,
     fault_vectors,
     identified_errors,
+    observed,
     shown_by,
 )
 from ematwin.experiments.experiment import BEYOND, UNANSWERED, Experiment, excess
@@ -172,14 +173,12 @@ class Design:
         if recordings < 1:
             raise InputError(f"recordings must be at least 1, received {recordings}.")
         scenarios = [self.scenario, self.default.scenario]
-        errors = _answered(identified_errors(
+        errors = identified_errors(
             self.experiment, scenarios, recordings, seed=seed, step=step, progress=progress
-        ))  # fmt: skip
-        if not len(errors):
-            return self
-        promised, default = (
-            one.with_observed(errors[:, n]) for n, one in enumerate((self.promised, self.default))
         )
+        promised, default = observed((self.promised, self.default), errors)
+        if promised is self.promised:
+            return self
         return replace(self, promised=promised, default=default, checked=True)
 
     def save(self, path: str | Path) -> None:
@@ -307,9 +306,8 @@ def design(
     )  # fmt: skip
     if len(errors) < asked:
         found.stopped = "interrupted"
-    errors = _answered(errors)
-    both = [one.with_observed(errors[:, n]) for n, one in enumerate(both)]
-    if len(errors) and not default.obstacle:
+    both = observed(both, errors)
+    if both[0].checks and not default.obstacle:
         first, second = (one.worst(fault, observed=True) for one in both)
         if CLEARLY * first > second:
             both = both[1:]
@@ -335,11 +333,6 @@ def design(
     )
 
 
-def _answered(errors: np.ndarray) -> np.ndarray:
-    """Errors (N, C, n) of the actuators without a refused recording."""
-    return errors[np.isfinite(errors).all(axis=(1, 2))]
-
-
 def _finalists(
     found: Ranking,
     judged: Callable[[Scenario, Mapping[str, float]], CommandErrors],
@@ -357,13 +350,12 @@ def _finalists(
         default = replace(default, obstacle=BEYOND)
     best = default
     least = math.inf if default.obstacle else default.worst(fault) / CLEARLY
-    with noting_interrupts() as interrupts:
-        try:
-            for one in found.commands[: 1 if found.stopped == "interrupted" else FINALISTS]:
-                interrupts.check()
-                errors = judged(one, limits)
-                if not errors.obstacle and errors.worst(fault) < least:
-                    best, least = errors, errors.worst(fault)
-        except KeyboardInterrupt:
-            interrupts.pressed, found.stopped = False, "interrupted"
+    with until_interrupted() as interrupts:
+        for one in found.commands[: 1 if found.stopped == "interrupted" else FINALISTS]:
+            interrupts.check()
+            errors = judged(one, limits)
+            if not errors.obstacle and errors.worst(fault) < least:
+                best, least = errors, errors.worst(fault)
+    if interrupts.ended:
+        found.stopped = "interrupted"
     return best, default

@@ -185,11 +185,10 @@ class Pair:
     def __init__(self, experiment: Experiment, first: Explanation, second: Explanation) -> None:
         self.experiment = experiment
         model, actuator = experiment.model, experiment.actuator
+        self._named = {name: model.unknown(actuator, name) for name in (*first, *second)}
         self.values = tuple(
-            {name: model.unknown(actuator, name).check(x) for name, x in one.items()}
-            for one in (first, second)
+            {name: self._named[name].check(x) for name, x in one.items()} for one in (first, second)
         )
-        self._named = {name: model.unknown(actuator, name) for one in self.values for name in one}
         healthy = {name: one.healthy for name, one in self._named.items()}
         # with what only the other names at its healthy value
         self._whole = tuple({**healthy, **values} for values in self.values)
@@ -204,15 +203,12 @@ class Pair:
 
         The recording of a healthy actuator weighs the residuals.
         """
-        threads = self.experiment.threads
-        comparison = self.experiment.model.compare(
-            recording, self.experiment.actuator, threads=threads
-        )
+        mine = self.experiment
+        comparison = mine.model.compare(recording, mine.actuator, threads=mine.threads)
         (first, second), (a, b) = self.values, self._whole
-        own_first, own_second = first.keys() - second.keys(), second.keys() - first.keys()
         return min(
-            self._distance(comparison, a, b, own_second, iterations),
-            self._distance(comparison, b, a, own_first, iterations),
+            self._distance(comparison, a, b, second.keys() - first.keys(), iterations),
+            self._distance(comparison, b, a, first.keys() - second.keys(), iterations),
         )
 
     def _distance(

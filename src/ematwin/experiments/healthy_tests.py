@@ -89,10 +89,8 @@ class HealthyTests:
 
     def open_after(self, errors: Mapping[str, float]) -> list[str]:
         """Places of the parameters that would not be determined with such standard errors."""
-        return [
-            place for place, error in errors.items()
-            if not error < DETERMINED * self.tolerances[place]
-        ]  # fmt: skip
+        least = {place: DETERMINED * tolerance for place, tolerance in self.tolerances.items()}
+        return [place for place, error in errors.items() if not error < least[place]]
 
     def improves(self, test: int) -> list[str]:
         """Places whose error a test, counted from 0, lowers most."""
@@ -109,9 +107,8 @@ class HealthyTests:
                 "No test within the limits tells more of the parameters than is known. Raise a "
                 "limit, or take a longer duration."
             )
-        before, left, count = (
-            self.open_after(self.known), self.open_after(self.after), len(self.known)
-        )  # fmt: skip
+        before, left = self.open_after(self.known), self.open_after(self.after)
+        count = len(self.known)
         gained = [place for place in before if place not in left]
         told = (
             f"With {counted(len(self.tests), 'test')} {count - len(left)} of {count} parameters "
@@ -140,17 +137,14 @@ class HealthyTests:
 
     def to_frame(self) -> Any:
         """A pandas DataFrame with a row for each parameter, by place; needs pandas."""
-        return frame_of_rows(
-            (
-                {
-                    "place": place, "tolerance": self.tolerances[place], "now": now,
-                    **{f"after_{n}": one.errors[place] for n, one in enumerate(self.tests, 1)},
-                    "repeated": self.repeated[place],
-                }
-                for place, now in self.known.items()
-            ),
-            "place",
-        )  # fmt: skip
+        columns = {"tolerance": self.tolerances, "now": self.known}
+        columns |= {f"after_{n}": one.errors for n, one in enumerate(self.tests, 1)}
+        columns["repeated"] = self.repeated
+        rows = (
+            {"place": place, **{name: errors[place] for name, errors in columns.items()}}
+            for place in self.known
+        )
+        return frame_of_rows(rows, "place")
 
     to_dataframe = to_frame
 
@@ -200,18 +194,12 @@ def healthy_tests(
     ----------
     actuator : a calibration or its file, whose posterior is the prior of the tests; or a parameter
         set of any kind, its name or file, whose tolerances are the prior
-    scenario : a command that is compared with the others, and whose demands are the limits where
-        none are given; None takes the kind's default
-    duration : float, s, of each test; None takes the scenario's
+    scenario, duration, noise, sample_rate, threads, limits : as in `ematwin.design`; the duration
+        is that of each test
     tests : how many are chosen at most; fewer where a further one lowers no standard error by a
         tenth
-    noise : of the sensors; None for that which the kind simulates by itself
-    sample_rate : float, Hz; None takes the kind's
     seed : of the noise
-    threads : of the simulations; None takes one for each core
     progress : called with the share done
-    limits : the largest travel, speed, current, load, in SI; others are limited by the demands of
-        the scenario. `Model.demands` has the names
 
     Raises
     ------
@@ -273,10 +261,8 @@ def healthy_tests(
 
 
 class _Usable(NamedTuple):
-    """A test within the limits, its information (d, d) and demands."""
-
     scenario: Scenario
-    information: np.ndarray
+    information: np.ndarray  # (d, d)
     demands: dict[str, float]
 
 
@@ -315,15 +301,14 @@ class _Known:
 
 def _best(known: _Known, usable: Sequence[_Usable], most: int) -> tuple[HealthyTest, ...]:
     """The tests, one after another."""
-    precision, errors = known.precision, known.errors(known.precision)
-    rest = list(usable)
+    precision, rest = known.precision, list(usable)
     found: list[HealthyTest] = []
     while rest and len(found) < most:
         best = min(rest, key=lambda one: known.left(precision + one.information))
         rest = [one for one in rest if one is not best]
-        precision = precision + best.information
-        before, errors = errors, known.errors(precision)
-        if not any(errors[place] < _ADDS * before[place] for place in errors):
+        before, after = (known.errors(one) for one in (precision, precision + best.information))
+        if not any(after[place] < _ADDS * before[place] for place in after):
             break
-        found.append(HealthyTest(best.scenario, errors, best.demands))
+        precision = precision + best.information
+        found.append(HealthyTest(best.scenario, after, best.demands))
     return tuple(found)

@@ -70,23 +70,18 @@ class FaultIdentifiability:
     def cells(self) -> list[str]:
         """Its row in a table for people, below `HEADINGS`."""
         shown = self.physical
-        return [
-            self.name,
-            f"{self.error:.2g}",
-            f"{self.sharp_error:.2g}",
-            f"{self.smallest:.2g}" if math.isfinite(self.smallest) else "none",
-            "" if shown is None else shown.said[0],
-            self.sentence,
-        ]
+        smallest = f"{self.smallest:.2g}" if math.isfinite(self.smallest) else "none"
+        physical = "" if shown is None else shown.said[0]
+        errors = f"{self.error:.2g}", f"{self.sharp_error:.2g}"
+        return [self.name, *errors, smallest, physical, self.sentence]
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values; infinite ones are null."""
         shown = self.physical
-        return plain({
-            "name": self.name, "meaning": self.meaning, "value": self.value, "error": self.error,
-            "sharp_error": self.sharp_error, "smallest": self.smallest,
+        told = {name: x for name, x in vars(self).items() if name not in ("range", "physical")}
+        return plain(told | {
             "smallest_physical": shown and {"value": shown.value, "unit": shown.unit},
-            "how": self.how, "sentence": self.sentence, "partners": dict(self.partners),
+            "sentence": self.sentence, "partners": dict(self.partners),
         })  # fmt: skip
 
 
@@ -131,24 +126,16 @@ class Identifiability:
         return f"{self.scenario.name}: {self.weakest.name} {self.weakest.sentence}."
 
     def __getitem__(self, fault: str) -> FaultIdentifiability:
-        for one in self.told:
-            if one.name == fault:
-                return one
-        raise KeyError(fault)
+        return {one.name: one for one in self.told}[fault]
 
     def to_frame(self) -> Any:
         """A pandas DataFrame with a row for each fault, by name; needs pandas."""
-        return frame_of_rows(
-            (
-                {
-                    "fault": one.name, "standard_error": one.error, "sharp_error": one.sharp_error,
-                    "smallest": one.smallest, "range": one.range, "how": one.how,
-                    "sentence": one.sentence,
-                }
-                for one in self.told
-            ),
-            "fault",
-        )  # fmt: skip
+        shown = ("sharp_error", "smallest", "range", "how", "sentence")
+        rows = (
+            {"fault": one.name, "standard_error": one.error, **{n: getattr(one, n) for n in shown}}
+            for one in self.told
+        )
+        return frame_of_rows(rows, "fault")
 
     to_dataframe = to_frame
 
@@ -199,13 +186,10 @@ def identifiability(
     actuator : a parameter set of any kind, its name or file; calibrated or not
     faults : values at which slopes are taken; all others deviate from healthy by
         `constants.SMALLEST` of its range, as a fault does that is only just one
-    noise : of the sensors; None for that which the kind simulates by itself
-    exact : parameters, load and sensors are known exactly
+    noise, exact, sample_rate, threads : as in `ematwin.design`
     false_alarm : probability that a healthy value is taken for a fault
     miss : probability that the smallest fault which counts as detectable is overlooked
-    sample_rate : float, Hz; None takes the kind's
     seed : of the noise
-    threads : that share a batch; None takes one for each core
 
     Raises
     ------
@@ -276,12 +260,11 @@ def _identifiability(
         smallest = math.inf
     else:
         physical = one.physical_value(actuator, one.healthy + smallest * (1 if up >= down else -1))
+    how = "traded" if error > TRADED * sharp_error else "pinned"
+    if error > ANYTHING * one.width:
+        how = "open"
     if sharp_error > ANYTHING * one.width:
         how = "dead"
-    elif error > ANYTHING * one.width:
-        how = "open"
-    else:
-        how = "traded" if error > TRADED * sharp_error else "pinned"
     partners = _partners(expected, one.name) if how in ("open", "traded") else ()
     return FaultIdentifiability(
         one.name, one.meaning, value, one.width, error, sharp_error, smallest, physical, how,

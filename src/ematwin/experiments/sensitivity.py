@@ -120,9 +120,7 @@ def sensitivity(
     logarithmic = np.array([one.logarithmic for one in unknowns])
     points[..., logarithmic] = np.exp(points[..., logarithmic])
     rng = np.random.default_rng(seed)
-    found: dict[str, dict[str, np.ndarray]] = {
-        "first": {}, "total": {}, "first_error": {}, "total_error": {}
-    }  # fmt: skip
+    found: dict[str, np.ndarray] = {}  # by channel, (4, d): indices and their standard errors
     for name, answers in _answers(full, points.reshape(-1, len(unknowns)), progress).items():
         rows = answers.reshape(*points.shape[:2], -1)
         rows = rows[:, np.isfinite(rows).all(axis=(0, 2))]
@@ -133,17 +131,15 @@ def sensitivity(
             )
         picks = [np.arange(kept), *rng.integers(kept, size=(100, kept))]  # of a bootstrap
         drawn = np.array([indices(rows[:, pick]) for pick in picks])
-        found["first"][name], found["total"][name] = drawn[0]
-        found["first_error"][name], found["total_error"][name] = drawn[1:].std(axis=0)
-    captions = full.comparisons[0].captions()
-    return Sensitivity(
-        scenario=asked,
-        actuator=chosen,
-        names=tuple(one.name for one in unknowns),
-        **found,
-        captions={name: caption[0] for name, caption in captions.items()},
-        answers=points.shape[0] * samples,
+        found[name] = np.concatenate([drawn[0], drawn[1:].std(axis=0)])
+    first, total, first_error, total_error = (
+        {name: one[n] for name, one in found.items()} for n in range(4)
     )
+    captions = {name: one[0] for name, one in full.comparisons[0].captions().items()}
+    return Sensitivity(
+        asked, chosen, tuple(one.name for one in unknowns), first, total, first_error, total_error,
+        captions, points.shape[0] * samples,
+    )  # fmt: skip
 
 
 def _answers(

@@ -17,7 +17,7 @@ from ematwin.estimation.thresholds import thresholds_of
 from ematwin.files import check_target, write_text
 from ematwin.fleet.alarms import STEPS, Alarm, Before, by_urgency, judge
 from ematwin.fleet.life import Life, Requirement, job_left, life_left, sooner
-from ematwin.fleet.store import columns_of, moment_of, years
+from ematwin.fleet.store import moment_of, years
 from ematwin.fleet.trend import Series, Trend, trend
 from ematwin.models.unknown import Unknown
 from ematwin.monitoring.calibration import Calibration
@@ -79,7 +79,16 @@ class FleetActuator:
 
     @cached_property
     def _columns(self) -> dict[str, np.ndarray]:
-        return columns_of(self.rows)
+        """By magnitude, of n rows with a verdict, (n, 5): time, value, error, temperature, load."""
+        found: dict[str, list[tuple[Any, ...]]] = {}
+        for row in self.rows:
+            names = () if row["grade"] == "none" else row["names"] or ()
+            for n, name in enumerate(names):
+                variance = row["covariance"][n * len(names) + n]
+                if variance is not None and 0.0 <= variance < math.inf:
+                    own = years(row["time"]), row["values"][n], variance**0.5
+                    found.setdefault(name, []).append((*own, row["temperature"], row["load"]))
+        return {name: np.array(several, dtype=float) for name, several in found.items()}
 
     def unknown(self, name: str) -> Unknown:
         """A magnitude as the table of its kind has it; `InputError` without an estimate of it."""
@@ -105,12 +114,10 @@ class FleetActuator:
     @cached_property
     def _usual(self) -> tuple[np.ndarray, np.ndarray]:
         """Mean and deviation of its own temperatures and loads."""
-        table = np.array([[r["temperature"], r["load"]] for r in self.rows], dtype=float)
-        known = np.isfinite(table)
-        count = np.maximum(known.sum(axis=0), 1)
-        mean = np.where(known, table, 0.0).sum(axis=0) / count
-        spread = np.sqrt(np.where(known, (table - mean) ** 2, 0.0).sum(axis=0) / count)
-        return mean, np.where(spread > 0.0, spread, 1.0)
+        rows = [[row["temperature"], row["load"]] for row in self.rows]
+        table = np.ma.masked_invalid(np.array(rows, dtype=float))
+        spread = table.std(axis=0).filled(0.0)
+        return table.mean(axis=0).filled(0.0), np.where(spread > 0.0, spread, 1.0)
 
     def trend(self, name: str) -> Trend:
         """Posterior of level and slope of a magnitude."""
@@ -176,10 +183,8 @@ class FleetActuator:
             if one["what"] == "overhaul":
                 held = None
             elif one["what"] == "alarm" and one["magnitude"] == name:
-                at = years(one["time"])
-                cleared = -math.inf if held is None else held.cleared
-                cleared = at if one["step"] == "none" else cleared
-                held = Before(one["step"], at, cleared)
+                at, cleared = years(one["time"]), -math.inf if held is None else held.cleared
+                held = Before(one["step"], at, at if one["step"] == "none" else cleared)
         return held
 
     def alarms(self) -> dict[str, Alarm]:
@@ -246,19 +251,21 @@ class FleetActuator:
         Each entry is the ``id`` in `history`, or the beginning of it. `InputError` for one that is
         not there, stands for several, or is withdrawn already.
         """
-        held = [one for one in self.events if one["what"] in ENTRIES]
-        found = [[one for one in held if one["id"].startswith(entry)] for entry in entries]
-        for entry, several in zip(entries, found, strict=True):
-            if len(several) != 1:
-                gone = any(one.startswith(entry) for one in self._withdrawn)
-                why = "stands for several" if several else "is withdrawn" if gone else "is unknown"
+        held = {one["id"]: one for one in self.events if one["what"] in ENTRIES}
+        found = []
+        for entry in entries:
+            meant = [name for name in held if name.startswith(entry)]
+            if len(meant) != 1:
+                gone = any(name.startswith(entry) for name in self._withdrawn)
+                why = "stands for several" if meant else "is withdrawn" if gone else "is unknown"
                 raise InputError(
                     f"The entry {entry!r} of {self.serial_number} {why}; those that can be "
-                    f"withdrawn: {', '.join(one['id'][:8] for one in held) or 'none'}."
+                    f"withdrawn: {', '.join(name[:8] for name in held) or 'none'}."
                 )
-        for (one,) in found:
+            found += [held[name] for name in meant]
+        for one in found:
             self._note("withdrawn", self.fleet.now, entry=one["id"], note=note)
-        return [one for (one,) in found]
+        return found
 
     def _note(
         self, what: str, when: datetime, names: Sequence[str] = (), **more: Any
@@ -285,38 +292,32 @@ class FleetActuator:
         if not why and last["grade"] == "none":
             why = f"The last recording has no verdict. {last['reason']}"
         return {
-            "serial_number": self.serial_number,
-            "kind": self.kind,
-            "recordings": len(self.rows),
+            "serial_number": self.serial_number, "kind": self.kind, "recordings": len(self.rows),
             "last_recording": last["time"].isoformat(),
-            "state": last["grade"],
-            "faults": ", ".join(last["faults"] or ()),
+            "state": last["grade"], "faults": ", ".join(last["faults"] or ()),
             "health_magnitude": "" if first is None else first.magnitude,
             "health_probability": 0.0 if first is None else first.probability,
             "life_left_days": 365.25 * (math.inf if life is None else life.median),
             "life_left_low_days": 365.25 * low,
             "life_left_high_days": 365.25 * high,
             "life_left_of": "" if life is None or math.isinf(low) else life.name,
-            "advisory": advice,
-            "advisory_level": STEPS.index(advice),
-            "advisory_reason": why,
+            "advisory": advice, "advisory_level": STEPS.index(advice), "advisory_reason": why,
             "acknowledged": bool(first is not None and first.acknowledged),
-        }
+        }  # fmt: skip
 
     def flat(self) -> list[dict[str, Any]]:
         """Its recordings as rows with a column for each magnitude and its standard error."""
+        shown = (
+            "serial_number", "source", "grade", "sentence", "reason", "temperature", "load", "note"
+        )  # fmt: skip
         found = []
         for row in self.rows:
-            values: dict[str, Any] = {
-                name: row[name]
-                for name in ("serial_number", "source", "grade", "sentence", "reason",
-                             "temperature", "load", "note")
-            }  # fmt: skip
+            values = {name: row[name] for name in shown}
             values |= {"time": row["time"].isoformat(), "faults": ", ".join(row["faults"] or ())}
-            d = len(row["names"] or ())
-            for n, name in enumerate(row["names"] or ()):
+            names = row["names"] or ()
+            for n, name in enumerate(names):
                 values[name] = row["values"][n]
-                values[f"{name}_error"] = max(row["covariance"][n * d + n], 0.0) ** 0.5
+                values[f"{name}_error"] = max(row["covariance"][n * len(names) + n], 0.0) ** 0.5
             found.append(values)
         return found
 

@@ -21,10 +21,9 @@ from ematwin.fleet.actuator import FleetActuator
 from ematwin.fleet.alarms import Policy
 from ematwin.fleet.learning import learn
 from ematwin.fleet.life import Requirement, process_of
-from ematwin.fleet.store import SET_ASIDE, FleetStore, moment_of
+from ematwin.fleet.store import SET_ASIDE, FleetStore, moment_of, settings_in
 from ematwin.fleet.trend import Wear
 from ematwin.quantities import parse_quantity
-from ematwin.validation import load_toml
 
 _SETTINGS = ("limits", "alarms", "requirement", "serial_number", "store")
 
@@ -74,9 +73,10 @@ class Fleet:
 
     def _read(self) -> None:
         latest, last = self._latest(), self.now
-        path = self.store.folder / "fleet.toml"
-        table = load_toml(path, "settings") if path.exists() else {}
-        self.limits_given, self.policy, self.requirement, self.pattern = settings_of(table, path)
+        folder = self.store.folder
+        self.limits_given, self.policy, self.requirement, self.pattern = settings_of(
+            settings_in(folder), folder / "fleet.toml"
+        )
         self._rows: dict[str, list[dict[str, Any]]] = {}
         self.set_aside: list[dict[str, Any]] = []
         for row in self.store.rows().to_pylist():

@@ -19,7 +19,7 @@ from scipy.optimize import minimize
 from scipy.special import logsumexp, wrightomega
 from scipy.stats import multivariate_t
 
-from ematwin.fleet.trend import Draws, Pass, Series, Trend, Wear, again, trend
+from ematwin.fleet.trend import Draws, Series, Trend, Wear, trend
 
 _FACTOR = 2.0  # standard deviation of the logarithm of a variance beforehand: of few estimates
 # the likelihood alone makes variances nothing, and life left too certain
@@ -50,14 +50,18 @@ def _learnt(known: Sequence[Series], before: Wear) -> tuple[Wear, Draws, np.ndar
     """The wear of greatest likelihood with one law, from a start; draws of others, and weights."""
     wear = before
     for _ in range(3):
-        shocks = [trend(one, wear) for one in known]
-        wear = _Likelihood(known, shocks, wear, before).climbed()
+        trends = [trend(one, wear) for one in known]
+        wear = _Likelihood(trends, wear, before).climbed()
         for _ in range(3):
-            passes = [again(s, t, wear) for s, t in zip(known, shocks, strict=True)]
-            wear = _maximised(passes, wear, before)
-    likelihood = _Likelihood(known, shocks, wear, before)
+            wear = _maximised(_again(trends, wear), wear, before)
+    likelihood = _Likelihood(trends, wear, before)
     points, weight = weighted_draws(likelihood.density, _point(wear), likelihood.root())
     return wear, _draws(points, wear.lasting), weight
+
+
+def _again(trends: Sequence[Trend], wear: Wear) -> list[Trend]:
+    """The trends with another wear, and the shocks that were found."""
+    return [Trend(one.series, wear, one.outliers, one.jumps) for one in trends]
 
 
 def _point(wear: Wear) -> np.ndarray:
@@ -108,10 +112,8 @@ class _Likelihood:
     823-826).
     """
 
-    def __init__(
-        self, fleet: Sequence[Series], shocks: Sequence[Trend], wear: Wear, before: Wear
-    ) -> None:
-        self._fleet, self._shocks, self.wear = fleet, shocks, wear
+    def __init__(self, trends: Sequence[Trend], wear: Wear, before: Wear) -> None:
+        self._trends, self.wear = trends, wear
         self._before, least = before, (1e-6 * wear.size) ** 2
         self._usual, self._begin = (_point(one)[:4] for one in (before, wear))
         self._bounds = np.array(
@@ -130,8 +132,8 @@ class _Likelihood:
         """Logarithm of the posterior density (N,) at points (N, 14), but for the evidence."""
         draws = _draws(points, self.wear.lasting)
         told = np.zeros(len(points))
-        for found in self._shocks:
-            told += found.ended(draws)[2] + found.shocks
+        for one in self._trends:
+            told += one.ended(draws)[2] + one.shocks
         spread = np.concatenate([np.full(4, _FACTOR), self._before.spread, np.full(5, _FACTOR)])
         away = (points - _point(self._before)) / spread
         told -= (0.5 * away**2 + np.log(spread)).sum(axis=1)
@@ -153,8 +155,8 @@ class _Likelihood:
         # beyond what the prior says nothing is known less
         known = np.maximum(values, _FACTOR**-2)
         spread = self.wear.spread
-        passes = [again(s, t, self.wear) for s, t in zip(self._fleet, self._shocks, strict=True)]
-        told = np.clip(1.0 - np.array([done.error[0] for done in passes]) / spread**2, 0.0, 1.0)
+        left = np.array([one.error[0] for one in _again(self._trends, self.wear)])
+        told = np.clip(1.0 - left / spread**2, 0.0, 1.0)
         mean = self._before.spread**-2 + told.sum(axis=0) / spread**2
         factor = _FACTOR**-2 + 0.5 * (told**2).sum(axis=0)
         return np.asarray(block_diag(vectors * known**-0.5, np.diag([*mean**-0.5, *factor**-0.5])))
@@ -167,33 +169,31 @@ class _Likelihood:
 
     def _told(self, x: np.ndarray) -> tuple[float, np.ndarray]:
         tried, total, slopes = self._with(x), 0.0, np.zeros(4)
-        for one, found in zip(self._fleet, self._shocks, strict=True):
-            done = again(one, found, tried)
+        for done in _again(self._trends, tried):
             total += done.told
-            dt = np.diff(one.time)
+            dt = np.diff(done.series.time)
             for place, free in ((0, ~done.reset[1:]), (1, ~done.reset[1:] & (done.jump[1:] == 0))):
                 surprise = done.score[1:, place] ** 2 - done.weight[1:, place, place]
                 slopes[place] += 0.5 * (dt * surprise)[free].sum()
             seen = done.precision > 0.0
             surprise = done.residual[seen] ** 2 - done.precision[seen]
             slopes[2] += 0.5 * surprise.sum()
-            slopes[3] += 0.5 * (one.error[seen] ** 2 * surprise).sum()
+            slopes[3] += 0.5 * (done.series.error[seen] ** 2 * surprise).sum()
         away = (x - self._usual) / _FACTOR
         return 0.5 * float(away @ away) - total, away / _FACTOR - slopes * np.exp(x)
 
 
-def _maximised(passes: Sequence[Pass], wear: Wear, before: Wear) -> Wear:
+def _maximised(trends: Sequence[Trend], wear: Wear, before: Wear) -> Wear:
     """Means and spreads after a step of expectation and maximisation (Shumway and Stoffer 1982)."""
     mean, spread = _moments(
-        [done.smooth[0] for done in passes], [done.error[0] for done in passes],
+        [one.smooth[0] for one in trends], [one.error[0] for one in trends],
         before.mean, before.spread,
     )  # fmt: skip
     after: list[np.ndarray] = []
     unsure: list[np.ndarray] = []
-    for done in passes:
-        jumps = np.flatnonzero(done.jump > 0.0)
-        after += list(done.smooth[jumps, 1:2])
-        unsure += list(done.error[jumps, 1:2])
+    for one in trends:
+        after += list(one.smooth[list(one.jumps), 1:2])
+        unsure += list(one.error[list(one.jumps), 1:2])
     least = 1e-6 * wear.size
     following = wear.after
     if after:

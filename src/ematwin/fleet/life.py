@@ -91,26 +91,17 @@ class Paths(NamedTuple):
 
 
 def paths(
-    one: Trend,
-    moment: float,
-    process: str,
-    *,
-    horizon: float = HORIZON,
-    draws: int = DRAWS,
+    one: Trend, moment: float, process: str, *, horizon: float = HORIZON, draws: int = DRAWS,
     seed: int = 1,
-) -> Paths:
+) -> Paths:  # fmt: skip
     """Levels to come after a moment, years, with each draw of the fleet's variances."""
     generator = np.random.default_rng(seed)
-    states = one.later(max(0.0, moment - one.time))
     ahead = np.concatenate([[0.0], np.geomspace(1.0 / 365.25, horizon, 60)])
-    q_level, q_slope, mean, cov, climb = map(
-        np.concatenate,
-        zip(
-            *((of.q_level, of.q_slope, mean, cov, np.tile(of.bend(ahead)[1], (len(mean), 1)))
-              for of, mean, cov in states),
-            strict=True,
-        ),
-    )  # fmt: skip
+    states = [
+        (of.q_level, of.q_slope, mean, cov, np.tile(of.bend(ahead)[1], (len(mean), 1)))
+        for of, mean, cov in one.later(max(0.0, moment - one.time))
+    ]
+    q_level, q_slope, mean, cov, climb = map(np.concatenate, zip(*states, strict=True))
     # of each law as many paths as it has draws, in an order that other magnitudes do not share
     which = generator.permutation(np.arange(draws) * len(mean) // draws)
     q_level, q_slope, climb = q_level[which, None], q_slope[which, None], climb[which]
@@ -139,17 +130,9 @@ def paths(
 
 
 def life_left(
-    name: str,
-    one: Trend,
-    limit: float,
-    moment: float,
-    process: str = "wiener",
-    *,
-    upwards: bool = True,
-    horizon: float = HORIZON,
-    draws: int = DRAWS,
-    seed: int = 1,
-) -> Life:
+    name: str, one: Trend, limit: float, moment: float, process: str = "wiener", *,
+    upwards: bool = True, horizon: float = HORIZON, draws: int = DRAWS, seed: int = 1,
+) -> Life:  # fmt: skip
     """Time until a magnitude passes its limit, in the unit of the magnitude.
 
     Parameters
@@ -292,15 +275,9 @@ def _rise(time: np.ndarray, command: np.ndarray, output: np.ndarray) -> float:
 
 
 def job_left(
-    trends: dict[str, Trend],
-    moment: float,
-    actuator: Any,
-    requirement: Requirement,
-    *,
-    process: dict[str, str],
-    bounds: Callable[[str], tuple[float, float]],
-    draws: int = 15,
-) -> Life:
+    trends: dict[str, Trend], moment: float, actuator: Any, requirement: Requirement, *,
+    process: dict[str, str], bounds: Callable[[str], tuple[float, float]], draws: int = 15,
+) -> Life:  # fmt: skip
     """Time until the actuator no longer does its job, by its twin at the states to come.
 
     Each draw is one path of all magnitudes together; where it first fails the requirement is found

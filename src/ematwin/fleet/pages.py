@@ -1,5 +1,6 @@
 """Pages of a fleet: all actuators by urgency, and the history of one. Each is one file."""
 
+from collections import Counter
 from dataclasses import replace
 from functools import cache
 from html import escape
@@ -33,9 +34,8 @@ def fleet_page(fleet: Fleet, link: str = "#{serial}") -> str:
 
     ``link`` is the address of an actuator's page; by default its place on this one.
     """
-    table, count = fleet.table(), {"act": 0, "plan": 0, "watch": 0, "none": 0}
-    for row in table:
-        count[row["advisory"]] += 1
+    table = fleet.table()
+    count = Counter(row["advisory"] for row in table)
     asks = [f"{_ADVICE[step]}: {count[step]}" for step in ("act", "plan", "watch") if count[step]]
     lead = (
         f"{len(table)} actuators; {', '.join(asks) or 'nothing to do'}. As of "
@@ -93,19 +93,15 @@ _LEGEND = (
 def _row(unit: FleetActuator, row: dict[str, Any], link: str) -> Row:
     name = escape(unit.serial_number)
     address = escape(link.format(serial=quote(unit.serial_number, safe="")))
-    seen = " (acknowledged)" if row["acknowledged"] else ""
-    level = row["advisory_level"]
-    advice = (
-        f'<span><span style="color:{_COLORS[row["advisory"]]}">●</span> '
-        f"{_ADVICE[row['advisory']]}{seen}</span>"
-    )
-    spark = _spark(unit, row["health_magnitude"], _COLORS[row["advisory"]])
-    left = str(unit.life_left() or "")
+    advised = _ADVICE[row["advisory"]] + (" (acknowledged)" if row["acknowledged"] else "")
+    color = _COLORS[row["advisory"]]
+    advice = f'<span><span style="color:{color}">●</span> {advised}</span>'
+    spark = _spark(unit, row["health_magnitude"], color)
     return Row(
-        [Markup(f'<a href="{address}">{name}</a>'), Markup(advice), _shares(left), Markup(spark),
-         _shares(capital(row["advisory_reason"])),
-         _whole(row["last_recording"][:10])],
-        marked=level == 3,
+        [Markup(f'<a href="{address}">{name}</a>'), Markup(advice),
+         _shares(str(unit.life_left() or "")), Markup(spark),
+         _shares(capital(row["advisory_reason"])), _whole(row["last_recording"][:10])],
+        marked=row["advisory"] == "act",
     )  # fmt: skip
 
 

@@ -84,13 +84,11 @@ class Paths:
         """Time that its table or its path says, UTC."""
         if (said := self._listed.get(path)) and said[1]:
             return said[1]
-        text = None
+        match = _DATE.search(path.name)
+        text = match and match[0]
         if self._pattern is not None and "time" in self._pattern.groupindex:
             match = self._pattern.search(str(path))
-            text = match["time"] if match else None
-        else:
-            match = _DATE.search(path.name)
-            text = match[0] if match else None
+            text = match and match["time"]
         if text is None:
             return None
         day, clock = text[:10], re.sub(r"\D", "", text[10:])

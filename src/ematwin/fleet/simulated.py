@@ -18,10 +18,9 @@ import tomli_w
 
 from ematwin.errors import InputError
 from ematwin.files import write_text
-from ematwin.fleet.store import FleetStore, row_of
+from ematwin.fleet.store import FleetStore, row_of, settings_in
 from ematwin.models.registry import load_actuator
 from ematwin.monitoring.calibration import Calibration
-from ematwin.validation import load_toml
 
 ACTUATOR = "servo400"
 LIMITS = {
@@ -105,9 +104,8 @@ class SimulatedFleet:
         """Write estimates, overhauls, limits and the twin into the store of a fleet."""
         known = Calibration.of(load_actuator(ACTUATOR))
         twin = store.keep_twin(known)
-        settings = store.folder / "fleet.toml"
-        given = load_toml(settings, "settings") if settings.exists() else {}
-        write_text(settings, tomli_w.dumps({**given, "limits": LIMITS}))
+        settings = {**settings_in(store.folder), "limits": LIMITS}
+        write_text(store.folder / "fleet.toml", tomli_w.dumps(settings))
         rows = []
         for number, serial in enumerate(self.serial_numbers()):
             truth = self.truth(serial)

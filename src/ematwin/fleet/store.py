@@ -18,19 +18,20 @@ covariates), state detection (grade, faults), health assessment (values with the
 import hashlib
 import json
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 from uuid import uuid4
 
-import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 
 from ematwin.errors import FileError, InputError
 from ematwin.files import written_whole
-from ematwin.fleet.folder import FolderRows
 from ematwin.monitoring.calibration import Calibration
 from ematwin.numerics.content import digest
 from ematwin.validation import load_toml
@@ -64,7 +65,18 @@ SCHEMA = pa.schema(
 
 
 class FleetStore:
-    """The folder of a fleet, made where it is missing; ``create`` False refuses what is none."""
+    """The folder of a fleet, made where it is missing; ``create`` False refuses what is none.
+
+    A `ematwin.fleet.tables.TableStore` where its ``fleet.toml`` names a database.
+    """
+
+    def __new__(cls, folder: str | Path, *, create: bool = True) -> "FleetStore":
+        """The store that the settings of the folder name."""
+        if "store" not in settings_in(Path(folder)):
+            return super().__new__(FleetStore)
+        from ematwin.fleet.tables import TableStore
+
+        return super().__new__(TableStore)
 
     def __init__(self, folder: str | Path, *, create: bool = True) -> None:
         self.folder = Path(folder)
@@ -81,19 +93,19 @@ class FleetStore:
                 f"Cannot make the fleet {self.folder}: {error.strerror}. Choose a folder that is "
                 "yours."
             ) from None
-        settings = self.folder / "fleet.toml"
-        url = load_toml(settings, "settings").get("store") if settings.exists() else None
-        self._held: Any = FolderRows(self.folder, SCHEMA)
-        if url is not None:
-            from ematwin.fleet.tables import TableRows
 
-            self._held = TableRows(url, self.folder, SCHEMA)
+    def __reduce__(self) -> Any:
+        return FleetStore, (self.folder,)  # a worker of a cluster connects by itself
 
     # --- rows ----------------------------------------------------------------------------------
 
     def add(self, rows: Iterable[Mapping[str, Any]]) -> None:
         """Keep rows, of each actuator in one file; those that are there already stay once."""
-        self._held.add(rows)
+        by: dict[str, list[dict[str, Any]]] = {}
+        for row in rows:
+            by.setdefault(row["serial_number"], []).append(dict(row))
+        for serial, several in by.items():
+            self._write(serial, pa.Table.from_pylist(several, schema=SCHEMA))
 
     def rows(self, serial_number: str | None = None) -> pa.Table:
         """The rows of all actuators or of one, by serial number and time; each recording once.
@@ -101,7 +113,7 @@ class FleetStore:
         A recording that several twins have judged has the latest judgement. A file that was judged
         while it was still written counts as it is now.
         """
-        whole = pa.concat_tables([SCHEMA.empty_table(), *self._held.rows(serial_number)])
+        whole = pa.concat_tables([SCHEMA.empty_table(), *self._kept(serial_number)])
         whole = whole.sort_by("judged")
         keys = zip(whole["content"].to_pylist(), whole["motion"].to_pylist(), strict=True)
         latest = {key: n for n, key in enumerate(keys)}  # of several judgements the last
@@ -119,15 +131,43 @@ class FleetStore:
 
     def merge(self) -> None:
         """Merge the files of actuators that have many; what another process moves is left."""
-        self._held.merge()
+        for folder in (self.folder / "rows").iterdir():
+            files = sorted(folder.glob("[!.]*.parquet"))  # not what a killed process left
+            if len(files) <= 64:
+                continue
+            # by their ids: a merger that was killed has left rows in two parts
+            rows = {row["id"]: row for part in _parts(files) for row in part.to_pylist()}
+            table = pa.Table.from_pylist(list(rows.values()), schema=SCHEMA)
+            kept = self._write(table["serial_number"][0].as_py(), table)
+            for path in files:
+                if path != kept:
+                    path.unlink(missing_ok=True)
 
     def has(self, serial_number: str, ids: Iterable[str]) -> bool:
         """Whether somebody has kept these rows meanwhile."""
-        return self._held.has(serial_number, ids)
+        return self._part(serial_number, ids).exists()
+
+    def _kept(self, serial_number: str | None) -> list[pa.Table]:
+        """All rows that are kept, of all actuators or of one."""
+        inside = "*" if serial_number is None else _folder_name(serial_number)
+        return list(_parts(sorted((self.folder / "rows").glob(f"{inside}/[!.]*.parquet"))))
+
+    def _part(self, serial: str, ids: Iterable[str]) -> Path:
+        folder = self.folder / "rows" / _folder_name(serial)
+        return folder / f"{digest(json.dumps(sorted(ids)))}.parquet"
+
+    def _write(self, serial: str, table: pa.Table) -> Path:
+        path = self._part(serial, table["id"].to_pylist())
+        path.parent.mkdir(exist_ok=True)
+        with written_whole(path, durable=True) as draft:
+            pq.write_table(table, draft)
+        return path
+
+    # --- twins ---------------------------------------------------------------------------------
 
     def twin(self, fingerprint: str) -> Calibration:
         """A twin that judges or has judged."""
-        return _read_once(self._held.twin(fingerprint))
+        return _read_once(self._twin_file(fingerprint))
 
     def keep_twin(self, given: Calibration | Path) -> str:
         """Keep a calibration, or its file, as a twin that judges; gives its fingerprint."""
@@ -139,13 +179,15 @@ class FleetStore:
             finally:
                 draft.unlink()
         fingerprint = content_of(given)
-        kept = self._held.twin(fingerprint)
+        kept = self._twin_file(fingerprint)
         if not kept.exists():
             Calibration.of(given)  # what cannot be read is said now
             with written_whole(kept, durable=True) as draft:
                 draft.write_bytes(given.read_bytes())
-        self._held.keep_twin(fingerprint)
         return fingerprint
+
+    def _twin_file(self, fingerprint: str) -> Path:
+        return self.folder / "twins" / f"{fingerprint}.toml"
 
     # --- events --------------------------------------------------------------------------------
 
@@ -153,24 +195,70 @@ class FleetStore:
         """Keep an event, and give it as `events` does; the same one again is kept once."""
         event = {"serial_number": serial_number, "what": what, "time": when.isoformat(), **more}
         text = json.dumps(event, sort_keys=True, default=str)
-        self._held.note(text)
+        self._note(text)
         return _event(text)
 
     def events(self) -> list[dict[str, Any]]:
         """All events by time, each with its ``id``, and since when it is ``known``; datetimes."""
         found = []
-        for place, text in self._held.events():
+        for place, text in self._texts():
             try:
                 found.append(_event(text))
             except (ValueError, KeyError, TypeError):
                 raise FileError(f"{place} is damaged. Remove it.") from None
         return sorted(found, key=lambda one: (one["time"], one["serial_number"], one["what"]))
 
+    def _note(self, text: str) -> None:
+        with written_whole(self.folder / "events" / f"{digest(text)}.json", durable=True) as draft:
+            draft.write_text(text, encoding="utf-8")
+
+    def _texts(self) -> list[tuple[str, str]]:
+        """Places and texts of all events."""
+        found = []
+        for path in (self.folder / "events").glob("[!.]*.json"):
+            with suppress(FileNotFoundError):
+                found.append((str(path), path.read_text("utf-8", errors="replace")))
+        return found
+
     def version(self) -> tuple[str, ...]:
         """The kept parts, and the age of the settings: changes when anything does."""
         settings = self.folder / "fleet.toml"
         age = str(settings.stat().st_mtime_ns) if settings.exists() else ""
-        return (age, *self._held.version())
+        return (age, *self._state())
+
+    def _state(self) -> tuple[str, ...]:
+        """Names of all files."""
+        names = (
+            str(path.relative_to(self.folder))
+            for name in ("rows", "events")
+            for path in (self.folder / name).rglob("[!.]*.*")
+        )
+        return tuple(sorted(names))
+
+
+def settings_in(folder: Path) -> dict[str, Any]:
+    """The content of a ``fleet.toml``; nothing where there is none."""
+    path = folder / "fleet.toml"
+    return load_toml(path, "settings") if path.exists() else {}
+
+
+def _parts(files: Iterable[Path]) -> Iterator[pa.Table]:
+    """Yield rows of files, but of those that were merged into another meanwhile."""
+    for path in files:
+        try:
+            yield pq.ParquetFile(path).read().cast(SCHEMA)
+        except FileNotFoundError:
+            continue
+        except (pa.ArrowInvalid, OSError, ValueError) as error:
+            raise FileError(
+                f"{path} is damaged ({str(error).splitlines()[0][:80]}). Remove it, and watch its "
+                "recordings again."
+            ) from None
+
+
+def _folder_name(serial_number: str) -> str:
+    """A serial number as the name of a folder: ``..`` and ``/`` are none."""
+    return quote(serial_number, safe="-_ ").replace(".", "%2E") or "unknown"
 
 
 def _event(text: str) -> dict[str, Any]:
@@ -246,19 +334,3 @@ def years(moment: datetime) -> float:
 def moment_at(time: float) -> datetime:
     """The moment of a number of years since 1970."""
     return datetime.fromtimestamp(time * YEAR, UTC)
-
-
-def columns_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:
-    """By magnitude, of n rows with a verdict, (n, 5): time, value, error, temperature, load."""
-    found: dict[str, list[tuple[Any, ...]]] = {}
-    for row in rows:
-        if row["grade"] in (SET_ASIDE, "none"):
-            continue
-        names, time = row["names"] or (), years(row["time"])
-        for n, name in enumerate(names):
-            variance = row["covariance"][n * len(names) + n]
-            if variance is not None and 0.0 <= variance < float("inf"):
-                found.setdefault(name, []).append(
-                    (time, row["values"][n], variance**0.5, row["temperature"], row["load"])
-                )
-    return {name: np.array(several, dtype=float) for name, several in found.items()}

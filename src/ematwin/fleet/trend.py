@@ -22,7 +22,7 @@ J. Am. Stat. Assoc. 93, 796-806), here as Bayes factors of one normal shock.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -45,27 +45,22 @@ class Series:
     # times, years, from which on the actuator is as another one of the fleet
     overhauls: tuple[float, ...] = ()
 
-    def until(self, moment: float) -> "Series":
-        """The series up to a moment, years."""
-        n = int(np.searchsorted(self.time, moment, side="right"))
-        return Series(
-            self.time[:n], self.value[:n], self.error[:n], self.covariates[:n],
-            tuple(at for at in self.overhauls if at <= moment),
-        )  # fmt: skip
-
     @property
     def arrays(self) -> tuple[np.ndarray, ...]:
         """Contiguous, as filter and smoother are compiled for each layout of their arguments."""
         several = self.time, self.value, self.error, self.covariates
         return tuple(map(np.ascontiguousarray, several))
 
+    def part(self, which: slice) -> "Series":
+        """Some of the estimates."""
+        return Series(
+            self.time[which], self.value[which], self.error[which], self.covariates[which],
+            self.overhauls,
+        )  # fmt: skip
+
     def thinned(self) -> "Series":
         """At most 200 of its estimates, evenly: all of them teach a fleet no more."""
-        every = -(-self.time.size // 200) or 1
-        return Series(
-            self.time[::every], self.value[::every], self.error[::every],
-            self.covariates[::every], self.overhauls,
-        )  # fmt: skip
+        return self.part(slice(None, None, -(-self.time.size // 200) or 1))
 
 
 @dataclass(frozen=True)
@@ -123,43 +118,61 @@ class Draws(NamedTuple):
         return np.maximum(0.0, 1.0 - self.scale**2) * usual**2
 
 
-@dataclass(frozen=True)
 class Trend:
-    """Posterior of level and slope of a magnitude."""
+    """Posterior of level and slope of a magnitude: a filter and a smoother, with given shocks.
 
-    series: Series  # the data
-    wear: Wear  # the fleet's prior
-    # mean, covariance: (3,) and (3, 3) arrays, level, slope and acceleration at ``time``
-    mean: np.ndarray
-    covariance: np.ndarray
-    level: np.ndarray  # level, level_error: (n,) arrays, smoothed, and its standard error
-    level_error: np.ndarray
-    slope: np.ndarray  # (n,) array, smoothed, per year
-    corrected: np.ndarray  # (n,) array, estimates less the effects of covariates
-    # outliers, jumps: indices of estimates that are outliers, and before which the level jumped
-    outliers: tuple[int, ...]
-    jumps: tuple[int, ...]
-    # told, shocks: logarithms of the probability densities of the estimates, and of their jumps
-    # and outliers beforehand
-    told: float
-    shocks: float
+    Attributes
+    ----------
+    series, wear : the data, and the fleet's prior
+    outliers, jumps : indices of estimates that are outliers, and before which the level jumped
+    mean, covariance : (3,) and (3, 3) arrays, level, slope and acceleration at ``time``
+    told : logarithm of the probability density of the estimates
+    jump, reset : (n,) arrays, variance of the jump before each estimate, and whether an overhaul
+        lies before it
+    smooth, error : (n, 5) arrays, smoothed states and their variances
+    score, weight, residual, precision : auxiliary residuals of the smoother, see `smoothed`
+    """
 
-    @cached_property
-    def states(self) -> list[tuple[Draws, np.ndarray, np.ndarray]]:
-        """Draws of the wear, by law, with mean (N, 3) and covariance (N, 3, 3) at ``time``."""
-        if not self.wear.others:
-            return [(self.wear.alone, self.mean[None], self.covariance[None])]
-        if self.time > self.series.time[-1]:  # renewed since
-            return [
-                (one, one.mean[:, :3], one.spread[:, :3, None] ** 2 * np.eye(3))
-                for one in self.wear.others
-            ]
-        return [(one, *self.ended(one)[:2]) for one in self.wear.others]
+    def __init__(
+        self, series: Series, wear: Wear, outliers: Iterable[int] = (), jumps: Iterable[int] = ()
+    ) -> None:
+        n = series.time.size
+        self.series, self.wear = series, wear
+        self.outliers, self.jumps = tuple(sorted(outliers)), tuple(sorted(jumps))
+        self.jump, self.reset = np.zeros(n), np.zeros(n, dtype=bool)
+        self.jump[list(self.jumps)] = wear.size**2
+        starts = np.searchsorted(series.time, np.array(series.overhauls, dtype=float))
+        self.reset[[i for i in starts if 0 < i < n]] = True
+        moments = _moments(n)
+        (self.mean,), (self.covariance,), (told,) = self.ended(wear.alone, moments)
+        self.told = float(told)
+        if self._is_renewed:
+            self.mean, self.covariance = wear.mean[:3], np.diag(wear.spread[:3] ** 2)
+        self.score, self.weight = np.empty((n, 5)), np.empty((n, 5, 5))
+        self.residual, self.precision = np.empty(n), np.empty(n)
+        self.smooth, self.error = np.empty((n, 5)), np.empty((n, 5))
+        time, _, _, covariates = series.arrays
+        smoothed(
+            time, covariates, wear.lasting, self.jump, self.reset, *moments, self.score,
+            self.weight, self.residual, self.precision, self.smooth, self.error,
+        )  # fmt: skip
 
-    def ended(self, draws: Draws) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """States (N, 3) after the last estimate, covariances, and log likelihoods (N,)."""
-        restarts = _restarts(self.series, self.wear, self.jumps)
-        return _filtered(self.series, self.wear, self.outliers, restarts, draws, _Moments.of(0))
+    def ended(
+        self, draws: Draws, moments: tuple[np.ndarray, ...] | None = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """States (N, 3) after the last estimate, covariances, and log likelihoods (N,) of draws.
+
+        For one draw ``moments`` are filled as the smoother needs them.
+        """
+        used = np.ones(self.series.time.size, dtype=bool)
+        used[list(self.outliers)] = False
+        count = len(draws.mean)
+        found = np.empty((count, 3)), np.empty((count, 3, 3)), np.empty(count)
+        filtered(
+            *self.series.arrays, used, self.wear.after, self.jump, self.reset, draws, *found,
+            *(_moments(0) if moments is None else moments),
+        )  # fmt: skip
+        return found
 
     @property
     def time(self) -> float:
@@ -167,9 +180,66 @@ class Trend:
         return max(float(self.series.time[-1]), *self.series.overhauls, -math.inf)
 
     @property
+    def _is_renewed(self) -> bool:
+        """Whether it was overhauled after the last estimate."""
+        return self.time > self.series.time[-1]
+
+    @property
+    def level(self) -> np.ndarray:
+        """(n,) array, smoothed."""
+        return self.smooth[:, _LEVEL]
+
+    @property
+    def level_error(self) -> np.ndarray:
+        """(n,) array, standard error of the level."""
+        return np.sqrt(np.maximum(self.error[:, _LEVEL], 0.0))
+
+    @property
+    def slope(self) -> np.ndarray:
+        """(n,) array, smoothed, per year."""
+        return self.smooth[:, _SLOPE]
+
+    @property
+    def corrected(self) -> np.ndarray:
+        """(n,) array, estimates less the effects of covariates."""
+        effects = self.smooth[:, _EFFECTS:] * self.series.covariates
+        return self.series.value - effects.sum(axis=1)
+
+    @property
     def constant_variance(self) -> float:
         """Of the error that all estimates have in common."""
         return float(self.wear.alone.constant_variance(self.series.error)[0])
+
+    @property
+    def shocks(self) -> float:
+        """Logarithm of the probability density of its jumps and outliers beforehand."""
+        wear, gap = self.wear, np.diff(self.series.time, prepend=0.0)
+        apart = math.log(wear.outlier_share / wear.size / math.sqrt(2.0 * math.pi))
+        jumps = np.log(wear.jump_rate * gap[list(self.jumps)]).sum()
+        return float(jumps + len(self.outliers) * apart)
+
+    def odds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Log odds, (n,) each, of an outlier at, and of a jump before, each estimate."""
+        wear, gap = self.wear, np.diff(self.series.time, prepend=self.series.time[0])
+        with np.errstate(divide="ignore"):
+            apart = np.log(wear.outlier_share) + _factor(self.residual, self.precision, wear.size)
+            jump = np.log(wear.jump_rate * gap)
+        jump += _factor(self.score[:, _LEVEL], self.weight[:, _LEVEL, _LEVEL], wear.size)
+        apart[self.precision == 0.0] = -np.inf
+        jump[(self.jump > 0.0) | self.reset] = -np.inf
+        return apart, jump
+
+    @cached_property
+    def states(self) -> list[tuple[Draws, np.ndarray, np.ndarray]]:
+        """Draws of the wear, by law, with mean (N, 3) and covariance (N, 3, 3) at ``time``."""
+        if not self.wear.others:
+            return [(self.wear.alone, self.mean[None], self.covariance[None])]
+        if self._is_renewed:
+            return [
+                (one, one.mean[:, :3], one.spread[:, :3, None] ** 2 * np.eye(3))
+                for one in self.wear.others
+            ]
+        return [(one, *self.ended(one)[:2]) for one in self.wear.others]
 
     def at(self, moment: float) -> tuple[float, float, float]:
         """Level, its standard error and the slope at a later moment, years."""
@@ -196,74 +266,9 @@ class Trend:
         return mean @ move.T, cov
 
 
-def _restarts(series: Series, wear: Wear, jumps: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Variance of the jump before each estimate (n,), and whether an overhaul lies before it."""
-    n = series.time.size
-    jump, reset = np.zeros(n), np.zeros(n, dtype=bool)
-    jump[list(jumps)] = wear.size**2
-    starts = np.searchsorted(series.time, np.array(series.overhauls, dtype=float))
-    reset[[i for i in starts if 0 < i < n]] = True
-    return jump, reset
-
-
-class _Moments(NamedTuple):
-    """The filter at n estimates, as the smoother needs it."""
-
-    state: np.ndarray  # (n, 5), predicted
-    covariance: np.ndarray  # (n, 5, 5)
-    gain: np.ndarray  # (n, 5)
-    innovation: np.ndarray  # (n,)
-    power: np.ndarray  # (n,), variance of the innovation
-
-    @classmethod
-    def of(cls, n: int) -> "_Moments":
-        """Not filled."""
-        return cls(*(np.empty(shape) for shape in ((n, 5), (n, 5, 5), (n, 5), (n,), (n,))))
-
-
-def _filtered(
-    series: Series, wear: Wear, outliers: Sequence[int], restarts: tuple[np.ndarray, np.ndarray],
-    draws: Draws, moments: _Moments,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-    """States (N, 3) after the last estimate, covariances, and log likelihoods (N,) of N draws."""
-    used = np.ones(series.time.size, dtype=bool)
-    used[list(outliers)] = False
-    count = len(draws.mean)
-    found = np.empty((count, 3)), np.empty((count, 3, 3)), np.empty(count)
-    filtered(*series.arrays, used, wear.after, *restarts, draws, *found, *moments)
-    return found
-
-
-class Pass:
-    """One filter and smoother over a series, with shocks at given places."""
-
-    def __init__(self, series: Series, wear: Wear, outliers: Sequence[int], jumps: Sequence[int]):
-        n = series.time.size
-        self.jump, self.reset = restarts = _restarts(series, wear, jumps)
-        moments = _Moments.of(n)
-        self.mean, self.covariance, self.told = (
-            part[0] for part in _filtered(series, wear, outliers, restarts, wear.alone, moments)
-        )
-        self.score, self.weight = np.empty((n, 5)), np.empty((n, 5, 5))
-        self.residual, self.precision = np.empty(n), np.empty(n)
-        self.smooth, self.error = np.empty((n, 5)), np.empty((n, 5))
-        time, _, _, covariates = series.arrays
-        smoothed(
-            time, covariates, wear.lasting, self.jump, self.reset, *moments, self.score,
-            self.weight, self.residual, self.precision, self.smooth, self.error,
-        )  # fmt: skip
-
-    def odds(self, series: Series, wear: Wear) -> tuple[np.ndarray, np.ndarray]:
-        """Log odds, (n,) each, of an outlier at, and of a jump before, each estimate."""
-        gap = np.diff(series.time, prepend=series.time[0])
-        with np.errstate(divide="ignore"):
-            apart = np.log(wear.outlier_share) + _factor(self.residual, self.precision, wear.size)
-            jump = np.log(wear.jump_rate * gap)
-        jump += _factor(self.score[:, _LEVEL], self.weight[:, _LEVEL, _LEVEL], wear.size)
-        apart[self.precision == 0.0] = -np.inf
-        jump[self.jump > 0.0] = -np.inf
-        jump[self.reset] = -np.inf
-        return apart, jump
+def _moments(n: int) -> tuple[np.ndarray, ...]:
+    """Predicted states and covariances, gains, innovations and their variances, not filled."""
+    return tuple(np.empty(shape) for shape in ((n, 5), (n, 5, 5), (n, 5), (n,), (n,)))
 
 
 def _factor(score: np.ndarray, weight: np.ndarray, size: float) -> np.ndarray:
@@ -274,35 +279,16 @@ def _factor(score: np.ndarray, weight: np.ndarray, size: float) -> np.ndarray:
 
 def trend(series: Series, wear: Wear) -> Trend:
     """Posterior of a series, with the jumps and outliers that are more likely than not."""
-    outliers: list[int] = []
-    jumps: list[int] = []
-    done = Pass(series, wear, outliers, jumps)
+    found = Trend(series, wear)
     for _ in range(30):  # shocks at most
-        apart, jump = done.odds(series, wear)
+        apart, jump = found.odds()
         i, k = int(np.argmax(apart)), int(np.argmax(jump))
         if max(apart[i], jump[k]) <= 0.0:
             break
         if jump[k] >= apart[i]:
-            jumps.append(k)
             # an outlier that the jump explains is none
-            outliers = [one for one in outliers if one < k]
+            before = [one for one in found.outliers if one < k]
+            found = Trend(series, wear, before, [*found.jumps, k])
         else:
-            outliers.append(i)
-        done = Pass(series, wear, outliers, jumps)
-    last = done.mean, done.covariance
-    if any(at > series.time[-1] for at in series.overhauls):
-        last = wear.mean[:3], np.diag(wear.spread[:3] ** 2)
-    effect = (done.smooth[:, _EFFECTS:] * series.covariates).sum(axis=1)
-    told = np.log(wear.jump_rate * np.diff(series.time, prepend=0.0)[jumps]).sum()
-    told += len(outliers) * math.log(wear.outlier_share / wear.size / math.sqrt(2.0 * math.pi))
-    return Trend(
-        series, wear, *last,
-        done.smooth[:, _LEVEL], np.sqrt(np.maximum(done.error[:, _LEVEL], 0.0)),
-        done.smooth[:, _SLOPE], series.value - effect,
-        tuple(sorted(outliers)), tuple(sorted(jumps)), float(done.told), float(told),
-    )  # fmt: skip
-
-
-def again(series: Series, shocks: Trend, wear: Wear) -> Pass:
-    """Filter and smoother with another wear, and the shocks of a trend."""
-    return Pass(series, wear, shocks.outliers, shocks.jumps)
+            found = Trend(series, wear, [*found.outliers, i], found.jumps)
+    return found

@@ -10,7 +10,7 @@ import os
 import random
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor, as_completed
+from concurrent.futures import CancelledError, Executor, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
@@ -123,10 +123,14 @@ def watch(
     if scheduler is not None:  # its workers have other working directories
         several = [recordings] if isinstance(recordings, str | Path) else recordings
         store, recordings = FleetStore(store.folder.resolve()), [Path(p).resolve() for p in several]
-    paths = Paths(recordings, pattern)
-    twins, known, found = Twins(store, actuator), store.known(), Watched()
-    seen: dict[str, str] = {}
-    todo: list[tuple[Path, str]] = []
+    paths, known, found = Paths(recordings, pattern), store.known(), Watched()
+    latest: dict[str, datetime] = {}
+    for row in (row for rows in known.values() for row in rows if row["time"] is not None):
+        serial = row["serial_number"]
+        latest[serial] = max(latest.get(serial, row["time"]), row["time"])
+    judge = _Judge(store, Twins(store, actuator), paths, columns, latest)
+    todo: dict[str, Path] = {}  # by content
+    seen: set[str] = set()
     for path in paths.files:
         try:
             content = hash_of(path)
@@ -135,21 +139,16 @@ def watch(
             continue
         if content in seen:
             found.duplicates.append(str(path))
-            continue
-        seen[content] = str(path)
-        if content in known and not _changed(known[content], twins, paths, path):
+        elif content in known and not judge.judges_anew(path, known[content]):
             found.known += 1
-            continue
-        todo.append((path, content))
-    # two watchers on one store begin at different recordings
-    random.Random(os.urandom(8)).shuffle(todo)
-    latest = _latest(known)
+        else:
+            todo[content] = path
+        seen.add(content)
+    order = list(todo.items())
+    random.Random(os.urandom(8)).shuffle(order)  # of two watchers each begins with others
     lent = max(1, min(threads or cores(), len(todo)))
     with told(progress, "judging") as tell, _workers(lent, scheduler if todo else None) as pool:
-        tasks: dict[Future[Any], Path] = {}
-        for path, content in todo:
-            work = pool.submit(_judged, store, path, content, twins, paths, columns, latest)
-            tasks[work] = path
+        tasks = [pool.submit(judge, path, content) for content, path in order]
         try:
             for done, task in enumerate(as_completed(tasks), 1):
                 rows = task.result()
@@ -194,65 +193,62 @@ def _workers(threads: int, scheduler: str | None) -> Iterator[Executor]:
         engine.close()
 
 
-def _changed(rows: Sequence[dict[str, Any]], twins: Twins, paths: Paths, path: Path) -> bool:
-    """Whether a file is now judged by another twin, or was set aside under another name."""
-    return any(
-        (row["grade"] == SET_ASIDE and Path(row["source"]).parts[-2:] != path.parts[-2:])
-        or twins.select(
-            row["serial_number"] or paths.serial(path), row["time"] or paths.time(path)
-        )
-        != row["twin"]
-        for row in rows
-    )  # fmt: skip
+class _Judge:
+    """Judges files; ``latest`` has the time of the latest recording of each actuator."""
 
+    def __init__(
+        self, store: FleetStore, twins: Twins, paths: Paths, columns: Any,
+        latest: dict[str, datetime],
+    ) -> None:  # fmt: skip
+        self._store, self._twins, self._paths = store, twins, paths
+        self._columns, self._latest = columns, latest
 
-def _latest(known: dict[str, list[dict[str, Any]]]) -> dict[str, datetime]:
-    latest: dict[str, datetime] = {}
-    for rows in known.values():
+    def judges_anew(self, path: Path, rows: Sequence[dict[str, Any]]) -> bool:
+        """Whether another twin judges a file now, or it was set aside under another name."""
         for row in rows:
-            if row["time"] is not None:
-                serial = row["serial_number"]
-                latest[serial] = max(latest.get(serial, row["time"]), row["time"])
-    return latest
+            if row["grade"] == SET_ASIDE and Path(row["source"]).parts[-2:] != path.parts[-2:]:
+                return True
+            serial = row["serial_number"] or self._paths.serial(path)
+            if self._twins.select(serial, row["time"] or self._paths.time(path)) != row["twin"]:
+                return True
+        return False
 
-
-def _judged(
-    store: FleetStore, path: Path, content: str, twins: Twins, paths: Paths, columns: Any,
-    latest: dict[str, datetime],
-) -> list[dict[str, Any]]:  # fmt: skip
-    """The rows of a file, which are kept before they are given."""
-    serial, stated = paths.serial(path), paths.time(path)
-    try:
-        first = twins.select(serial, stated or datetime.now(UTC))
-        actuator = store.twin(first).actuator if first else None
-        several = read(path, columns, actuator=actuator, split=True)
-    except Exception as error:  # whatever a damaged file makes a reader raise
-        twin = twins.select(serial, stated)
-        made: dict[str, Any] = {"content": content, "motion": 0, "twin": twin}
-        rows = [_aside(error, serial, stated, path, made)]
+    def __call__(self, path: Path, content: str) -> list[dict[str, Any]]:
+        """The rows of a file, which are kept before they are given."""
+        store, select = self._store, self._twins.select
+        serial, stated = self._paths.serial(path), self._paths.time(path)
+        try:
+            first = select(serial, stated or datetime.now(UTC))
+            actuator = store.twin(first).actuator if first else None
+            several = read(path, self._columns, actuator=actuator, split=True)
+        except Exception as error:  # whatever a damaged file makes a reader raise
+            made: dict[str, Any] = {
+                "content": content, "motion": 0, "twin": select(serial, stated)
+            }  # fmt: skip
+            rows = [_aside(error, serial, stated, path, made)]
+            store.add(rows)
+            return rows
+        found = []
+        by: dict[str, list[str]] = {}
+        for motion, one in enumerate(several):
+            who, when = one.labels.get("serial_number", serial), stated
+            if one.start is not None:  # when its time is zero, which may be in another motion
+                when = moment_of(one.start) + timedelta(seconds=float(one.time[0]))
+            made = {"content": content, "motion": motion, "twin": select(who, when)}
+            found.append((one, who, when, made))
+            by.setdefault(who, []).append(id_of(**made))
+        if by and all(store.has(who, ids) for who, ids in by.items()):
+            return []  # another watcher was faster
+        rows = []
+        for one, who, when, made in found:
+            try:
+                late = when is not None and when < self._latest.get(who, when)
+                more = {"source": str(path), "note": "late" if late else ""}
+                rows.append(_row(one, who, when, store, **more, **made))
+            except Exception as error:  # the rest goes on
+                rows.append(_aside(error, who, when, path, made))
         store.add(rows)
         return rows
-    found = []
-    by: dict[str, list[str]] = {}
-    for motion, one in enumerate(several):
-        who, when = one.labels.get("serial_number", serial), stated
-        if one.start is not None:  # when its time is zero, which may be in another motion
-            when = moment_of(one.start) + timedelta(seconds=float(one.time[0]))
-        made = {"content": content, "motion": motion, "twin": twins.select(who, when)}
-        found.append((one, who, when, made))
-        by.setdefault(who, []).append(id_of(**made))
-    if by and all(store.has(who, ids) for who, ids in by.items()):
-        return []  # another watcher was faster
-    rows = []
-    for one, who, when, made in found:
-        try:
-            late = when is not None and who in latest and when < latest[who]
-            note = "late" if late else ""
-            rows.append(_row(one, who, when, store, source=str(path), note=note, **made))
-        except Exception as error:  # the rest goes on
-            rows.append(_aside(error, who, when, path, made))
-    store.add(rows)
-    return rows
 
 
 def _row(
@@ -297,8 +293,9 @@ def _aside(
     error: Exception, serial: str, when: datetime | None, path: Path, made: dict[str, Any]
 ) -> dict[str, Any]:
     """The row of what could not be judged; its id is that of no judgement."""
-    reason = f"It cannot be judged ({type(error).__name__}: {str(error)[:200]})."
-    reason = str(error) if isinstance(error, EmatwinError) else reason
+    reason = str(error)
+    if not isinstance(error, EmatwinError):
+        reason = f"It cannot be judged ({type(error).__name__}: {reason[:200]})."
     more: dict[str, Any] = {"kind": "", "grade": SET_ASIDE, "reason": reason, "source": str(path)}
     own = id_of(made["content"], made["motion"], f"{made['twin']} {reason} {path}")
     return row_of(serial, when, **made, **more) | {"id": own}

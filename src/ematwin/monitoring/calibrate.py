@@ -23,9 +23,7 @@ from ematwin.monitoring.gather import Given, actuator_of, recordings_of
 from ematwin.monitoring.learn_population import (
     check_outliers,
     evenly,
-    healthy_runs,
     mean_recordings,
-    report_on,
     restated,
     signature,
     with_discrepancy,
@@ -78,9 +76,10 @@ def calibrate(
         If an option cannot be used.
     """
     with told(progress, "calibrating") as show:
-        return _calibrated(
-            recordings, template, known or {}, name, show or (lambda share: None), add_to
-        )
+        tell = show or (lambda share: None)
+        if add_to is not None:
+            return _added(recordings, add_to, known or {}, name, tell)
+        return _calibrated(recordings, template, known or {}, name, tell)
 
 
 def _calibrated(
@@ -89,11 +88,8 @@ def _calibrated(
     known: Mapping[str, Given],
     name: str | None,
     tell: Progress,
-    add_to: Calibration | str | Path | None,
 ) -> CalibrationReport:
-    """Do what `calibrate` says, and tell ``tell`` of it."""
-    if add_to is not None:
-        return _added(recordings, add_to, known, name, tell)
+    """The twin, and where it judges, the healthy population."""
     chosen = actuator_of(recordings) if template is None else load_actuator(template)
     model = model_of(chosen)
     by_values = frees_parameters(model)
@@ -107,7 +103,8 @@ def _calibrated(
         _, barred = checked(model, one, chosen)
         if barred:
             raise RecordError(f"{one.name} is nothing to learn from: {' '.join(barred)}")
-    runs = list(dict.fromkeys(one.run for one in healthy))
+    of_run = [one.run for one in healthy]
+    runs = list(dict.fromkeys(of_run))
     few = "" if by_values or len(runs) >= 3 else (
         "A healthy population needs at least three healthy runs, so that two can judge the third; "
         f"received {len(runs)} ({', '.join(runs)}). Record more, on other days; a run is a file, "
@@ -115,24 +112,22 @@ def _calibrated(
     )  # fmt: skip
     if few and known:
         raise RecordError(few)
-    command, interval = healthy[0].channels[model.command], healthy[0].interval
     tell(0.05)
-    bench, left_out = None, list[str]()
+    left_out: list[str] = []
     if by_values:
         some = evenly(healthy, _MOST_LEARNT)
         if model.recordings_differ:
             some, left_out = _sound(model, chosen, healthy)
         beside = [model.compare(one, chosen) for one in some]
     else:
+        command, interval = healthy[0].channels[model.command], healthy[0].interval
         settling = Monitoring.of(model).settling_time(chosen)
         bench = Bench(model, chosen, healthy, command, interval, settling)
         beside = mean_recordings(bench)
     learnt = learn(model, chosen, beside, lambda share: tell(0.05 + 0.45 * share))
-    actuator, parameters = learnt.actuator, learnt.parameters
-    if name is not None:
-        actuator = actuator.model_copy(update={"name": name})
+    actuator, parameters = _renamed(learnt.actuator, name), learnt.parameters
     tell(0.5)
-    if bench is None or few:
+    if by_values or few:
         tell(1.0)
         notes = [*left_out, *learnt.notes]
         if few:
@@ -143,25 +138,20 @@ def _calibrated(
             basis=Basis(chosen, [c.recording for c in beside], learnt.nuisances, learnt.forms),
         )  # fmt: skip
     bench = Bench(model, actuator, healthy, command, interval, settling, bench.layout.channels)
-    layout = bench.layout
     fit, discrepancy, scale = with_discrepancy(bench)
     measured = bench.measured(fit)
     tell(0.8)
-    of_run = [one.run for one in healthy]
-    kept = healthy_runs(
-        layout, measured,
-        without_own_share(layout, measured, fit, scale, of_run), of_run,
-    )  # fmt: skip
+    features = without_own_share(bench, measured, fit, scale, of_run)
     calibration = PopulationCalibration(
         actuator=actuator,
         baseline=learnt.baseline,
         command=command,
         interval=interval,
         settling_time=settling,
-        channels=layout.channels,
+        channels=bench.layout.channels,
         discrepancy=discrepancy,
         scale=scale,
-        healthy=kept,
+        healthy=measured.healthy(features, of_run),
         facts={
             "labels": _labels_of(healthy),
             "sources": sorted({one.source for one in healthy}),
@@ -171,10 +161,13 @@ def _calibrated(
     check_outliers(calibration)
     calibration = replace(calibration, baseline=with_spread(calibration, measured))
     signatures = tuple(signature(calibration, fault, examples) for fault, examples in known.items())
+    calibration = replace(calibration, signatures=signatures)
     tell(1.0)
-    return report_on(
-        replace(calibration, signatures=signatures), parameters, learnt.tied, learnt.notes
-    )
+    return CalibrationReport(calibration, parameters, learnt.tied, runs, tuple(learnt.notes))
+
+
+def _renamed(actuator: ParameterSet, name: str | None) -> ParameterSet:
+    return actuator if name is None else actuator.model_copy(update={"name": name})
 
 
 def _sound(
@@ -182,20 +175,13 @@ def _sound(
 ) -> tuple[list[Recording], list[str]]:
     """The recordings that can be learnt from, and sentences on the others.
 
-    Raises
-    ------
-    RecordError
-        If there is none.
+    `RecordError` if there is none.
     """
-    why = [model.excitation(one, actuator) for one in recordings]
-    sound = [one for one, told in zip(recordings, why, strict=True) if not told]
+    obstacles = [(one, " ".join(model.excitation(one, actuator))) for one in recordings]
+    sound = [one for one, why in obstacles if not why]
     if not sound:
-        raise RecordError(f"No recording can be learnt from. Of the first one: {' '.join(why[0])}")
-    return sound, [
-        f"{one.name} was left out: {' '.join(told)}"
-        for one, told in zip(recordings, why, strict=True)
-        if told
-    ]
+        raise RecordError(f"No recording can be learnt from. Of the first one: {obstacles[0][1]}")
+    return sound, [f"{one.name} was left out: {why}" for one, why in obstacles if why]
 
 
 def _added(
@@ -222,23 +208,18 @@ def _added(
                 f"({one_run.verdict.sentence.rstrip('.')}). Leave it out, or calibrate anew with "
                 "it if it is healthy all the same."
             )
-    taken, of_run = set(before.healthy.names), []
-    for one in given:
-        of_run.append(f"{one.run} of {one.source}" if one.run in taken else one.run)
+    taken = set(before.healthy.names)
+    of_run = [f"{one.run} of {one.source}" if one.run in taken else one.run for one in given]
     if before.healthy.holds(measured.features, before.layout.kinds) or taken & set(of_run):
         raise RecordError(
             f"Run {given[0].run} of {given[0].source} is among the healthy runs already; give runs "
             "that are new."
         )
-    more = healthy_runs(before.layout, measured, measured.features, of_run)
-    actuator = before.actuator if name is None else before.actuator.model_copy(
-        update={"name": name}
-    )  # fmt: skip
-    kept = before.healthy.with_more(more)
+    more = measured.healthy(measured.features, of_run)
     after = replace(
         before,
-        actuator=actuator,
-        healthy=kept,
+        actuator=_renamed(before.actuator, name),
+        healthy=before.healthy.with_more(more),
         signatures=(),
         facts={
             **before.facts,
@@ -249,7 +230,8 @@ def _added(
     signatures = [restated(one, before.population, after.population) for one in before.signatures]
     signatures += [signature(after, fault, examples) for fault, examples in known.items()]
     tell(1.0)
-    return report_on(replace(after, signatures=tuple(signatures)), [], [], [])
+    after = replace(after, signatures=tuple(signatures))
+    return CalibrationReport(after, [], [], after.healthy.names)
 
 
 def _labels_of(recordings: Sequence[Recording]) -> str:

@@ -19,45 +19,26 @@ from ematwin.showing.results import drawn, frame_of_rows, page_written
 
 @dataclass(frozen=True)
 class Basis:
-    """Template and recordings of a calibration, for its page.
-
-    Attributes
-    ----------
-    template : ParameterSet
-    recordings : healthy ones that the parameters were fitted to
-    nuisances : values of load and sensors by name, of each recording
-    forms : that were looked for; None of kinds without
-    """
+    """Template and recordings of a calibration, for its page."""
 
     template: ParameterSet
-    recordings: Sequence[Recording]
-    nuisances: Sequence[Mapping[str, float]]
-    forms: FoundForms | None
+    recordings: Sequence[Recording]  # healthy ones that the parameters were fitted to
+    nuisances: Sequence[Mapping[str, float]]  # load and sensors by name, of each recording
+    forms: FoundForms | None  # that were looked for; None of kinds without
 
 
 @dataclass(frozen=True)
 class CalibrationReport:
-    """Result of a calibration.
+    """Result of a calibration."""
 
-    Attributes
-    ----------
-    calibration : with the healthy population, where there is one (`PopulationCalibration`)
-    parameters : fitted ones, with what could not be determined; none where runs were added
-    tied : groups of parameters, known only by their ratios or products
-    learnt : names of the runs
-    run_spread : of each quantity of the population, standard deviations within a run and between
-        runs; of logarithms for multiples of healthy, else SI
-    notes : sentences on what to be careful of
-    basis : None of kinds with a healthy population
-    """
-
+    # with the healthy population, where there is one (`PopulationCalibration`)
     calibration: Calibration
+    # fitted ones, with what could not be determined; none where runs were added
     parameters: list[NominalParameter]
-    tied: list[tuple[str, ...]]
-    learnt: list[str]
-    run_spread: dict[str, tuple[float, float]] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
-    basis: Basis | None = field(default=None, repr=False)
+    tied: list[tuple[str, ...]]  # groups of parameters, known only by their ratios or products
+    learnt: list[str]  # names of the runs
+    notes: tuple[str, ...] = ()  # sentences on what to be careful of
+    basis: Basis | None = field(default=None, repr=False)  # None with a healthy population
 
     @property
     def actuator(self) -> ParameterSet:
@@ -68,6 +49,18 @@ class CalibrationReport:
     def baseline(self) -> Baseline:
         """How well they are known."""
         return self.calibration.baseline
+
+    @property
+    def run_spread(self) -> dict[str, tuple[float, float]]:
+        """Standard deviations within a run and between runs of each quantity of the population.
+
+        Of logarithms for multiples of healthy, else SI.
+        """
+        known = self.calibration
+        if not isinstance(known, PopulationCalibration):
+            return {}
+        spread = zip(known.reported.within.tolist(), known.reported.between.tolist(), strict=True)
+        return {one.name: both for one, both in zip(known.quantities, spread, strict=True)}
 
     @property
     def sources(self) -> dict[str, str]:
@@ -90,14 +83,9 @@ class CalibrationReport:
 
     def to_frame(self) -> Any:
         """A pandas DataFrame with a row for each fitted parameter, by place; needs pandas."""
-        return frame_of_rows(
-            (
-                {"place": p.place, "value": p.value, "standard_error": p.standard_error,
-                 "template": p.template, "determined": p.determined}
-                for p in self.parameters
-            ),
-            "place",
-        )  # fmt: skip
+        shown = ("place", "value", "standard_error", "template", "determined")
+        rows = ({name: getattr(p, name) for name in shown} for p in self.parameters)
+        return frame_of_rows(rows, "place")
 
     to_dataframe = to_frame
 

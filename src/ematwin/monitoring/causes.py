@@ -30,55 +30,32 @@ DRIFT = 1.0
 
 
 class Direction(NamedTuple):
-    """Where a cause shifts the estimates.
+    """Where a cause shifts the estimates."""
 
-    Attributes
-    ----------
-    fault : its name, or `UNNAMED`
-    coefficients : (3, F) or (1, F) array, shift of the scores over the covariate (`fit_mean`)
-    taught : whether recordings with this fault showed it
-    around : (F,) array of bool, scores that it may also shift each by itself, by about the size
-    """
-
-    fault: str
-    coefficients: np.ndarray
-    taught: bool = False
+    fault: str  # its name, or `UNNAMED`
+    coefficients: np.ndarray  # (3, F) or (1, F), shift of the scores over the covariate
+    taught: bool = False  # whether recordings with this fault showed it
+    # (F,) array of bool, scores that it may also shift each by itself, by about the size
     around: np.ndarray | None = None
 
 
 class Posterior(NamedTuple):
-    """Probabilities of the causes.
+    """Probabilities of the causes."""
 
-    Attributes
-    ----------
-    probabilities : by fault, and of a change without a name (`UNNAMED`)
-    healthy : probability that nothing has changed
-    distance : from the healthy mean, over what healthy ones have on average
-    likeness : faults that fit the taught direction better than the physical one
-    """
-
-    probabilities: Mapping[str, float]
-    healthy: float
-    distance: float
-    likeness: frozenset[str]
+    probabilities: Mapping[str, float]  # by fault, and of a change without a name (`UNNAMED`)
+    healthy: float  # probability that nothing has changed
+    distance: float  # from the healthy mean, over what healthy ones have on average
+    likeness: frozenset[str]  # faults that fit the taught direction better than the physical one
 
 
 @dataclass(frozen=True)
 class Scatter:
-    """How scores of healthy recordings scatter.
+    """How scores of healthy recordings scatter."""
 
-    Attributes
-    ----------
-    between : (F, F) array, covariance of the means of a run
-    within : (F, F) array, of recordings of a run around its mean
-    motions : recordings of a run, of which ``between`` is the mean
-    freedom : number of recordings that it was learnt from
-    """
-
-    between: np.ndarray
-    within: np.ndarray
-    motions: float
-    freedom: int
+    between: np.ndarray  # (F, F), covariance of the means of a run
+    within: np.ndarray  # (F, F), of recordings of a run around its mean
+    motions: float  # recordings of a run, of which ``between`` is the mean
+    freedom: int  # number of recordings that it was learnt from
 
     @classmethod
     def of(cls, scores: np.ndarray, groups: np.ndarray, drifts: np.ndarray) -> "Scatter":
@@ -139,10 +116,7 @@ class Causes:
             if one.around is not None:
                 ways.append((self._around(x, shift, n, count), False))
         share = np.log((1.0 - BEFOREHAND) / len(found))
-        logs = {
-            fault: float(np.logaddexp.reduce([own for own, _ in ways]) - np.log(len(ways)) + share)
-            for fault, ways in found.items()
-        }
+        logs = {fault: _mean([own for own, _ in ways]) + share for fault, ways in found.items()}
         total = np.logaddexp.reduce([healthy, *logs.values()])
         return Posterior(
             {fault: float(np.exp(value - total)) for fault, value in logs.items()},
@@ -167,7 +141,7 @@ class Causes:
             variance, axes = self._spread(count, size, direction)
             square = (((x - size * shift) @ axes) ** 2 / variance).sum()
             each.append(self._logs(square, np.log(variance).sum()))
-        return float(np.logaddexp.reduce(each) - np.log(len(each)))
+        return _mean(each)
 
     def _along(
         self, x: np.ndarray, shift: np.ndarray, sizes: np.ndarray, variance: np.ndarray
@@ -186,12 +160,17 @@ class Causes:
         each = self._logs(square, np.log(spread).sum(-1) + np.log(wider))
         # half of the normal distribution: a fault has no negative size
         each += np.log(2.0) + log_ndtr(size[..., 0] * like / np.sqrt(wider))
-        return float(np.logaddexp.reduce(each, axis=None) - np.log(each.size))
+        return _mean(each)
 
     def _logs(self, square: Any, log_determinant: Any) -> Any:
         """Logarithms of the density of Student's t, but for a constant."""
         freedom, count = self._scatter.freedom, len(self._scatter.between)
         return -0.5 * ((freedom + count) * np.log1p(square / freedom) + log_determinant)
+
+
+def _mean(logs: Any) -> float:
+    """Logarithm of the mean of values by their logarithms."""
+    return float(np.logaddexp.reduce(logs, axis=None) - np.log(np.size(logs)))
 
 
 def _shrunk(rows: np.ndarray) -> np.ndarray:

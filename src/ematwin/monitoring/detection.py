@@ -3,6 +3,7 @@
 `ematwin.identify` of several recordings and `ematwin.detect` give the same one.
 """
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -39,16 +40,14 @@ class Detection:
     @classmethod
     def of(cls, parts: Mapping[str, Self], not_begun: int) -> Self:
         """Several actuators together; ``not_begun`` recordings are of others."""
-
-        def named(name: str, rows: Sequence[Diagnosis]) -> list[Diagnosis]:
-            return [replace(row, actuator=name) for row in rows]
-
-        return cls(
-            tuple(row for name, one in parts.items() for row in named(name, one.motions)),
-            tuple(row for name, one in parts.items() for row in named(name, one.runs)),
-            {name: one.calibrations[""] for name, one in parts.items()},
-            not_begun + sum(one.missing for one in parts.values()),
+        motions, runs = (
+            tuple(
+                replace(row, actuator=name) for name, one in parts.items() for row in one.each(each)
+            )
+            for each in ("motion", "run")
         )
+        known = {name: one.calibrations[""] for name, one in parts.items()}
+        return cls(motions, runs, known, not_begun + sum(one.missing for one in parts.values()))
 
     def __getitem__(self, actuator: str) -> Self:
         """The part of one actuator; how many recordings are missing is known of all together."""
@@ -84,8 +83,15 @@ class Detection:
     def sentence(self) -> str:
         """How many actuators and runs raise an alarm, and for which faults."""
         kind = "runs" if self.by_run else "recordings"
-        interrupted = f" Interrupted: {self.missing} more were not judged." if self.missing else ""
-        return f"{self._said_of_actuators()}{said_of(self.runs, kind)}.{interrupted}"
+        said = counted(self.runs, kind)
+        names = Counter(
+            name for one in self.runs for name in one.faults or ((one.fault,) if one.alarm else ())
+        )
+        if names:
+            said += f": {'; '.join(f'{fault} in {count}' for fault, count in names.items())}"
+        if self.missing:
+            said += f". Interrupted: {self.missing} more were not judged"
+        return f"{self._said_of_actuators()}{said}."
 
     def _said_of_actuators(self) -> str:
         if len(self.calibrations) < 2:
@@ -147,25 +153,15 @@ def name_of(recording: Recording, labels: dict[str, str], one_source: bool) -> s
     return said if said and one_source else f"{recording.source} {said}".strip()
 
 
-def said_of(rows: Sequence[Diagnosis], kind: str) -> str:
-    """How many raise an alarm, and how many of each fault."""
-    names: dict[str, int] = {}
-    for one in rows:
-        for name in one.faults or ((one.fault,) if one.alarm else ()):
-            names[name] = names.get(name, 0) + 1
-    said = "; ".join(f"{fault} in {count}" for fault, count in names.items())
-    return f"{counted(rows, kind)}{': ' + said if said else ''}"
-
-
 def counted(rows: Sequence[Diagnosis], kind: str) -> str:
     """How many raise an alarm, and of how many of the rest something is to be said."""
-    rest = [one.grade for one in rows if not one.alarm]
-    said = {
-        "changed by no more than may drift": rest.count("changed"),
-        "without a verdict": rest.count("none"),
-    }
-    more = "".join(f", {count} {text}" for text, count in said.items() if count)
-    return f"{sum(one.alarm for one in rows)} of {len(rows)} {kind} raise an alarm{more}"
+    said = f"{sum(one.alarm for one in rows)} of {len(rows)} {kind} raise an alarm"
+    rest = Counter(one.grade for one in rows if not one.alarm)
+    if rest["changed"]:
+        said += f", {rest['changed']} changed by no more than may drift"
+    if rest["none"]:
+        said += f", {rest['none']} without a verdict"
+    return said
 
 
 def gathered_notes(rows: Sequence[Diagnosis]) -> list[str]:

@@ -6,27 +6,21 @@ from dataclasses import dataclass, field
 from ematwin.estimation.identification import Identification
 from ematwin.estimation.verdict import UNNAMED, Grade, Verdict
 from ematwin.showing import markup
+from ematwin.showing.results import plain
 from ematwin.showing.text import number_of, said, said_between
 
 
 @dataclass(frozen=True)
 class Magnitude:
-    """A fault, or another reported quantity, with its interval.
-
-    Attributes
-    ----------
-    value, low, high : in ``unit``, with the 95 % interval
-    healthy : (2,) band in which 95 % of healthy recordings lie
-    score : standard deviations from healthy
-    """
+    """A fault, or another reported quantity, with its interval."""
 
     name: str
     unit: str
-    value: float
+    value: float  # value, low, high: in ``unit``, with the 95 % interval
     low: float
     high: float
-    healthy: tuple[float, float]
-    score: float
+    healthy: tuple[float, float]  # band in which 95 % of healthy recordings lie
+    score: float  # standard deviations from healthy
 
     def __str__(self) -> str:
         number, between = said_between(self.value, self.low, self.high, self.unit)
@@ -41,15 +35,10 @@ class Magnitude:
 
 @dataclass(frozen=True)
 class Covariate:
-    """The covariate that was estimated with a recording, such as its load.
-
-    Attributes
-    ----------
-    name, unit, value : SI
-    """
+    """The covariate that was estimated with a recording, such as its load."""
 
     name: str
-    unit: str
+    unit: str  # SI
     value: float
 
     @property
@@ -63,30 +52,20 @@ class Covariate:
 
 @dataclass(frozen=True)
 class Standing:
-    """Where recordings stand beside the healthy population, for kinds that are judged by one.
+    """Where recordings stand beside the healthy population, for kinds that are judged by one."""
 
-    Attributes
-    ----------
-    distance : from the healthy mean, where healthy ones have about 1
-    evidence : the features furthest from health: name to score
-    statistics : measurements beside the twin, by name, SI
-    covariate : estimated with it, such as the load; None for a kind without one
-    """
-
-    distance: float
+    distance: float  # from the healthy mean, where healthy ones have about 1
+    # scores of the features furthest from health, by name
     evidence: Mapping[str, float] = field(default_factory=dict)
+    # measurements beside the twin, by name, SI
     statistics: Mapping[str, float] = field(default_factory=dict)
-    covariate: Covariate | None = None
+    covariate: Covariate | None = None  # such as the load; None for a kind without one
 
-    def as_dict(self) -> dict[str, object]:
-        """For JSON."""
+    @property
+    def measured(self) -> dict[str, float]:
+        """Covariate and statistics by name."""
         one = self.covariate
-        return {
-            "distance": self.distance,
-            **({} if one is None else {one.key: one.value}),
-            **self.statistics,
-            "evidence": dict(self.evidence),
-        }
+        return {**({} if one is None else {one.key: one.value}), **self.statistics}
 
 
 @dataclass(frozen=True)
@@ -159,20 +138,14 @@ class Diagnosis:
         """It as a row of a table: labels, verdict, each magnitude with its interval."""
         found: dict[str, object] = {"actuator": self.actuator} if self.actuator else {}
         found |= {"name": self.name, **self.labels, "motions": self.motions}
-        at = self.standing
-        if at is not None:
-            found["distance"] = at.distance
-        found |= {"alarm": self.alarm, "fault": self.fault}
-        found |= {"grade": self.grade, "reason": self.reason}
+        if self.standing is not None:
+            found["distance"] = self.standing.distance
+        found |= {name: getattr(self, name) for name in ("alarm", "fault", "grade", "reason")}
         for m in self.magnitudes:
             unit = m.unit.replace("*", "").replace(" ", "")
             key = f"{m.name}_{unit}" if unit not in ("", "x") else m.name
             found |= {key: m.value, f"{key}_low": m.low, f"{key}_high": m.high}
-        if at is None:
-            return found
-        if at.covariate is not None:
-            found[at.covariate.key] = at.covariate.value
-        return found | dict(at.statistics)
+        return found if self.standing is None else found | self.standing.measured
 
     def _repr_html_(self) -> str:
         """The verdict, then the magnitudes, in a notebook."""
@@ -187,25 +160,15 @@ class Diagnosis:
 
     def as_dict(self) -> dict[str, object]:
         """For JSON."""
-        return {
-            "name": self.name,
-            "when": self.when,
-            "labels": self.labels,
-            "motions": self.motions,
-            "alarm": self.alarm,
-            "grade": self.grade,
-            "faults": list(self.faults),
-            "reason": self.reason,
+        direct = ("name", "when", "labels", "motions", "alarm", "grade", "faults", "reason")
+        of_each = ("value", "unit", "low", "high", "healthy", "score")
+        at = self.standing
+        found = {name: getattr(self, name) for name in direct} | {
             "sentence": self.verdict.sentence,
             "fault": self.fault or None,
-            "probability": dict(self.probabilities),
-            "magnitudes": {
-                m.name: {
-                    "value": m.value, "unit": m.unit, "low": m.low, "high": m.high,
-                    "healthy": list(m.healthy), "score": m.score,
-                }
-                for m in self.magnitudes
-            },
-            **({} if self.standing is None else self.standing.as_dict()),
-            "notes": list(self.notes),
-        }  # fmt: skip
+            "probability": self.probabilities,
+            "magnitudes": {m.name: {n: getattr(m, n) for n in of_each} for m in self.magnitudes},
+        }
+        if at is not None:
+            found |= {"distance": at.distance, **at.measured, "evidence": at.evidence}
+        return plain(found | {"notes": self.notes})

@@ -21,22 +21,13 @@ BANDS = (0.03, 0.16, 0.32, 0.45, 0.72, 1.0)
 
 @dataclass(frozen=True)
 class Layout:
-    """Which features the recordings of a command have.
+    """Which features the recordings of a command have."""
 
-    Attributes
-    ----------
-    phases : of the command
-    magnitudes : names of the faults whose values are features
-    channels : names of the channels whose residuals give features
-    names : of the features
-    kinds : "model", "mean" or "band", one for each
-    """
-
-    phases: tuple[Phase, ...]
-    magnitudes: tuple[str, ...]
-    channels: tuple[str, ...]
-    names: tuple[str, ...]
-    kinds: tuple[str, ...]
+    phases: tuple[Phase, ...]  # of the command
+    magnitudes: tuple[str, ...]  # names of the faults whose values are features
+    channels: tuple[str, ...]  # names of the channels whose residuals give features
+    names: tuple[str, ...]  # of the features
+    kinds: tuple[str, ...]  # "model", "mean" or "band", one for each
 
     @classmethod
     def of(
@@ -47,21 +38,19 @@ class Layout:
         short: Mapping[str, str] | None = None,
     ) -> "Layout":
         """The features of recordings with these phases; ``short`` renames channels in them."""
-        names, kinds = list(magnitudes), ["model"] * len(magnitudes)
+        found = [(name, "model") for name in magnitudes]
         for channel in channels:
             said = (short or {}).get(channel, channel)
             for phase in phases:
                 if phase.steady:
-                    names.append(f"{said} mean, {phase.title}")
-                    kinds.append("mean")
-                    for n in range(len(BANDS) - 1):
-                        names.append(f"{said} band {n + 1}, {phase.title}")
-                        kinds.append("band")
+                    found.append((f"{said} mean, {phase.title}", "mean"))
+                    bands = range(1, len(BANDS))
+                    found += [(f"{said} band {n}, {phase.title}", "band") for n in bands]
                 else:
-                    for n in range(_PARTS):
-                        names.append(f"{said} part {n + 1}, {phase.title}")
-                        kinds.append("mean")
-        return cls(tuple(phases), tuple(magnitudes), tuple(channels), tuple(names), tuple(kinds))
+                    parts = range(1, _PARTS + 1)
+                    found += [(f"{said} part {n}, {phase.title}", "mean") for n in parts]
+        names, kinds = zip(*found, strict=True)
+        return cls(tuple(phases), tuple(magnitudes), tuple(channels), names, kinds)
 
     def of_channels(self) -> np.ndarray:
         """(C, F) array of bool: the statistics of the residual of each channel."""

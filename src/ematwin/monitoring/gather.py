@@ -33,31 +33,31 @@ def recordings_of(
     FileError, RecordError
         If a file cannot be read.
     """
-    single = isinstance(given, Recording | str | Path) or is_frame(given)
+    single = _is_single(given)
     if not (single or isinstance(given, Iterable)):
         raise InputError(f"Give recordings, DataFrames or the paths of files, received {given!r}.")
     items: Iterable[Any] = [given] if single else given  # type: ignore[assignment]
     found: list[Recording] = []
     for n, one in enumerate(items, 1):
-        count = len(found)
         if isinstance(one, Recording):
             if columns is not None:
                 raise InputError("A Recording has its channels already; leave columns out.")
-            found.append(one)
+            own = [one]
         elif isinstance(one, str | Path):
-            found += read(files_of(one), columns, actuator=actuator, split=True)
+            own = read(files_of(one), columns, actuator=actuator, split=True)
         elif is_frame(one):
-            found += read(one, columns, actuator=actuator, split=True)
+            own = read(one, columns, actuator=actuator, split=True)
         else:
             raise InputError(
                 f"Give recordings, DataFrames or the paths of files, received {type(one).__name__}."
             )
         # what comes from no file is a run of its own
-        if not (single or isinstance(one, str | Path) or Path(found[-1].source).suffix):
-            found[count:] = [
+        if not (single or isinstance(one, str | Path) or Path(own[-1].source).suffix):
+            own = [
                 each.changed(labels={**each.labels, "run": each.labels.get("run", str(n))})
-                for each in found[count:]
+                for each in own
             ]
+        found += own
     if not found:
         raise InputError("No recording was given; give at least one.")
     return [model_of(actuator).averaged(one) for one in found] if averaged else found
@@ -65,9 +65,9 @@ def recordings_of(
 
 def actuator_of(given: Given, columns: Columns = None) -> ParameterSet:
     """The actuator that is meant where none is named, by the first recording that is given."""
-    single = isinstance(given, Recording | str | Path) or is_frame(given)
     # an iterator is not looked into: its first recording would be gone
-    first = given if single or not isinstance(given, Collection) else next(iter(given), None)
+    several = isinstance(given, Collection) and not _is_single(given)
+    first = next(iter(given), None) if several else given  # type: ignore[arg-type]
     if isinstance(first, str | Path):
         first = files_of(first)[0]
     if first is None or not (isinstance(first, Recording | Path) or is_frame(first)):
@@ -79,7 +79,11 @@ def is_one(given: Any) -> bool:
     """Whether a recording, a DataFrame, or the path of one file is given."""
     if isinstance(given, str | Path):
         return not (Path(given).is_dir() or _is_glob(given))
-    return isinstance(given, Recording) or is_frame(given)
+    return _is_single(given)
+
+
+def _is_single(given: Any) -> bool:
+    return isinstance(given, Recording | str | Path) or is_frame(given)
 
 
 def files_of(path: str | Path) -> list[Path]:

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import replace
-from itertools import zip_longest
+from itertools import takewhile, zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
@@ -19,7 +19,7 @@ from ematwin.estimation.baseline import Baseline, frees_parameters
 from ematwin.estimation.constants import COVERAGE
 from ematwin.estimation.identification import Identification
 from ematwin.estimation.identify import Prepared, compares_sets, identified, prepared
-from ematwin.estimation.interrupt import noting_interrupts
+from ematwin.estimation.interrupt import until_interrupted
 from ematwin.estimation.search import Progress, Search, named
 from ematwin.estimation.verdict import Verdict
 from ematwin.models.reading import read
@@ -29,7 +29,7 @@ from ematwin.monitoring.detection import Detection, name_of
 from ematwin.monitoring.diagnosis import Diagnosis, Magnitude
 from ematwin.monitoring.gather import Given, actuator_of, is_one, recordings_of
 from ematwin.monitoring.population_calibration import PopulationCalibration
-from ematwin.monitoring.runs import Runs, is_table_of_runs, over_groups, read_runs
+from ematwin.monitoring.runs import Group, Runs, is_table_of_runs, read_runs
 from ematwin.numerics.side_by_side import cores
 from ematwin.optimizers.base import ITERATIONS, POPULATION, Optimizer
 from ematwin.recordings.channel_map import Columns
@@ -122,11 +122,13 @@ def identify(
 
     if is_table_of_runs(record):
         record = read_runs(record, actuator, columns, known_of=known_of)
-    runs = record if isinstance(record, Runs) else None
-    known = known_of(actuator, record) if runs is None else runs.groups[0].known
+    is_runs = isinstance(record, Runs)
+    groups = record.groups if is_runs else [Group("", known_of(actuator, record), record)]
     if exact:
-        known = Calibration(known.actuator, Baseline.of_simulation())
-    several = runs is not None or not is_one(record)
+        ideal = Baseline.of_simulation()
+        groups = [replace(one, known=Calibration(one.known.actuator, ideal)) for one in groups]
+    known = groups[0].known
+    several = is_runs or not is_one(record)
     if several and checkpoint is not None:
         raise InputError("A checkpoint is of one search; leave it out for several recordings.")
     search = named(  # also without an algorithm: most default ones keep no checkpoint
@@ -139,7 +141,7 @@ def identify(
         "only": names, "held": held, "uncertainty": uncertainty, "thresholds": thresholds,
     }  # fmt: skip
     if together:
-        if runs is not None:
+        if is_runs:
             raise InputError("A table of runs is judged run by run; leave together out.")
         if not compares_sets(known.model, algorithm, budget, uncertainty, thresholds):
             raise InputError(
@@ -153,9 +155,6 @@ def identify(
     if several:
 
         def judged(known: Calibration, ready: list[Prepared], tell: Progress | None) -> Detection:
-            if exact:
-                known = Calibration(known.actuator, Baseline.of_simulation())
-
             def work(one: Prepared, share: int) -> Identification:
                 return identified(one, known.actuator, known.baseline, threads=share, **settings)
 
@@ -163,13 +162,13 @@ def identify(
             return judge(known, [one.recording for one in ready], found)
 
         with told(progress, "judging", _shown) as tell:
-            return over_groups(_groups(record, known, load, columns), judged, tell)
+            return _over_groups(groups, judged, tell, load, None if is_runs else columns)
     if isinstance(record, Recording) and columns is not None:
         raise InputError("A Recording has its channels already; leave columns out.")
     if not isinstance(record, Recording):
         record = read(record, columns, actuator=known.actuator)
     # the recorded rate is not kept: who gives a recording away frees its memory
-    record = prepared(record, known.actuator, load)
+    record, groups = prepared(record, known.actuator, load), []
     alone = identified(
         record, known.actuator, known.baseline, progress=progress, threads=threads, **settings
     )
@@ -183,12 +182,6 @@ def identify(
     return replace(alone, verdict=verdict)
 
 
-@overload
-def detect(
-    recordings: Recording | Sequence[Recording | str | Path], *settings: Any, **more: Any
-) -> Detection: ...
-@overload
-def detect(recordings: Any, *settings: Any, **more: Any) -> Any: ...
 def detect(
     recordings: Any,
     calibration: Any = None,
@@ -241,12 +234,12 @@ def detect(
 
     if is_table_of_runs(recordings):
         recordings = read_runs(recordings, calibration, known_of=known_of)
-    known = None if isinstance(recordings, Runs) else known_of(calibration)
-    every = [group.known for group in recordings.groups] if known is None else [known]
-    for one in every:
-        if not (isinstance(one, PopulationCalibration) or frees_parameters(one.model)):
+    is_runs = isinstance(recordings, Runs)
+    groups = recordings.groups if is_runs else [Group("", known_of(calibration), recordings)]
+    for known in (one.known for one in groups):
+        if not (isinstance(known, PopulationCalibration) or frees_parameters(known.model)):
             raise InputError(
-                f"The calibration of {one.actuator.name} has no healthy population to judge by. "
+                f"The calibration of {known.actuator.name} has no healthy population to judge by. "
                 "Calibrate with three healthy runs or more, or ask ematwin identify."
             )
     with told(progress, "judging") as show:
@@ -255,7 +248,7 @@ def detect(
             if show is not None:
                 show(done / count)
 
-        return over_groups(_groups(recordings, known, load), judged, tell)
+        return _over_groups(groups, judged, tell, load)
 
 
 def judge(
@@ -321,14 +314,34 @@ def _ready(
     return [prepared(one, known.actuator, load) for one in found]
 
 
-def _groups(
-    given: Any, known: Calibration | None, load: float | None, columns: Columns = None
-) -> list[tuple[str, Calibration, list[Prepared]]]:
-    """Name, calibration and recordings of each actuator; "" of one that is ``known``."""
-    if known is None or isinstance(given, Runs):
-        return [(one.name, one.known, _ready(one.recordings, one.known, load))
-                for one in given.groups]  # fmt: skip
-    return [("", known, _ready(given, known, load, columns))]
+def _over_groups(
+    groups: Sequence[Group],
+    judged: Callable[[Calibration, list[Prepared], Progress | None], Detection],
+    tell: Progress | None,
+    load: float | None,
+    columns: Columns = None,
+) -> Detection:
+    """Judge the recordings of each actuator.
+
+    ``tell`` takes the number of recordings that are done, the last cost, and their number. Raises
+    KeyboardInterrupt after an interruption before any was done.
+    """
+    every = [_ready(one.recordings, one.known, load, columns) for one in groups]
+    total, done = sum(map(len, every)), 0
+    found: dict[str, Detection] = {}
+    with until_interrupted() as interrupts:
+        for group, ready in zip(groups, every, strict=True):
+
+            def told(now: int, cost: float, count: int, begun: int = done) -> None:
+                if tell is not None:
+                    tell(begun + now, cost, total)
+
+            found[group.name] = judged(group.known, ready, told)
+            done += len(ready)
+            interrupts.check()
+    if not found:
+        raise KeyboardInterrupt
+    return Detection.of(found, total - done)
 
 
 def _side_by_side(
@@ -346,23 +359,16 @@ def _side_by_side(
     """
     lent = threads or cores()
     share = max(1, lent // len(ready))
-    with noting_interrupts() as interrupts, ThreadPoolExecutor(min(lent, len(ready))) as pool:
+    with until_interrupted() as interrupts, ThreadPoolExecutor(min(lent, len(ready))) as pool:
         tasks = [pool.submit(work, one, share) for one in ready]
-        stopped = False
         try:
             for done, task in enumerate(as_completed(tasks), 1):
                 if tell is not None:
                     tell(done, task.result().cost, len(tasks))
                 interrupts.check()
-        except KeyboardInterrupt:
-            interrupts.pressed, stopped = False, True
         finally:
             pool.shutdown(cancel_futures=True)
-    found = []
-    for task in tasks:
-        if stopped and task.cancelled():
-            break
-        found.append(task.result())
+    found = [task.result() for task in takewhile(lambda one: not one.cancelled(), tasks)]
     if not found:
         raise KeyboardInterrupt
     return found

@@ -11,15 +11,13 @@ from typing import Any
 import numpy as np
 
 from ematwin.errors import RecordError
-from ematwin.estimation.baseline import Baseline, NominalParameter
+from ematwin.estimation.baseline import Baseline
 from ematwin.estimation.local import LocalDescent
-from ematwin.models.base import Monitoring, Reported
+from ematwin.models.base import Monitoring
 from ematwin.models.comparison import Comparison
-from ematwin.monitoring.calibration_report import CalibrationReport
-from ematwin.monitoring.features import Layout
 from ematwin.monitoring.gather import Given, recordings_of
-from ematwin.monitoring.measure import Bench, Fit, Measured, statistics_of
-from ematwin.monitoring.population import HealthyRuns, Population, Signature, basis, fit_mean
+from ematwin.monitoring.measure import Bench, Fit, Measured
+from ematwin.monitoring.population import Population, Signature, basis, fit_mean
 from ematwin.monitoring.population_calibration import PopulationCalibration
 from ematwin.numerics.signals import spread_of
 
@@ -30,24 +28,6 @@ _WILD = 4.0  # healthy deviations that a feature counts at most: one alone makes
 _ODD = 8.0  # robust standard deviations of what is reported
 
 
-def healthy_runs(
-    layout: Layout, measured: Measured, features: np.ndarray, runs: Sequence[str]
-) -> HealthyRuns:
-    """Healthy runs from measurements; ``features`` in place of theirs."""
-    errors = [
-        [min(one.standard_errors[name], one.ranges[name]) for name in layout.magnitudes]
-        for one in measured.estimates
-    ]
-    return HealthyRuns(
-        features,
-        np.array(errors, dtype=float).reshape(len(features), len(layout.magnitudes)),
-        measured.covariate,
-        measured.groups,
-        tuple(runs),
-        statistics_of(measured.estimates),
-    )
-
-
 def with_spread(calibration: PopulationCalibration, measured: Measured) -> Baseline:
     """The baseline with how far healthy runs differ, as the population says."""
     spread = calibration.population.spread.tolist()
@@ -56,28 +36,6 @@ def with_spread(calibration: PopulationCalibration, measured: Measured) -> Basel
         scatter=dict(zip(calibration.layout.magnitudes, spread, strict=False)),
         misfit=float(np.median([one.misfit for one in measured.estimates])),
         recordings=len(calibration.healthy.names),
-    )
-
-
-def report_on(
-    calibration: PopulationCalibration,
-    parameters: list[NominalParameter],
-    tied: list[tuple[str, ...]],
-    notes: list[str],
-) -> CalibrationReport:
-    """Report a calibration whose healthy runs were kept."""
-    reported = calibration.reported
-    runs = calibration.healthy.names
-    return CalibrationReport(
-        calibration,
-        parameters,
-        tied,
-        runs,
-        {
-            one.name: (float(reported.within[n]), float(reported.between[n]))
-            for n, one in enumerate(calibration.quantities)
-        },
-        tuple(notes),
     )
 
 
@@ -93,8 +51,9 @@ def signature(calibration: PopulationCalibration, fault: str, recordings: Given)
     measured = calibration.measure(given)
     runs = ", ".join(dict.fromkeys(one.run for one in given))
     said, colon, remark = fault.partition(":")
-    return Signature.of(
-        said.strip(), calibration.scores(measured), measured.covariate, calibration.scale,
+    scores = calibration.scores(measured)
+    return Signature(
+        said.strip(), fit_mean(measured.covariate, calibration.scale, scores),
         f"{len(given)} motions{colon}{remark}, runs {runs}",
     )  # fmt: skip
 
@@ -133,45 +92,47 @@ def with_discrepancy(bench: Bench) -> tuple[Fit, np.ndarray, float | None]:
 
 def check_outliers(calibration: PopulationCalibration) -> None:
     """Refuse a run that is unlike all others: it may be a faulty one among the healthy."""
-    healthy, kinds = calibration.healthy, calibration.layout.kinds
-    runs = healthy.names
-    if len(runs) < 4:
+    healthy, kinds = calibration.healthy, np.array(calibration.layout.kinds)
+    members = [healthy.of_run(run) for run in healthy.names]
+    if len(members) < 4:
         return  # of three, nobody can tell which one is the odd one
-    away_from_others = np.minimum(np.abs(calibration.tested), _WILD)
+
+    def refuse(n: int, how: str) -> None:
+        raise RecordError(
+            f"Run {healthy.names[n]} is unlike the other {len(members) - 1} healthy runs: {how}. "
+            "If it is faulty or of another rig, leave it out."
+        )
+
+    sizes = np.minimum(np.abs(calibration.tested), _WILD)
     # of all features, and of the residual alone: magnitudes may differ from day to day so much
     # that a rough run does not stand out
-    every = np.ones(len(kinds), dtype=bool)
-    for columns in (every, np.array(kinds) != "model"):
-        level = np.array([
-            np.log(away_from_others[healthy.of_run(run)][:, columns].mean()) for run in runs
-        ])  # fmt: skip
-        for n, run in enumerate(runs):
-            rest = np.delete(level, n)
-            away = level[n] - float(np.median(rest))
-            if away > _OUTLIER * max(_robust_spread(rest), _LEAST_SCATTER):
-                raise _odd_one(
-                    run, len(runs), f"it lies {np.exp(away):.1f} times as far from the others "
-                    "as they lie from each other",
-                )  # fmt: skip
+    for columns in (np.ones(len(kinds), dtype=bool), kinds != "model"):
+        levels = np.array([np.log(sizes[own][:, columns].mean()) for own in members])
+        for n, (away, spread) in enumerate(_beside_others(levels)):
+            if away > _OUTLIER * max(spread, _LEAST_SCATTER):
+                refuse(n, f"it lies {np.exp(away):.1f} times as far from the others as they lie "
+                       "from each other")  # fmt: skip
     for k, one in enumerate(calibration.quantities):
-        if not np.isfinite(one.least):
-            continue
-        level = np.array([calibration.values[healthy.of_run(run), k].mean() for run in runs])
-        for n, run in enumerate(runs):
-            rest = np.delete(level, n)
-            away = abs(level[n] - float(np.median(rest)))
-            if away > max(_ODD * _robust_spread(rest), one.least):
-                raise _odd_one(
-                    run, len(runs), f"its {one.name} differs from theirs by {_shown(one, away)}"
-                )
+        levels = np.array([calibration.values[own, k].mean() for own in members])
+        for n, (away, spread) in enumerate(_beside_others(levels)):
+            if abs(away) > max(_ODD * spread, one.least):
+                unit, scale = ("%", 100.0) if one.logarithmic else (one.unit, one.scale)
+                shown = f"{scale * abs(away):.2g} {unit}".rstrip()
+                refuse(n, f"its {one.name} differs from theirs by {shown}")
+
+
+def _beside_others(levels: np.ndarray) -> list[tuple[float, float]]:
+    """How far each is from the median of the others, and the robust spread of these."""
+    found = []
+    for n, own in enumerate(levels):
+        rest = np.delete(levels, n)
+        middle = float(np.median(rest))
+        found.append((float(own - middle), float(spread_of(np.abs(rest - middle)))))
+    return found
 
 
 def without_own_share(
-    layout: Layout,
-    measured: Measured,
-    fit: Fit,
-    scale: float | None,
-    runs: Sequence[str],
+    bench: Bench, measured: Measured, fit: Fit, scale: float | None, runs: Sequence[str]
 ) -> np.ndarray:
     """Features (N, F) with the bands that are left of a discrepancy from the other runs alone.
 
@@ -183,37 +144,15 @@ def without_own_share(
     fit : with the discrepancy of all recordings
     runs : name of the run of each recording
     """
-    features = measured.features.copy()
+    features, layout = measured.features.copy(), bench.layout
     bands = [n for n, kind in enumerate(layout.kinds) if kind == "band"]
     left = fit.residuals.reshape(len(features), -1)
-    of_run = np.array(runs)
     for run in dict.fromkeys(runs):
-        own = of_run == run
-        others = ~own
-        missed = basis(fit.covariate[own], scale) @ fit_mean(
-            fit.covariate[others], scale, left[others]
-        )
-        for n, row in zip(np.flatnonzero(own), left[own] - missed, strict=True):
-            residuals = row.reshape(len(layout.channels), -1)
+        own = np.array(runs) == run
+        mean = fit_mean(fit.covariate[~own], scale, left[~own])
+        rest = left[own] - basis(fit.covariate[own], scale) @ mean
+        for n, row in zip(np.flatnonzero(own), rest, strict=True):
             magnitudes = dict(zip(layout.magnitudes, features[n], strict=False))
+            residuals = row.reshape(len(layout.channels), -1)
             features[n, bands] = layout.values(magnitudes, residuals)[bands]
     return features
-
-
-def _shown(one: Reported, away: float) -> str:
-    """A difference as people read it."""
-    if one.logarithmic:
-        return f"{100.0 * away:.2g} %"
-    return f"{one.scale * away:.2g} {one.unit}".rstrip()
-
-
-def _robust_spread(values: np.ndarray) -> float:
-    """Standard deviation by the median absolute deviation."""
-    return float(spread_of(np.abs(values - np.median(values))))
-
-
-def _odd_one(run: str, count: int, how: str) -> RecordError:
-    return RecordError(
-        f"Run {run} is unlike the other {count - 1} healthy runs: {how}. If it is faulty or of "
-        "another rig, leave it out."
-    )

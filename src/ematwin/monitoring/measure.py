@@ -23,48 +23,41 @@ from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.phases import phases
 from ematwin.monitoring.features import Layout
-from ematwin.monitoring.population import basis
+from ematwin.monitoring.population import HealthyRuns, basis
 from ematwin.recordings.recording import Recording
 
 _SAME_RATE = 0.01
-_DIFFERENCE = 2e-3  # share of a range, over which slopes are taken: as long as motions determine it
+DIFFERENCE = 2e-3  # share of a range, over which slopes are taken: as long as motions determine it
 
 
 @dataclass(frozen=True)
 class Measured:
-    """Measurements on N recordings: all that a verdict rests on.
-
-    Attributes
-    ----------
-    estimates : one for each recording
-    features : (N, F) array
-    covariate : (N,) array, SI; zeros for a kind that has none
-    groups : (N,) array, number of the run (and condition) of each recording
-    barred : of each recording, sentences on channels that forbid a verdict
-    """
+    """Measurements on N recordings: all that a verdict rests on."""
 
     estimates: tuple[Estimate, ...]
+    barred: tuple[tuple[str, ...], ...]  # of each, sentences on channels that forbid a verdict
+    # as in `ematwin.monitoring.population.HealthyRuns`
     features: np.ndarray
+    errors: np.ndarray
     covariate: np.ndarray
     groups: np.ndarray
-    barred: tuple[tuple[str, ...], ...]
+    statistics: Mapping[str, np.ndarray]
+
+    def healthy(self, features: np.ndarray, runs: Sequence[str]) -> HealthyRuns:
+        """These as healthy ones, with other features (N, F), and the run of each."""
+        return HealthyRuns(
+            features, self.errors, self.covariate, self.groups, tuple(runs), self.statistics
+        )
 
 
 @dataclass(frozen=True)
 class Fit:
-    """The twin fitted to each of N recordings.
-
-    Attributes
-    ----------
-    problems, found : one for each recording
-    residuals : (N, C, S) array, of each channel, SI
-    covariate : (N,) array, SI; zeros for a kind that has none
-    """
+    """The twin fitted to each of N recordings."""
 
     problems: tuple[Problem, ...]
     found: tuple[Found, ...]
-    residuals: np.ndarray
-    covariate: np.ndarray
+    residuals: np.ndarray  # (N, C, S), of each channel, SI
+    covariate: np.ndarray  # (N,), SI; zeros for a kind that has none
 
 
 class Bench:
@@ -83,8 +76,6 @@ class Bench:
     ----------
     layout : phases and features
     comparisons : one for each recording
-    warnings : sentences on doubts, for each recording
-    barred : sentences on channels that forbid a verdict, for each recording
     groups : (N,) array, number of the run (and condition) of each recording
     """
 
@@ -100,13 +91,12 @@ class Bench:
     ) -> None:
         self.model, self.actuator, self.recordings = model, actuator, tuple(recordings)
         self._monitoring = Monitoring.of(model)
-        found = [check_alike(model, actuator, one, command, interval) for one in recordings]
-        self.warnings = [doubts for doubts, _ in found]
-        self.barred = [tuple(barred) for _, barred in found]
+        self._doubts = [check_alike(model, actuator, one, command, interval) for one in recordings]
         self.comparisons: list[Comparison] = [
             self._monitoring.compare(model, one, actuator, settling_time) for one in recordings
         ]
-        self.groups = numbered([one.together for one in recordings])
+        together = {key: n for n, key in enumerate(dict.fromkeys(r.together for r in recordings))}
+        self.groups = np.array([together[one.together] for one in recordings])
         wanted = tuple(self.comparisons[0].measured() if channels is None else channels)
         for recording, comparison in zip(recordings, self.comparisons, strict=True):
             for name in wanted:
@@ -139,29 +129,27 @@ class Bench:
         if discrepancy is not None and before is not None:
             missed = self._missed(before.covariate, discrepancy, scale)
         free = searched(self.model, self.actuator)
-        problems, found = [], []
-        for n, (recording, comparison) in enumerate(
-            zip(self.recordings, self.comparisons, strict=True)
-        ):
+        problems, found, left = [], [], []
+        covariate = np.zeros(len(self.recordings))
+        for n, comparison in enumerate(self.comparisons):
             compared = comparison
             if missed is not None:
                 compared = comparison.with_missed(dict(zip(channels, missed[n], strict=True)))
-            problem = Problem([compared], free, starts=self.model.starts(self.actuator, recording))
+            starts = self.model.starts(self.actuator, self.recordings[n])
+            problem = Problem([compared], free, starts=starts)
             chosen = named(self.model.default_search) if search is None else search
             if before is not None:
                 chosen = LocalDescent(before.found[n].point)
             end = chosen.run(problem, budget=None, seed=1, report=lambda *_: None)
             if end.stopped == "interrupted":
                 raise KeyboardInterrupt
+            if name is not None:
+                covariate[n] = problem.values(end.point)[name]
+            answer = comparison.responses(problem.candidates(end.point[None]), 1)
+            measured = comparison.measured()
+            left.append([measured[channel] - answer[channel][0] for channel in channels])
             problems.append(problem)
             found.append(end)
-        covariate, left = np.zeros(len(found)), []
-        for n, (problem, one) in enumerate(zip(problems, found, strict=True)):
-            if name is not None:
-                covariate[n] = problem.values(one.point)[name]
-            answer = self.comparisons[n].responses(problem.candidates(one.point[None]), 1)
-            measured = self.comparisons[n].measured()
-            left.append([measured[channel] - answer[channel][0] for channel in channels])
         residuals = np.array(left)
         if discrepancy is not None:
             residuals -= self._missed(covariate, discrepancy, scale)
@@ -179,20 +167,28 @@ class Bench:
         from ematwin.estimation.identify import estimate_of
 
         estimates, features = [], []
-        for n, (recording, problem, found) in enumerate(
-            zip(self.recordings, fit.problems, fit.found, strict=True)
-        ):
-            judged = found.problem or problem
+        for n, (problem, found) in enumerate(zip(fit.problems, fit.found, strict=True)):
             estimate = estimate_of(
-                self.actuator, problem, found.point, spread_at(judged, found.point),
-                problem.relative_misfit(found.cost), recording,
+                self.actuator, problem, found.point,
+                spread_at(found.problem or problem, found.point),
+                problem.relative_misfit(found.cost), self.recordings[n],
             )  # fmt: skip
-            estimates.append(replace(estimate, warnings=tuple(self.warnings[n])))
-            values = problem.values(found.point)
-            features.append(self.layout.values(values, fit.residuals[n]))
+            estimates.append(replace(estimate, warnings=tuple(self._doubts[n][0])))
+            features.append(self.layout.values(problem.values(found.point), fit.residuals[n]))
+        errors = [
+            [min(one.standard_errors[name], one.ranges[name]) for name in self.layout.magnitudes]
+            for one in estimates
+        ]
+        common = set.intersection(*(set(one.statistics) for one in estimates))
         return Measured(
-            tuple(estimates), np.stack(features), fit.covariate, self.groups,
-            tuple(self.barred),
+            tuple(estimates),
+            tuple(tuple(barred) for _, barred in self._doubts),
+            np.stack(features),
+            np.array(errors, dtype=float).reshape(len(features), len(self.layout.magnitudes)),
+            fit.covariate,
+            self.groups,
+            {name: np.array([one.statistics[name] for one in estimates])
+             for name in estimates[0].statistics if name in common},
         )  # fmt: skip
 
 
@@ -201,7 +197,7 @@ def spread_at(problem: Problem, point: np.ndarray) -> np.ndarray:
 
     The residual of the twin counts as noise times `Problem.model_error`.
     """
-    peak = width_at(problem, point, information=np.eye(len(point)) / _DIFFERENCE**2)
+    peak = width_at(problem, point, information=np.eye(len(point)) / DIFFERENCE**2)
     chart, covariance = problem.chart, peak.widened(problem.model_error)
     errors = chart.standard_errors(peak.z, covariance)
     errors *= np.where([one.logarithmic for one in problem.unknowns], point, 1.0)
@@ -222,36 +218,6 @@ def layout_of(
     return Layout.of(
         phases(command, interval, settling_time), magnitudes, channels, Monitoring.of(model).short
     )
-
-
-def reported_values(
-    model: Model, actuator: ParameterSet, layout: Layout, features: np.ndarray
-) -> np.ndarray:
-    """Reported values (N, R), SI; logarithms of values that are multiples of healthy."""
-    by_name = dict(zip(layout.names, features.T, strict=True))
-    monitoring = Monitoring.of(model)
-    derived = monitoring.derived(by_name)
-    columns = []
-    for one in monitoring.reported(model, actuator):
-        values = by_name[one.name] if one.name in layout.magnitudes else derived[one.name]
-        # a derived quantity comes as the logarithm
-        log = one.logarithmic and one.name in layout.magnitudes
-        columns.append(np.log(values) if log else values)
-    return np.column_stack(columns)
-
-
-def slopes_of(model: Model, actuator: ParameterSet, layout: Layout) -> np.ndarray:
-    """Slopes (R, F) of reported values by features."""
-    healthy = np.ones(len(layout.names))  # multiples are 1
-    away = reported_values(model, actuator, layout, healthy + _DIFFERENCE * np.eye(len(healthy)))
-    slopes = (away - reported_values(model, actuator, layout, healthy[None])) / _DIFFERENCE
-    return np.asarray(slopes.T)
-
-
-def numbered(keys: Sequence[tuple[str, ...]]) -> np.ndarray:
-    """Number (N,) of each key, equal for equal keys, in the order of their first appearance."""
-    order = {key: n for n, key in enumerate(dict.fromkeys(keys))}
-    return np.array([order[key] for key in keys])
 
 
 def check_alike(
@@ -295,13 +261,3 @@ def check_alike(
             "it, or correct its unit."
         )
     return checked(model, recording, actuator)
-
-
-def statistics_of(estimates: Sequence[Estimate]) -> Mapping[str, np.ndarray]:
-    """Statistics (N,) of the estimates by name; those that all of them have."""
-    if not estimates:
-        return {}
-    common = [
-        name for name in estimates[0].statistics if all(name in one.statistics for one in estimates)
-    ]
-    return {name: np.array([one.statistics[name] for one in estimates]) for name in common}

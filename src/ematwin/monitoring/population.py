@@ -45,18 +45,12 @@ def fit_mean(covariate: np.ndarray, scale: float | None, values: np.ndarray) -> 
 
 @dataclass(frozen=True)
 class Population:
-    """Healthy mean and spread of each feature.
+    """Healthy mean and spread of each of F features."""
 
-    Attributes
-    ----------
-    scale : float, of the covariate, SI; None if there is none
-    coefficients : (3, F) array, of the mean over the covariate; (1, F) without one
-    within, between : (F,) arrays, standard deviations between recordings of a run, and between the
-        means of runs
-    """
-
-    scale: float | None
+    scale: float | None  # of the covariate, SI; None if there is none
+    # (3, F) array, of the mean over the covariate; (1, F) without one
     coefficients: np.ndarray
+    # (F,) arrays, standard deviations between recordings of a run, and between the means of runs
     within: np.ndarray
     between: np.ndarray
 
@@ -67,8 +61,8 @@ class Population:
         covariate: np.ndarray,
         groups: np.ndarray,
         scale: float | None,
-        errors: np.ndarray | None = None,
-        cut: np.ndarray | None = None,
+        errors: np.ndarray | float = 0.0,
+        cut: np.ndarray | bool = False,
     ) -> "Population":
         """The population of healthy recordings.
 
@@ -89,9 +83,7 @@ class Population:
         inner = sum(((m - m.mean(0)) ** 2).sum(0) for m in members)
         freedom = len(rest) - len(members)
         within = np.sqrt(np.maximum(inner / max(1, freedom), 1e-24))
-        if errors is not None:
-            stand_in = np.full(errors.shape, freedom == 0) if cut is None else cut | (freedom == 0)
-            within = np.where(stand_in, np.maximum(within, errors), within)
+        within = np.where(cut | (freedom == 0), np.maximum(within, errors), within)
         means = np.stack([m.mean(0) for m in members])
         # the scatter of the means of runs holds a share of that within; not taking it off keeps
         # few runs, which may agree by chance, from promising that no run differs
@@ -114,24 +106,14 @@ class Population:
 
 @dataclass(frozen=True)
 class HealthyRuns:
-    """Measurements on N healthy recordings.
+    """Measurements on N healthy recordings."""
 
-    Attributes
-    ----------
-    features : (N, F) array
-    errors : (N, M) array, standard errors of the magnitudes, at most their ranges
-    covariate : (N,) array, SI; zeros for a kind that has none
-    groups : (N,) array, number of the run (and condition) of each recording
-    runs : name of the run of each recording
-    statistics : (N,) arrays by name, measurements beside the twin
-    """
-
-    features: np.ndarray
-    errors: np.ndarray
-    covariate: np.ndarray
-    groups: np.ndarray
-    runs: tuple[str, ...]
-    statistics: Mapping[str, np.ndarray]
+    features: np.ndarray  # (N, F)
+    errors: np.ndarray  # (N, M), standard errors of the magnitudes, at most their ranges
+    covariate: np.ndarray  # (N,), SI; zeros for a kind that has none
+    groups: np.ndarray  # (N,), number of the run (and condition) of each recording
+    runs: tuple[str, ...]  # name of the run of each recording
+    statistics: Mapping[str, np.ndarray]  # (N,) by name, measurements beside the twin
 
     @property
     def names(self) -> list[str]:
@@ -168,7 +150,7 @@ class HealthyRuns:
         """For a file."""
         return {
             "runs": list(self.runs),
-            "groups": [int(g) for g in self.groups],
+            "groups": self.groups.tolist(),
             "covariate": plain(self.covariate),
             "errors": plain(self.errors),
             "statistics": {name: plain(values) for name, values in self.statistics.items()},
@@ -178,39 +160,21 @@ class HealthyRuns:
     @classmethod
     def from_table(cls, table: Mapping[str, Any]) -> "HealthyRuns":
         """What `as_table` gave; raises `ValueError` unless it has as many rows everywhere."""
-        found = cls(
-            features=np.array(table["features"], dtype=float),
-            errors=np.array(table["errors"], dtype=float),
-            covariate=np.array(table["covariate"], dtype=float),
-            groups=np.array(table["groups"], dtype=int),
-            runs=tuple(str(run) for run in table["runs"]),
-            statistics={name: np.array(v, dtype=float) for name, v in table["statistics"].items()},
+        features, errors, covariate = (
+            np.array(table[name], dtype=float) for name in ("features", "errors", "covariate")
         )
-        arrays = [found.features, found.errors, found.covariate, found.groups]
-        arrays += list(found.statistics.values())
-        if any(len(one) != len(found.runs) or not np.isfinite(one).all() for one in arrays):
-            raise ValueError("its healthy recordings are not complete")
-        return found
+        groups, runs = np.array(table["groups"], dtype=int), tuple(map(str, table["runs"]))
+        statistics = {name: np.array(v, dtype=float) for name, v in table["statistics"].items()}
+        for one in (features, errors, covariate, groups, *statistics.values()):
+            if len(one) != len(runs) or not np.isfinite(one).all():
+                raise ValueError("its healthy recordings are not complete")
+        return cls(features, errors, covariate, groups, runs, statistics)
 
 
 @dataclass(frozen=True)
 class Signature:
-    """Mean scores of recordings with a known fault, over the covariate.
-
-    Attributes
-    ----------
-    fault : its name
-    coefficients : (3, F) or (1, F) array, as in `Population`
-    source : of the data it was learnt from
-    """
+    """Mean scores of recordings with a known fault, over the covariate."""
 
     fault: str
-    coefficients: np.ndarray
-    source: str
-
-    @classmethod
-    def of(
-        cls, fault: str, scores: np.ndarray, covariate: np.ndarray, scale: float | None, source: str
-    ) -> "Signature":
-        """The signature of recordings with scores (N, F) at covariates (N,)."""
-        return cls(fault, fit_mean(covariate, scale, scores), source)
+    coefficients: np.ndarray  # (3, F) or (1, F), as in `Population`
+    source: str  # of the data it was learnt from

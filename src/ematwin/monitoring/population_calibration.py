@@ -22,41 +22,36 @@ from ematwin.monitoring.calibration import FORMAT, Calibration
 from ematwin.monitoring.causes import DRIFT, Causes, Direction, Scatter
 from ematwin.monitoring.features import Layout
 from ematwin.monitoring.gather import Given, recordings_of
-from ematwin.monitoring.measure import Bench, Measured, layout_of, reported_values, slopes_of
+from ematwin.monitoring.measure import DIFFERENCE, Bench, Measured, layout_of
 from ematwin.monitoring.population import HealthyRuns, Population, Signature, plain
 
 
 @dataclass(frozen=True)
 class PopulationCalibration(Calibration):
-    """A calibration with the healthy population, which judges kinds with `Model.monitoring`.
+    """A calibration with the healthy population, which judges kinds with `Model.monitoring`."""
 
-    Attributes
-    ----------
-    command : (S,) array, SI; ``interval`` s
-    settling_time : s
-    channels : names of the C channels that are compared
-    discrepancy : (3, C S) or (1, C S) array: mean residual of the twin on healthy recordings,
-        one channel after another, SI, over the covariate
-    scale : of the covariate, as in `Population`
-    healthy : measurements on each healthy recording
-    signatures : known faults
-    facts : labels and sources of the recordings, parameters that they left undetermined
-    """
-
-    command: np.ndarray
-    interval: float
+    command: np.ndarray  # (S,), SI
+    interval: float  # interval, settling_time: s
     settling_time: float
-    channels: tuple[str, ...]
+    channels: tuple[str, ...]  # names of the C channels that are compared
+    # (3, C S) or (1, C S) array: mean residual of the twin on healthy recordings, one channel after
+    # another, SI, over the covariate
     discrepancy: np.ndarray
-    scale: float | None
-    healthy: HealthyRuns
-    signatures: tuple[Signature, ...] = ()
+    scale: float | None  # of the covariate, as in `Population`
+    healthy: HealthyRuns  # measurements on each healthy recording
+    signatures: tuple[Signature, ...] = ()  # known faults
+    # labels and sources of the recordings, parameters that they left undetermined
     facts: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def monitoring(self) -> Monitoring:
+        """Of its kind."""
+        return Monitoring.of(self.model)
 
     @property
     def quantities(self) -> tuple[Reported, ...]:
         """Reported quantities of its kind."""
-        return Monitoring.of(self.model).reported(self.model, self.actuator)
+        return self.monitoring.reported(self.model, self.actuator)
 
     @cached_property
     def layout(self) -> Layout:
@@ -66,10 +61,22 @@ class PopulationCalibration(Calibration):
             self.channels,
         )  # fmt: skip
 
+    def values_of(self, features: np.ndarray) -> np.ndarray:
+        """Reported values (N, R), SI, of features (N, F); logarithms of multiples of healthy."""
+        by_name = dict(zip(self.layout.names, features.T, strict=True))
+        derived, columns = self.monitoring.derived(by_name), []
+        for one in self.quantities:
+            if one.name not in self.layout.magnitudes:
+                columns.append(derived[one.name])  # comes as the logarithm
+            else:
+                values = by_name[one.name]
+                columns.append(np.log(values) if one.logarithmic else values)
+        return np.column_stack(columns)
+
     @cached_property
     def values(self) -> np.ndarray:
         """(N, R), reported quantities of the healthy recordings."""
-        return reported_values(self.model, self.actuator, self.layout, self.healthy.features)
+        return self.values_of(self.healthy.features)
 
     @cached_property
     def _populations(self) -> tuple[Population, Population]:
@@ -84,6 +91,30 @@ class PopulationCalibration(Calibration):
     def reported(self) -> Population:
         """Of the reported quantities (`Monitoring.reported`)."""
         return self._populations[1]
+
+    def populations(self, members: np.ndarray) -> tuple[Population, Population]:
+        """Of the features, and of the reported quantities, from members (N,) of bool."""
+        features = dict.fromkeys(self.layout.names, False)
+        quantities = {one.name: one.logarithmic for one in self.quantities}
+        return (
+            self._population(self.healthy.features[members], features, members),
+            self._population(self.values[members], quantities, members),
+        )
+
+    def _population(
+        self, values: np.ndarray, logarithmic: Mapping[str, bool], members: np.ndarray
+    ) -> Population:
+        """Of values (K, n) of the members; which are logarithms, by name."""
+        healthy, faults = self.healthy, {o.name: o for o in self.model.faults(self.actuator)}
+        usual = np.sqrt((healthy.errors[members] ** 2).mean(0))
+        errors, cut = np.zeros(len(logarithmic)), np.zeros(len(logarithmic), dtype=bool)
+        for n, (name, is_logarithm) in enumerate(logarithmic.items()):
+            if name in self.layout.magnitudes:
+                size = float(np.exp(values[:, n].mean())) if is_logarithm else 1.0
+                errors[n] = usual[self.layout.magnitudes.index(name)] / size
+                cut[n] = faults[name].healthy in (faults[name].lower, faults[name].upper)
+        covariate, groups = healthy.covariate[members], healthy.groups[members]
+        return Population.of(values, covariate, groups, self.scale, errors, cut)
 
     @property
     def statistics(self) -> dict[str, tuple[float, float]]:
@@ -120,8 +151,10 @@ class PopulationCalibration(Calibration):
 
         Recordings with a known fault say more than physics does on the quantities that it moves.
         """
-        slopes, kinds = slopes_of(self.model, self.actuator, self.layout), self.layout.kinds
-        spread, found = self.population.spread, []
+        healthy = np.ones(len(self.layout.names))  # multiples are 1
+        away = self.values_of(healthy + DIFFERENCE * np.eye(len(healthy)))
+        slopes = (away - self.values_of(healthy[None])).T / DIFFERENCE  # (R, F)
+        kinds, spread, found = self.layout.kinds, self.population.spread, []
         for one, slope, scatter in zip(self.quantities, slopes, self.reported.spread, strict=True):
             shift = np.zeros((1 if self.scale is None else 3, len(slope)))
             shift[0] = slope / spread / np.abs(slope / spread).max()
@@ -134,38 +167,6 @@ class PopulationCalibration(Calibration):
                 if max((sense * move for move in moves), default=0.0) < SIGMAS:
                     found.append(Direction(fault, sense * shift, around=around))
         return found
-
-    def populations(self, members: np.ndarray) -> tuple[Population, Population]:
-        """Of the features, and of the reported quantities, from members (N,) of bool."""
-        magnitudes = self.layout.magnitudes
-        unknowns = {one.name: one for one in self.model.faults(self.actuator)}
-        on_bound = np.array([
-            unknowns[name].healthy in (unknowns[name].lower, unknowns[name].upper)
-            for name in magnitudes
-        ], dtype=bool)  # fmt: skip
-        errors = np.zeros(len(self.layout.names))
-        errors[: len(magnitudes)] = np.sqrt((self.healthy.errors[members] ** 2).mean(0))
-        cut = np.zeros(errors.shape, dtype=bool)
-        cut[: len(magnitudes)] = on_bound
-        population = self._population(self.healthy.features, members, errors, cut)
-        reported = self.quantities
-        own_errors, own_cut = np.zeros(len(reported)), np.zeros(len(reported), dtype=bool)
-        for n, one in enumerate(reported):
-            if one.name in magnitudes:
-                place = magnitudes.index(one.name)
-                own_errors[n], own_cut[n] = errors[place], cut[place]
-                if one.logarithmic:
-                    own_errors[n] /= float(np.exp(self.values[members, n].mean()))
-        return population, self._population(self.values, members, own_errors, own_cut)
-
-    def _population(
-        self, features: np.ndarray, members: np.ndarray, errors: np.ndarray, cut: np.ndarray
-    ) -> Population:
-        healthy = self.healthy
-        return Population.of(
-            features[members], healthy.covariate[members], healthy.groups[members], self.scale,
-            errors, cut,
-        )  # fmt: skip
 
     @cached_property
     def tested(self) -> np.ndarray:
@@ -235,7 +236,7 @@ class PopulationCalibration(Calibration):
         for made, now in ((magnitudes, list(self.layout.magnitudes)), (quantities, reported)):
             if list(made) != now:
                 raise ValueError(f"it knows {', '.join(made)}, the kind {', '.join(now)}")
-        covariate = Monitoring.of(self.model).covariate
+        covariate = self.monitoring.covariate
         if (covariate is None) != (self.scale is None):
             raise ValueError(f"the scale of the covariate is {self.scale}")
         rows, count = 1 if covariate is None else 3, len(self.healthy.runs)

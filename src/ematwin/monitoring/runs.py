@@ -6,19 +6,19 @@ folder or a glob in each row. Further columns are optional: ``actuator`` (what j
 """
 
 import csv
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ematwin.errors import FileError, InputError, RecordError
-from ematwin.estimation.interrupt import noting_interrupts
-from ematwin.estimation.search import Progress
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.reading import read
 from ematwin.monitoring.calibration import Calibration
-from ematwin.monitoring.detection import Detection
 from ematwin.monitoring.gather import files_of
 from ematwin.recordings.channel_map import Columns
 from ematwin.recordings.formats.clock import Clock
@@ -32,18 +32,11 @@ _ENCODINGS = ("utf-8-sig", "cp1252")
 
 @dataclass(frozen=True)
 class Group:
-    """The recordings of one actuator.
+    """The recordings of one actuator."""
 
-    Attributes
-    ----------
-    name : its serial number, else the name of the actuator
-    known : its calibration
-    recordings : in the order of the table
-    """
-
-    name: str
+    name: str  # its serial number, else the name of the actuator; "" where there is one alone
     known: Calibration
-    recordings: list[Recording]
+    recordings: list[Recording]  # in the order of the table
 
 
 @dataclass(frozen=True)
@@ -136,44 +129,6 @@ def read_runs(
     return Runs(tuple(_called_apart(list(groups.values()))))
 
 
-def over_groups(
-    groups: Sequence[tuple[str, Calibration, Sequence[Any]]],
-    judged: Callable[[Calibration, Any, Progress | None], Detection],
-    tell: Progress | None,
-) -> Detection:
-    """Judge the recordings of each actuator.
-
-    Parameters
-    ----------
-    groups : name, calibration, and recordings that are prepared
-    judged : judges these
-    tell : takes the number of recordings that are done, the last cost, and their number
-
-    Raises
-    ------
-    KeyboardInterrupt
-        If there was an interruption before any was done.
-    """
-    total, done = sum(len(ready) for _, _, ready in groups), 0
-    found: dict[str, Detection] = {}
-    with noting_interrupts() as interrupts:
-        for name, known, ready in groups:
-
-            def told(now: int, cost: float, count: int, begun: int = done) -> None:
-                if tell is not None:
-                    tell(begun + now, cost, total)
-
-            try:
-                found[name] = judged(known, ready, told)
-                done += len(ready)
-                interrupts.check()
-            except KeyboardInterrupt:
-                if not found:
-                    raise
-                break
-    return Detection.of(found, total - done)
-
-
 def _names_in(path: Path) -> list[str]:
     """Names of the columns of a CSV or Parquet file, in small letters; none of other files."""
     if path.suffix.lower() == ".parquet":
@@ -198,63 +153,59 @@ def _sign(header: str) -> str:
 
 def _rows(table: Any) -> Iterator[dict[str, str]]:
     """The rows of a table of runs, as texts by the name of the column in small letters."""
+    rows: Iterable[dict[str, Any]]
     if is_frame(table):
-        columns = {str(name): table[name].tolist() for name in table.columns}
+        columns = [table[name].tolist() for name in table.columns]
+        names = list(map(str, table.columns))
+        rows = (dict(zip(names, cells, strict=True)) for cells in zip(*columns, strict=True))
     elif Path(table).suffix.lower() == ".parquet":
         import pyarrow.parquet as pq
 
-        columns = pq.read_table(table).to_pydict()
+        rows = pq.read_table(table).to_pylist()
     else:
-        columns = _columns_of_csv(Path(table))
-    names = [name.strip().casefold() for name in columns]
-    for cells in zip(*columns.values(), strict=True):
+        rows = _rows_of_csv(Path(table))
+    for row in rows:
         # what is missing is None, or a NaN or NaT of pandas, none of which equals itself
-        texts = ["" if cell is None or cell != cell else str(cell).strip() for cell in cells]
-        if any(texts):
-            yield dict(zip(names, texts, strict=True))
+        texts = {
+            name.strip().casefold(): "" if cell is None or cell != cell else str(cell).strip()
+            for name, cell in row.items()
+        }
+        if any(texts.values()):
+            yield texts
 
 
-def _columns_of_csv(path: Path) -> dict[str, list[str | None]]:
+def _rows_of_csv(path: Path) -> Iterator[dict[str, Any]]:
     content = path.read_bytes()
     for encoding in _ENCODINGS:
-        try:
-            text = content.decode(encoding)
+        with suppress(UnicodeDecodeError):
+            lines = content.decode(encoding).splitlines()
             break
-        except UnicodeDecodeError:
-            continue
     else:
         raise FileError(f"Cannot read {path} as text; save it as UTF-8.")
-    lines = text.splitlines()
-    head, *body = csv.reader(lines, delimiter=_sign(lines[0]))
-    for n, row in enumerate(body, 1):
-        if len(row) > len(head):
+    sign = _sign(lines[0])
+    for n, row in enumerate(csv.DictReader(lines, delimiter=sign, restval=""), 1):
+        if more := row.pop(None, None):
             raise InputError(
-                f"{path} has {len(row)} cells in row {n} and {len(head)} in its header; put what "
-                f"holds a {_sign(lines[0])!r} in quotes."
+                f"{path} has {len(row) + len(more)} cells in row {n} and {len(row)} in its header; "
+                f"put what holds a {sign!r} in quotes."
             )
-    filled = [row + [""] * (len(head) - len(row)) for row in body]
-    return {name: [row[n] for row in filled] for n, name in enumerate(head)}
+        yield row
 
 
 def _moment(text: str, clock: Clock | None, where: str) -> datetime | None:
     """A date, with or without a clock time, as a datetime."""
     if not text:
         return None
-    try:
+    with suppress(ValueError):
         return datetime.fromisoformat(text)
-    except ValueError:
-        pass
-    try:
-        if clock is None or not clock.is_dated:
-            raise RecordError(text)
-        ns = int(clock.nanoseconds([text])[0])
-    except RecordError:
-        raise InputError(
-            f"{where} has the time {text!r}; write a date such as 2026-03-01 or 03.03.2026 "
-            "09:14:02."
-        ) from None
-    moment = datetime.fromtimestamp(ns // 10**9, UTC).replace(microsecond=ns // 1000 % 10**6)
-    return moment if clock.is_utc else moment.replace(tzinfo=None)
+    with suppress(RecordError):
+        if clock is not None and clock.is_dated:
+            time = np.datetime64(int(clock.nanoseconds([text])[0]), "ns")
+            moment: datetime = time.astype("datetime64[us]").item()
+            return moment.replace(tzinfo=UTC) if clock.is_utc else moment
+    raise InputError(
+        f"{where} has the time {text!r}; write a date such as 2026-03-01 or 03.03.2026 09:14:02."
+    )
 
 
 def _called_apart(groups: list[Group]) -> Iterator[Group]:

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from ematwin.numerics.compile import loop, step
+from ematwin.numerics.compile import loop, plain, step
 from ematwin.numerics.scalar import biquad
 
 
@@ -16,9 +16,17 @@ def advanced(rows: np.ndarray, shift: np.ndarray) -> np.ndarray:
 
     NaN where that is no finite number. The ends repeat the first and the last sample.
     """
-    known, most = np.isfinite(shift), rows.shape[1]
-    shift_rows(rows, np.clip(np.where(known, shift, 0.0), -most, most), np.empty(most))
-    rows[~known] = np.nan
+    last = rows.shape[1] - 1
+    for row, later in zip(rows, shift, strict=True):
+        if not math.isfinite(later):
+            row[:] = np.nan
+            continue
+        later = min(max(later, -last - 1.0), last + 1.0)
+        whole = math.floor(later)
+        at = np.arange(whole, whole + last + 1)
+        before, here, after, beyond = (row[np.clip(at + n, 0, last)] for n in (-1, 0, 1, 2))
+        on_before, on_here, on_after, on_beyond = plain(cubic)(later - whole)
+        row[:] = (on_before * before + on_here * here) + (on_after * after + on_beyond * beyond)
     return rows
 
 
@@ -31,36 +39,6 @@ def cubic(t):
         0.5 * t * (1.0 + t * (4.0 - 3.0 * t)),
         0.5 * t * t * (t - 1.0),
     )
-
-
-@loop
-def shift_rows(rows, shift, row):
-    """Change ``rows`` (B, K), each to ``shift`` (B,) samples later; ``row`` (K,) is overwritten."""
-    last = rows.shape[1] - 1
-    for b in range(rows.shape[0]):
-        for n in range(last + 1):
-            row[n] = rows[b, n]
-        whole = math.floor(shift[b])
-        on_before, on_here, on_after, on_beyond = cubic(shift[b] - whole)
-        # within the row without looking for its ends, in vectors
-        first = min(max(1 - whole, 0), last + 1)
-        stop = max(min(last - 1 - whole, last + 1), first)
-        here = row[first + whole : stop + whole]
-        before, after = row[first + whole - 1 :], row[first + whole + 1 :]
-        beyond, found = row[first + whole + 2 :], rows[b, first:stop]
-        for n in range(len(here)):
-            found[n] = (on_before * before[n] + on_here * here[n]) + (
-                on_after * after[n] + on_beyond * beyond[n]
-            )
-        for start, end in ((0, first), (stop, last + 1)):
-            for n in range(start, end):
-                place = n + whole
-                rows[b, n] = (
-                    on_before * row[min(max(place - 1, 0), last)]
-                    + on_here * row[min(max(place, 0), last)]
-                    + on_after * row[min(max(place + 1, 0), last)]
-                    + on_beyond * row[min(max(place + 2, 0), last)]
-                )
 
 
 def compare(

@@ -17,8 +17,7 @@ from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.simulating import simulate
-from ematwin.recordings.recording import Recording
-from ematwin.testing import draws
+from ematwin.testing.draws import PERFECT, Bench, towards
 
 
 class DeclarationContract:
@@ -37,9 +36,9 @@ class DeclarationContract:
         return model.parameters.load()
 
     @pytest.fixture
-    def healthy(self, model: Model, actuator: ParameterSet) -> Recording:
-        """A healthy simulation of the default scenario."""
-        return draws.simulated(model, actuator, {})
+    def bench(self, model: Model, actuator: ParameterSet) -> Bench:
+        """Both together."""
+        return Bench(model, actuator)
 
     # Parameters
 
@@ -65,10 +64,9 @@ class DeclarationContract:
             f"the kind {model.kind!r} is that of {type(found).__module__}; choose another name"
         )
 
-    def test_shipped_sets_load_with_units_and_sources(
-        self, model: Model, actuator: ParameterSet
-    ) -> None:
+    def test_shipped_sets_load_with_units_and_sources(self, bench: Bench) -> None:
         """Each parameter has an SI unit, a meaning, and a source in the file."""
+        model, actuator = bench.model, bench.actuator
         sets = {name: load_actuator(name) for name in model.parameters.shipped()}
         if model.parameters.own_model is not None:  # a file states the kind, and is all there is
             sets = {actuator.name: actuator}
@@ -87,18 +85,18 @@ class DeclarationContract:
                 assert meaning, f"{place} needs a meaning: quantity(unit, meaning)"
                 assert source != "set by the user", f"{place} of {name} has no source"
 
-    def test_a_saved_set_is_the_same_actuator(
-        self, model: Model, actuator: ParameterSet, tmp_path: Path
-    ) -> None:
+    def test_a_saved_set_is_the_same_actuator(self, bench: Bench, tmp_path: Path) -> None:
         """Written as a file and read again it has the same fingerprint."""
+        actuator = bench.actuator
         actuator.save(tmp_path / "same.toml")
         assert load_actuator(tmp_path / "same.toml").fingerprint == actuator.fingerprint
 
-    def test_nominal_parameters_can_be_searched(self, model: Model, actuator: ParameterSet) -> None:
+    def test_nominal_parameters_can_be_searched(self, bench: Bench) -> None:
         """Each place of ``nominal`` is there, has room between its limits, and a prior.
 
         Those of a section that the actuator leaves out are not.
         """
+        model, actuator = bench.model, bench.actuator
         assert not set(model.nominal) & set(model.fixed), "what is fixed cannot be nominal"
         for place, factor in model.nominal.items():
             assert factor > 1.0, f"nominal {place}: a factor above 1 is needed, it is {factor:g}"
@@ -131,8 +129,9 @@ class DeclarationContract:
         assert wanted <= known, f"channels lack {', '.join(sorted(wanted - known))}"
         assert model.outputs, "no channel is left to compare: all are inputs"
 
-    def test_scenarios_are_shipped_and_followed(self, model: Model, actuator: ParameterSet) -> None:
+    def test_scenarios_are_shipped_and_followed(self, bench: Bench) -> None:
         """Each loads in the units of the kind, and the simulation of it has its command."""
+        model, actuator = bench.model, bench.actuator
         assert model.scenarios(), (
             "there is no scenario: put a TOML file into a folder `scenarios` beside the model, "
             "so that simulate and compare have something to do"
@@ -140,17 +139,16 @@ class DeclarationContract:
         for name in model.scenarios():
             scenario = model.load_scenario(name)
             model.check_scenario(scenario, actuator)
-            recording = simulate(None, scenario, None, actuator, noise=draws.PERFECT)
+            recording = simulate(None, scenario, None, actuator, noise=PERFECT)
             command, _ = scenario.histories(recording.time)
             np.testing.assert_allclose(recording.channels[model.command], command, atol=1e-12)
             for output in model.outputs:
                 if output in recording.channels:
                     assert np.isfinite(recording.channels[output]).all()
 
-    def test_a_recording_without_a_needed_channel_is_refused(
-        self, model: Model, actuator: ParameterSet, healthy: Recording
-    ) -> None:
+    def test_a_recording_without_a_needed_channel_is_refused(self, bench: Bench) -> None:
         """In one sentence that names the channel."""
+        model, actuator, healthy = bench.model, bench.actuator, bench.healthy
         for alternatives in model.required:
             names = [name for group in alternatives for name in group]
             with pytest.raises(EmatwinError) as caught:
@@ -163,15 +161,13 @@ class DeclarationContract:
 
     # Unknowns
 
-    def test_unknowns_have_names_bounds_and_meanings(
-        self, model: Model, actuator: ParameterSet
-    ) -> None:
+    def test_unknowns_have_names_bounds_and_meanings(self, bench: Bench) -> None:
         """Names are unique and no place of a parameter; a direction has its magnitude."""
-        unknowns = model.unknowns(actuator)
-        names = [one.name for one in unknowns]
+        model, actuator = bench.model, bench.actuator
+        names = [one.name for one in bench.unknowns]
         assert len(set(names)) == len(names), f"a name comes twice: {', '.join(names)}"
         assert model.faults(actuator), "there is no unknown with the role 'fault' to identify"
-        for one in unknowns:
+        for one in bench.unknowns:
             assert "." not in one.name, f"{one.name}: a name with a dot is the place of a parameter"
             assert one.meaning, f"{one.name} needs a meaning"
             assert one.lower <= one.healthy <= one.upper
@@ -186,13 +182,13 @@ class DeclarationContract:
         if judged is not None and judged.covariate is not None:
             assert model.unknown(actuator, judged.covariate).role == "nuisance"
 
-    def test_values_are_described_with_units(self, model: Model, actuator: ParameterSet) -> None:
+    def test_values_are_described_with_units(self, bench: Bench) -> None:
         """Healthy and faulty values have a finite physical value in a known unit."""
+        faults = {one.name for one in bench.model.faults(bench.actuator)}
         for share in (0.0, 0.5, 1.0):
-            values = {one.name: draws.towards(one, share) for one in model.unknowns(actuator)}
-            rows = model.describe(actuator, values)
-            assert {row.name for row in rows} <= set(values)
-            assert {one.name for one in model.faults(actuator)} <= {row.name for row in rows}
+            values = {one.name: towards(one, share) for one in bench.unknowns}
+            rows = bench.model.describe(bench.actuator, values)
+            assert faults <= {row.name for row in rows} <= set(values)
             for row in rows:
                 assert math.isfinite(row.value), f"{row.name}: {row.value} is no physical value"
                 assert math.isfinite(row.healthy)
@@ -206,10 +202,9 @@ class DeclarationContract:
         assert names, "`Monitoring.reported` must name at least one quantity"
         assert len(set(names)) == len(names)
 
-    def test_cases_of_a_study_lie_within_the_bounds(
-        self, model: Model, actuator: ParameterSet
-    ) -> None:
+    def test_cases_of_a_study_lie_within_the_bounds(self, bench: Bench) -> None:
         """And the error of the truth is zero, the error of healthy is not."""
+        model, actuator = bench.model, bench.actuator
         nothing = model.healthy(actuator)
         faults, study = model.faults(actuator), model.study
         for values in study.cases(faults).values():

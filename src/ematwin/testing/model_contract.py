@@ -24,16 +24,12 @@ import pytest
 
 from ematwin.errors import InputError, ParameterError, RecordError
 from ematwin.estimation.constants import FALSE_ALARM_RATE, LEVEL
-from ematwin.models.base import Model
-from ematwin.models.comparison import Comparison
-from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.reading import read, write
 from ematwin.models.simulating import simulate
 from ematwin.monitoring.identify import identify
 from ematwin.recordings.noise import Noise
-from ematwin.recordings.recording import Recording
-from ematwin.testing import draws
 from ematwin.testing.declaration_contract import DeclarationContract
+from ematwin.testing.draws import Bench, at_most, towards
 
 
 class ModelContract(DeclarationContract):
@@ -61,41 +57,34 @@ class ModelContract(DeclarationContract):
     thinned: ClassVar[float] = 0.0
     units: ClassVar[int] = 16
 
-    @pytest.fixture
-    def comparison(self, model: Model, actuator: ParameterSet, healthy: Recording) -> Comparison:
-        """The healthy recording beside the twin."""
-        return model.compare(healthy, actuator)
-
     # The twin
 
-    def test_simulating_is_repeatable(self, model: Model, actuator: ParameterSet) -> None:
+    def test_simulating_is_repeatable(self, bench: Bench) -> None:
         """A seed gives the same recording bit for bit, another seed another one."""
         noisy = Noise(white=0.02)
         one, two, other = (
-            simulate(None, None, None, actuator, noise=noisy, seed=seed) for seed in (1, 1, 2)
+            simulate(None, None, None, bench.actuator, noise=noisy, seed=seed) for seed in (1, 1, 2)
         )
         assert one.channels, "the simulation has no channels"
         for name, values in one.channels.items():
             np.testing.assert_array_equal(values, two.channels[name])
-        if "A" in {channel.unit for channel in model.channels}:
+        if "A" in {channel.unit for channel in bench.model.channels}:
             assert not all(np.array_equal(v, other.channels[n]) for n, v in one.channels.items()), (
                 "noise changes nothing: give the recording that `simulate` returns its units"
             )
 
-    def test_the_healthy_twin_reproduces_the_healthy_actuator(self, comparison: Comparison) -> None:
+    def test_the_healthy_twin_reproduces_the_healthy_actuator(self, bench: Bench) -> None:
         """With no candidate value named at all: all are healthy by default."""
-        misfit = math.sqrt(float(comparison.costs({}, 1)[0]) / comparison.scale)
+        misfit = math.sqrt(float(bench.comparison.costs({}, 1)[0]) / bench.comparison.scale)
         assert misfit <= self.healthy_misfit, (
             f"relative misfit {misfit:.2g}: values that are not named must be healthy, and the "
             "first state that of the recording"
         )
 
-    def test_every_compared_channel_has_a_row_for_each_candidate(
-        self, model: Model, actuator: ParameterSet, comparison: Comparison
-    ) -> None:
+    def test_every_compared_channel_has_a_row_for_each_candidate(self, bench: Bench) -> None:
         """Shape (B, S), float64, and residuals (B, K)."""
-        count = 3
-        candidates = draws.candidates(model, actuator, count)
+        count, comparison = 3, bench.comparison
+        candidates = bench.candidates(count)
         measured = comparison.measured()
         responses = comparison.responses(candidates, count)
         assert set(responses) == set(measured)
@@ -111,23 +100,19 @@ class ModelContract(DeclarationContract):
             comparison.costs(candidates, count), (residuals**2).sum(1), rtol=1e-9 + self.thinned
         )
 
-    def test_a_batch_equals_its_candidates_one_by_one(
-        self, model: Model, actuator: ParameterSet, comparison: Comparison
-    ) -> None:
+    def test_a_batch_equals_its_candidates_one_by_one(self, bench: Bench) -> None:
         """Whichever neighbours a candidate has."""
-        count = 7
-        candidates = draws.candidates(model, actuator, count)
+        count, comparison = 7, bench.comparison
+        candidates = bench.candidates(count)
         together = comparison.residuals(candidates, count)
         for n in range(count):
             alone = comparison.residuals({k: v[n : n + 1] for k, v in candidates.items()}, 1)
             _assert_alike(together[n], alone[0], "differs when it is simulated alone")
 
-    def test_a_candidate_that_is_not_a_number_says_so(
-        self, model: Model, actuator: ParameterSet, comparison: Comparison
-    ) -> None:
+    def test_a_candidate_that_is_not_a_number_says_so(self, bench: Bench) -> None:
         """NaN in any value gives no finite cost, and leaves the neighbours as they were."""
-        count = 5
-        good = draws.candidates(model, actuator, count)
+        count, comparison = 5, bench.comparison
+        good = bench.candidates(count)
         expected = comparison.costs(good, count)
         for name in good.keys() - comparison.ignores:
             values = {k: v.copy() for k, v in good.items()}
@@ -140,26 +125,22 @@ class ModelContract(DeclarationContract):
             rest = np.arange(count) != 2
             _assert_alike(costs[rest], expected[rest], f"changes with a neighbour's {name} = NaN")
 
-    def test_the_corners_of_the_box_do_no_harm(
-        self, model: Model, actuator: ParameterSet, comparison: Comparison
-    ) -> None:
+    def test_the_corners_of_the_box_do_no_harm(self, bench: Bench) -> None:
         """A candidate that diverges costs infinity, and leaves the neighbours as they were."""
-        searched = draws.searched(model, actuator)
+        searched, comparison = bench.searched, bench.comparison
         corners = np.array(
             [[one.lower if n >> k & 1 else one.upper for k, one in enumerate(searched)]
              for n in range(2 ** min(len(searched), 5))]
         )  # fmt: skip
         healthy = np.array([one.healthy for one in searched])
         rows = np.concatenate([healthy[None], corners, healthy[None]])
-        costs = comparison.costs(draws.by_name(searched, rows), len(rows))
+        costs = comparison.costs(bench.by_name(rows), len(rows))
         assert not np.isnan(costs).any(), "a candidate that diverges must cost infinity, not NaN"
         _assert_alike(costs[[0, -1]], comparison.costs({}, 1)[[0, 0]], "changes in bad company")
 
-    def test_parameters_differ_between_candidates(
-        self, model: Model, actuator: ParameterSet, healthy: Recording, comparison: Comparison
-    ) -> None:
+    def test_parameters_differ_between_candidates(self, bench: Bench) -> None:
         """Exactly as they differ between actuators; others than `nominal` ones may be refused."""
-        varied = 0
+        model, actuator, varied = bench.model, bench.actuator, 0
         for place, value, _, _, _ in actuator.parameters():
             changed = value * (0.5 if place == self.step else 1.03)
             try:
@@ -169,16 +150,16 @@ class ModelContract(DeclarationContract):
             if place in model.fixed or changed == value:
                 continue
             # an unknown's healthy value may depend on the parameter: give that of each actuator
-            own, theirs = draws.held(model, actuator), draws.held(model, other)
+            own, theirs = bench.held, Bench(model, other).held
             candidates = {name: np.array([own[name], theirs[name]]) for name in own}
             candidates[place] = np.array([value, changed])
             try:
-                together = comparison.responses(candidates, 2)
+                together = bench.comparison.responses(candidates, 2)
             except InputError:
                 if place in model.nominal:
                     raise
                 continue
-            apart = model.compare(healthy, other).responses({}, 1)
+            apart = model.compare(bench.healthy, other).responses({}, 1)
             for name, trace in apart.items():
                 _assert_alike(
                     together[name][1], trace[0],
@@ -188,13 +169,12 @@ class ModelContract(DeclarationContract):
             varied += 1
         assert varied, "no parameter of the actuator can differ between candidates"
 
-    def test_each_fault_can_be_seen(
-        self, model: Model, actuator: ParameterSet, comparison: Comparison
-    ) -> None:
+    def test_each_fault_can_be_seen(self, bench: Bench) -> None:
         """On the default scenario it moves some compared channel."""
+        comparison = bench.comparison
         before = comparison.residuals({}, 1)[0]
-        for one in draws.magnitudes(model, actuator):
-            values = {one.name: np.array([draws.towards(one, 0.5)])}
+        for one in bench.magnitudes:
+            values = {one.name: np.array([towards(one, 0.5)])}
             after = comparison.residuals(values, 1)[0]
             moved = math.sqrt(float(((after - before) ** 2).sum()) / comparison.scale)
             assert moved >= 1e-3, (
@@ -202,18 +182,15 @@ class ModelContract(DeclarationContract):
                 "more motion, or leave the fault out"
             )
 
-    def test_a_shorter_step_changes_little(
-        self, model: Model, actuator: ParameterSet, healthy: Recording
-    ) -> None:
+    def test_a_shorter_step_changes_little(self, bench: Bench) -> None:
         """Halving it changes the answer, and halving it again changes it less."""
         if self.step is None:
             pytest.skip("no step is named")
-        value = actuator.value(self.step)
-        traces = [
-            model.compare(healthy, actuator.changed({self.step: value / n})).residuals({}, 1)[0]
-            for n in (1, 2, 4)
-        ]
-        scale = model.compare(healthy, actuator).scale
+        value, traces = bench.actuator.value(self.step), []
+        for n in (1, 2, 4):
+            finer = bench.actuator.changed({self.step: value / n})
+            traces.append(bench.model.compare(bench.healthy, finer).residuals({}, 1)[0])
+        scale = bench.comparison.scale
         first, second = (
             math.sqrt(float(((a - b) ** 2).sum()) / scale) for a, b in pairwise(traces)
         )
@@ -224,16 +201,14 @@ class ModelContract(DeclarationContract):
 
     # From a recording to a fault
 
-    def test_each_fault_is_found_again(
-        self, model: Model, actuator: ParameterSet, tmp_path: Path
-    ) -> None:
+    def test_each_fault_is_found_again(self, bench: Bench, tmp_path: Path) -> None:
         """Simulated, written to a file, read, and identified with all others free."""
-        for one in draws.magnitudes(model, actuator):
-            injected = draws.towards(one, self.severity)
+        for one in bench.magnitudes:
+            injected = towards(one, self.severity)
             path = tmp_path / f"{one.name}.parquet"
-            write(draws.simulated(model, actuator, {one.name: injected}), path)
-            recording = read(path, actuator=actuator)
-            found = identify(recording, actuator, exact=True)
+            write(bench.simulated(**{one.name: injected}), path)
+            recording = read(path, actuator=bench.actuator)
+            found = identify(recording, bench.actuator, exact=True)
             gap = abs(found.values[one.name] - injected) / one.width
             assert gap <= self.recovered_within, (
                 f"{one.name} = {injected:.3g} is found as {found.values[one.name]:.3g} by "
@@ -243,16 +218,12 @@ class ModelContract(DeclarationContract):
             again = pickle.loads(pickle.dumps(found))
             assert again.values == found.values
 
-    def test_a_healthy_recording_shows_no_fault(
-        self, model: Model, actuator: ParameterSet, healthy: Recording
-    ) -> None:
+    def test_a_healthy_recording_shows_no_fault(self, bench: Bench) -> None:
         """With all unknowns free."""
-        found = identify(healthy, actuator, exact=True)
+        found = identify(bench.healthy, bench.actuator, exact=True)
         assert found.present == (), f"{', '.join(found.present)} in a healthy recording"
 
-    def test_units_within_their_tolerances_are_judged_honestly(
-        self, model: Model, actuator: ParameterSet
-    ) -> None:
+    def test_units_within_their_tolerances_are_judged_honestly(self, bench: Bench) -> None:
         """No two units are alike, and their sensors have noise: wrong names and coverage, counted.
 
         Parameters are drawn within their tolerances, nuisances from their priors. Half of the
@@ -266,21 +237,20 @@ class ModelContract(DeclarationContract):
         wrong, missed, intervals, said, refused = 0, 0, 0, [], []
         for n in range(self.units):
             random = np.random.default_rng(n)
-            unit = draws.unit(model, actuator, random)
-            magnitudes = draws.magnitudes(model, unit)
-            fault = {} if n % 2 else draws.fault(magnitudes[n // 2 % len(magnitudes)], random)
-            recording = draws.simulated(
-                model, unit, {**draws.nuisances(model, unit, random), **fault}
-            )
+            unit, fault = bench.unit(random), dict[str, float]()
+            if n % 2 == 0:
+                worn = unit.magnitudes[n // 2 % len(unit.magnitudes)]
+                fault = {worn.name: towards(worn, random.uniform(0.3, 0.7))}
+            recording = unit.simulated(**{**unit.nuisances(random), **fault})
             try:
-                found = identify(draws.with_noise(model, recording, random), actuator)
+                found = identify(unit.with_noise(recording, random), bench.actuator)
             except RecordError as refusal:
                 refused.append(str(refusal))
                 continue
             names = set(found.present) - set(fault)
             wrong += bool(names)
             said += [f"{', '.join(sorted(names))} on unit {n}"] if names else []
-            for one in magnitudes:
+            for one in unit.magnitudes:
                 low, high = found.intervals[one.name]
                 edge = 1e-6 * one.width
                 missed += not low - edge <= fault.get(one.name, one.healthy) <= high + edge
@@ -288,22 +258,21 @@ class ModelContract(DeclarationContract):
         assert len(refused) < self.units / 2, (
             f"{len(refused)} of {self.units} units are refused: {refused[0]}"
         )
-        most = draws.at_most(self.units, FALSE_ALARM_RATE)
+        most = at_most(self.units, FALSE_ALARM_RATE)
         assert wrong <= most, (
             f"a fault that is not there is named on {wrong} of {self.units} units, and {most} may "
             f"be ({'; '.join(said)}): check that `nominal`, tolerances and priors of nuisances say "
             "how far units differ, that `fixed` holds none of these, and that `aliases` are right"
         )
-        most = draws.at_most(intervals, 1.0 - LEVEL)
+        most = at_most(intervals, 1.0 - LEVEL)
         assert missed <= most, (
             f"{missed} of {intervals} intervals of 95 % miss the true value, and {most} may: check "
             "`noise` and `model_error`, tolerances, and that `aliases` are right"
         )
 
-    def test_recordings_sum_up_and_show(
-        self, model: Model, actuator: ParameterSet, healthy: Recording
-    ) -> None:
+    def test_recordings_sum_up_and_show(self, bench: Bench) -> None:
         """Reports have numbers and panels to print."""
+        model, actuator, healthy = bench.model, bench.actuator, bench.healthy
         assert all(math.isfinite(value) for value in model.summary(healthy, actuator).values())
         signals = model.signals(healthy, actuator)
         assert signals
@@ -311,10 +280,9 @@ class ModelContract(DeclarationContract):
             assert signal.title
             assert np.shape(signal.values) == healthy.time.shape
 
-    def test_it_travels_between_processes(
-        self, model: Model, actuator: ParameterSet, healthy: Recording
-    ) -> None:
+    def test_it_travels_between_processes(self, bench: Bench) -> None:
         """Model, actuator and recording pickle: studies run in several processes."""
+        model, actuator, healthy = bench.model, bench.actuator, bench.healthy
         assert type(pickle.loads(pickle.dumps(model))) is type(model)
         assert pickle.loads(pickle.dumps(actuator)).fingerprint == actuator.fingerprint
         assert pickle.loads(pickle.dumps(healthy)).provenance == healthy.provenance

@@ -11,8 +11,8 @@ A reader of someone else's is tested by a class of theirs::
 and is found by `ematwin.read` through the entry point group ``ematwin.readers``.
 """
 
-import hashlib
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
 from typing import ClassVar
@@ -25,8 +25,10 @@ from ematwin.models.bldc.channels import UNITS
 from ematwin.models.reading import read
 from ematwin.recordings.formats.base import RecordedFile, open_file
 
+Channels = dict[str, np.ndarray]  # (S,) arrays by name
 
-def bench_channels(duration: float = 0.1, sample_rate: float = 20_000.0) -> dict[str, np.ndarray]:
+
+def bench_channels(duration: float = 0.1, sample_rate: float = 20_000.0) -> Channels:
     """Channels (S,) as a test bench might record them, in SI and named as in a record.
 
     Time, a sweep as command, and three currents that sum to zero; ``duration`` in s, rate in Hz.
@@ -46,7 +48,7 @@ class ReaderContract(ABC):
     states_units: ClassVar[bool] = False  # whether `write` puts units into the file
 
     @abstractmethod
-    def write(self, path: Path, channels: dict[str, np.ndarray], units: dict[str, str]) -> None:
+    def write(self, path: Path, channels: Channels, units: dict[str, str]) -> None:
         """Write channels, (S,) float64 arrays of one length, with the library of the format."""
 
     def open(self, path: Path) -> RecordedFile:
@@ -54,99 +56,93 @@ class ReaderContract(ABC):
         return open_file(path)
 
     @pytest.fixture
-    def channels(self) -> dict[str, np.ndarray]:
+    def channels(self) -> Channels:
         """Channels that are written."""
         return bench_channels()
 
     @pytest.fixture
-    def path(self, tmp_path: Path, channels: dict[str, np.ndarray]) -> Path:
+    def path(self, tmp_path: Path, channels: Channels) -> Path:
         """A sound file."""
         path = tmp_path / f"bench{self.suffix}"
         self.write(path, channels, {name: UNITS[name] for name in channels})
         return path
 
-    def test_every_channel_has_one_name(self, path: Path, channels: dict[str, np.ndarray]) -> None:
-        """Names are unique; names of channels are the last parts of them."""
+    @pytest.fixture
+    def file(self, path: Path) -> Iterator[RecordedFile]:
+        """It, open."""
         with self.open(path) as file:
-            assert len(set(file.names)) == len(file.names)
-            for name in _found(file, channels):
-                assert name in file.names
+            yield file
 
-    def test_values_come_back(self, path: Path, channels: dict[str, np.ndarray]) -> None:
+    @pytest.fixture
+    def written(self, file: RecordedFile, channels: Channels) -> Channels:
+        """Channels that were written, by their full names; time left out where it is no channel."""
+        known = ((name, _own_name(name)) for name in file.names)
+        return {name: channels[own] for name, own in known if own in channels}
+
+    def test_every_channel_has_one_name(self, file: RecordedFile) -> None:
+        """Names are unique."""
+        assert len(set(file.names)) == len(file.names)
+
+    def test_values_come_back(self, file: RecordedFile, written: Channels) -> None:
         """To the last bit, as float64."""
-        with self.open(path) as file:
-            names = _found(file, channels)
-            values = file.read(names)
-            assert list(values) == names
-            for name in names:
-                assert values[name].dtype == np.float64
-                np.testing.assert_array_equal(values[name], channels[_plain(name)])
+        values = file.read(list(written))
+        assert list(values) == list(written)
+        for name, expected in written.items():
+            assert values[name].dtype == np.float64
+            np.testing.assert_array_equal(values[name], expected)
 
-    def test_only_wanted_channels_are_read(
-        self, path: Path, channels: dict[str, np.ndarray]
-    ) -> None:
+    def test_only_wanted_channels_are_read(self, file: RecordedFile, written: Channels) -> None:
         """And in the order in which they were asked for."""
-        with self.open(path) as file:
-            wanted = _found(file, channels)[:0:-2]
-            assert list(file.read(wanted)) == wanted
+        wanted = list(written)[:0:-2]
+        assert list(file.read(wanted)) == wanted
 
-    def test_arrays_belong_to_the_caller(self, path: Path, channels: dict[str, np.ndarray]) -> None:
+    def test_arrays_belong_to_the_caller(self, file: RecordedFile, written: Channels) -> None:
         """Changes that the caller makes do not show in the next reading."""
-        with self.open(path) as file:
-            name = _found(file, channels)[-1]
-            first = file.read([name])[name]
-            before = first.copy()
-            first[:] = -1.0
-            np.testing.assert_array_equal(file.read([name])[name], before)
+        name = list(written)[-1]
+        first = file.read([name])[name]
+        before = first.copy()
+        first[:] = -1.0
+        np.testing.assert_array_equal(file.read([name])[name], before)
 
-    def test_texts_are_the_values_as_labels(
-        self, path: Path, channels: dict[str, np.ndarray]
-    ) -> None:
+    def test_texts_are_the_values_as_labels(self, file: RecordedFile, written: Channels) -> None:
         """One for each sample, in the order of the file, equal where the values are equal."""
-        with self.open(path) as file:
-            for name in _found(file, channels):
-                texts = file.texts(name)
-                assert all(isinstance(text, str) for text in texts)
-                seen = [float(text.replace(",", ".")) for text in texts]
-                np.testing.assert_allclose(seen, channels[_plain(name)], rtol=1e-5, atol=1e-12)
+        for name, expected in written.items():
+            texts = file.texts(name)
+            assert all(isinstance(text, str) for text in texts)
+            seen = [float(text.replace(",", ".")) for text in texts]
+            np.testing.assert_allclose(seen, expected, rtol=1e-5, atol=1e-12)
 
-    def test_units_are_those_of_the_file(self, path: Path, channels: dict[str, np.ndarray]) -> None:
+    def test_units_are_those_of_the_file(self, file: RecordedFile, written: Channels) -> None:
         """As text, or None where the file states none."""
-        with self.open(path) as file:
-            for name in _found(file, channels):
-                stated = file.unit(name)
-                key = _plain(name)
-                assert stated == (UNITS[key] if self.states_units else None)
+        for name in written:
+            assert file.unit(name) == (UNITS[_own_name(name)] if self.states_units else None)
 
     def test_channels_sampled_together_share_a_time_base(
-        self, path: Path, channels: dict[str, np.ndarray]
+        self, file: RecordedFile, written: Channels, channels: Channels
     ) -> None:
         """With as many times as samples, where the format knows times."""
-        with self.open(path) as file:
-            keys = {file.time_base(name) for name in _found(file, channels)}
-            assert len(keys) == 1
-            time = file.base_time(keys.pop())
-            if time is not None:
-                np.testing.assert_allclose(time, channels["time"], rtol=0.0, atol=1e-9)
+        keys = {file.time_base(name) for name in written}
+        assert len(keys) == 1
+        time = file.base_time(keys.pop())
+        if time is not None:
+            np.testing.assert_allclose(time, channels["time"], rtol=0.0, atol=1e-9)
 
-    def test_the_start_is_a_moment_or_unknown(self, path: Path) -> None:
+    def test_the_start_is_a_moment_or_unknown(self, file: RecordedFile) -> None:
         """And so are the moments at which channels of calendar times begin."""
-        with self.open(path) as file:
-            file.read(file.names)
-            assert file.start is None or isinstance(file.start, datetime)
-            assert all(isinstance(moment, datetime) for moment in file.clocks.values())
-            assert set(file.clocks) <= set(file.names)
+        file.read(file.names)
+        assert file.start is None or isinstance(file.start, datetime)
+        assert all(isinstance(moment, datetime) for moment in file.clocks.values())
+        assert set(file.clocks) <= set(file.names)
 
-    def test_progress_rises_to_one(self, path: Path, channels: dict[str, np.ndarray]) -> None:
+    def test_progress_rises_to_one(self, file: RecordedFile, written: Channels) -> None:
         """It is a share, never falls, and ends at 1."""
         seen: list[float] = []
-        with self.open(path) as file:
-            file.read(_found(file, channels), seen.append)
+        file.read(list(written), seen.append)
         assert seen == sorted(seen)
         assert seen[0] >= 0.0
         assert seen[-1] == pytest.approx(1.0)
 
-    def test_a_record_is_read(self, path: Path, channels: dict[str, np.ndarray]) -> None:
+    def test_a_record_is_read(self, path: Path, channels: Channels) -> None:
         """By `ematwin.read`, without a map, because the names belong to a record."""
         if type(self).open is not ReaderContract.open:
             return  # `read` finds installed readers only
@@ -154,14 +150,11 @@ class ReaderContract(ABC):
         for name, values in channels.items():
             np.testing.assert_allclose(getattr(record, name), values, rtol=0.0, atol=1e-9)
 
-    def test_reading_leaves_the_file_as_it_was(
-        self, path: Path, channels: dict[str, np.ndarray]
-    ) -> None:
+    def test_reading_leaves_the_file_as_it_was(self, path: Path) -> None:
         """Byte for byte, and nothing is put beside it."""
-        before = hashlib.sha256(path.read_bytes()).digest()
-        with self.open(path) as file:
-            file.read(_found(file, channels))
-        assert hashlib.sha256(path.read_bytes()).digest() == before
+        before = path.read_bytes()
+        self._read_all(path)
+        assert path.read_bytes() == before
         assert [file.name for file in path.parent.iterdir()] == [path.name]
 
     def test_closing_twice_is_allowed(self, path: Path) -> None:
@@ -217,10 +210,6 @@ class ReaderContract(ABC):
             return file.assumed
 
 
-def _plain(name: str) -> str:
+def _own_name(name: str) -> str:
+    """The name of a channel without groups and sheets before it."""
     return name.replace(".", "/").split("/")[-1]
-
-
-def _found(file: RecordedFile, channels: dict[str, np.ndarray]) -> list[str]:
-    """Full names of the channels that were written, time left out where it is no channel."""
-    return [name for name in file.names if _plain(name) in channels]
