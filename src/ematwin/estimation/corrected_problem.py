@@ -25,8 +25,6 @@ from ematwin.models.comparison import Comparison
 from ematwin.numerics.linear_algebra import eigen
 from ematwin.numerics.side_by_side import side_by_side
 
-_BESIDE = 1e-3  # of a range
-
 
 class _Difference(NamedTuple):
     """What residuals of the reference change more with the unknowns than those of the fast model.
@@ -82,11 +80,11 @@ def corrected_at(
     if ways is None:
         ways = _ways_unseen(problem, point, like)
     difference = np.zeros(sum(sizes))
-    if len(ways):
-        points = _beside(chart, z, ways)
-        values = chart.to_values(points)
-        asked = side_by_side(lambda one: exact_residuals(problem, one), values)
-        there = [one is not None for one in asked]
+    points = _beside(chart, z, ways)
+    values = chart.to_values(points)
+    asked = side_by_side(lambda one: exact_residuals(problem, one), values)
+    there = [one is not None for one in asked]
+    if any(there):
         exact = np.array([np.concatenate(one) for one in asked if one is not None])
         fast = [other.residuals_of(n, values[there]) for n in range(len(sizes))]
         moves = np.vstack([np.zeros(len(z)), points[there] - z])
@@ -197,7 +195,7 @@ def reference_scatter(problem: Problem, point: np.ndarray) -> float:
     beside it. 0 where the kind has no reference.
     """
     chart = problem.chart
-    sides = np.random.default_rng(0).choice([-_BESIDE, _BESIDE], len(point))
+    sides = np.random.default_rng(0).choice([-1e-3, 1e-3], len(point))
     near = chart.project(chart.from_values(point[None]) + sides)
     beside = [point, chart.to_values(near)[0]]
     asked = [missed_at(problem, one) for one in beside]

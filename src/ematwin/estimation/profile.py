@@ -18,7 +18,7 @@ import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.estimation.constants import COVERAGE, DECIDES, PARTNERS, TRADED, WORTH
-from ematwin.estimation.interrupt import noting_interrupts
+from ematwin.estimation.interrupt import until_interrupted
 from ematwin.estimation.laplace import Laplace, peak_near
 from ematwin.estimation.uncertainty import (
     Question,
@@ -237,15 +237,12 @@ class _Tracer:
 
     def run(self, report: Report) -> bool:
         """Trace until all rises are large enough; False if Ctrl-C ended it."""
-        with noting_interrupts() as interrupts:
-            try:
-                for step in range(1, _STEPS + 1):
-                    side_by_side(_Side.advance, [one for one in self._every if not one.ended])
-                    interrupts.check()
-                    report(self.evaluations, self.evaluations * _STEPS // step)
-            except KeyboardInterrupt:
-                return False
-        return True
+        with until_interrupted() as interrupts:
+            for step in range(1, _STEPS + 1):
+                side_by_side(_Side.advance, [one for one in self._every if not one.ended])
+                interrupts.check()
+                report(self.evaluations, self.evaluations * _STEPS // step)
+        return not interrupts.ended
 
     def profile(self, one: Unknown, value: float) -> Profile:
         """The profile of a fault from both sides; its interval holds the value of the answer."""
