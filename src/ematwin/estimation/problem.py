@@ -66,8 +66,7 @@ class Problem(HasUnknowns):
     starts : (M, d) array
     noise : float, standard deviation of an independent residual: the unit in which priors count
     changes : tuple of ResidualChange, of a problem that the reference corrects
-    answered : residuals (K,) of each recording, where no unknown moves them; None where the fast
-        model answers
+    answered : residuals (K,) of each recording that no unknown moves; None where the twin answers
     information : Information, knowledge beside the priors; None without
     trust : float, how far evidence counts: one over its noise in the unit of that expected, 1 at
         most
