@@ -111,16 +111,20 @@ def _ways_unseen(problem: Problem, point: np.ndarray, like: Problem | None) -> n
     """
     known = () if like is None else like.names
     unseen = problem.comparisons[0].unseen
-    rows = []
-    for n, one in enumerate(problem.unknowns):
-        if one.name.partition("@")[0] not in unseen or one.name in known:
-            continue
-        spread = 0.1 * (1.0 if one.logarithmic else one.width)
-        if one.name in problem.prior.names:
-            m = problem.prior.names.index(one.name)
-            spread = math.sqrt(problem.prior.covariance[m, m])
-        rows.append(spread / problem.chart.widths[n] * np.eye(len(point))[n])
-    return np.array(rows).reshape(len(rows), len(point))
+    widths = _prior_widths(problem)
+    return np.array([
+        (width or 0.1) * row
+        for one, width, row in zip(problem.unknowns, widths, np.eye(len(point)), strict=True)
+        if one.name.partition("@")[0] in unseen and one.name not in known
+    ]).reshape(-1, len(point))  # fmt: skip
+
+
+def _prior_widths(problem: Problem) -> np.ndarray:
+    """(d,) standard deviations of the priors, in coordinates; zero of unknowns without one."""
+    prior, widths = problem.prior, np.zeros(len(problem.names))
+    places = [problem.names.index(name) for name in prior.names]
+    widths[places] = np.sqrt(np.diag(prior.covariance)) / problem.chart.widths[places]
+    return widths
 
 
 def _slopes_beyond_scatter(
@@ -187,24 +191,31 @@ def of_fast_model(problem: Problem) -> Problem:
     return corrected_by(problem, [{n: np.zeros_like(x) for n, x in one.items()} for one in every])
 
 
-def reference_scatter(problem: Problem, point: np.ndarray) -> float:
+def reference_scatter(
+    problem: Problem, point: np.ndarray, width: np.ndarray | None = None
+) -> float:
     """The relative misfit by which the reference differs from one candidate to the next.
 
     Behind sampled loops they do: a small change moves samples, and these the impacts in a gap. A
-    recording is one such answer. The candidates are a point (d,) and one a thousandth of each range
-    beside it. 0 where the kind has no reference.
+    recording is one such answer. The candidates are a point (d,) and one a tenth of a ``width``
+    (d,) beside it, in coordinates; of the priors of parameters if not given: of what differs from
+    recording to recording priors are wide. 0 where the kind has no reference.
     """
     chart = problem.chart
-    sides = np.random.default_rng(0).choice([-1e-3, 1e-3], len(point))
-    near = chart.project(chart.from_values(point[None]) + sides)
-    beside = [point, chart.to_values(near)[0]]
-    asked = [missed_at(problem, one) for one in beside]
-    if any(one is None for one in asked):
-        return 0.0
-    here, there = (corrected_by(problem, one) for one in asked if one is not None)
-    return problem.relative_misfit(
-        0.5 * _size(here, _change(residuals_each(here, point), there, point))
-    )
+    if width is None:
+        nominal = np.array([one.role == "nominal" for one in problem.unknowns])
+        width = _prior_widths(problem) * nominal
+    sides = np.random.default_rng(0).choice([-0.1, 0.1], len(point))
+    near = chart.project(chart.from_values(point[None]) + sides * width)
+    missed = []
+    for one in (point, chart.to_values(near)[0]):
+        exact = exact_residuals(problem, one)
+        if exact is None:
+            return 0.0
+        pairs = zip(exact, residuals_each(problem, one), strict=True)
+        missed.append([answer - fast for answer, fast in pairs])
+    change = [there - here for here, there in zip(*missed, strict=True)]
+    return problem.relative_misfit(0.5 * _size(problem, change))
 
 
 def missed_at(
@@ -261,11 +272,6 @@ def corrected_by(problem: Problem, missed: Sequence[Mapping[str, np.ndarray]]) -
 def residuals_each(problem: Problem, point: np.ndarray) -> list[np.ndarray]:
     """Residuals (K,) of each recording at a point (d,)."""
     return [problem.residuals_of(n, point[None])[0] for n in range(len(problem.comparisons))]
-
-
-def _change(before: Sequence[np.ndarray], there: Problem, point: np.ndarray) -> list[np.ndarray]:
-    """Change of residuals (K,) of each recording at a point (d,), to those of another problem."""
-    return [now - then for now, then in zip(residuals_each(there, point), before, strict=True)]
 
 
 def _size(problem: Problem, change: Sequence[np.ndarray]) -> float:

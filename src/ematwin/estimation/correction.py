@@ -59,7 +59,7 @@ _SHRINKS = 0.5  # of the step before: less is progress
 _DEPTH = 3  # rounds that are combined
 _IN_VAIN = 3  # rounds in succession that do not lower the cost by a reference that scatters
 _WIDEST = 0.1  # of a range: steps of slopes at most, where little is known before
-_REGRESSIONS = 3  # at most
+_REGRESSIONS = 8  # at most
 _ELSEWHERE = 6  # points within the width at which the error of the model is measured
 
 
@@ -163,10 +163,11 @@ def _by_regression(
     """The peak by regressions of the reference, from where rounds ended.
 
     Each is as wide as the peak before, and rounds follow it. They end where the reference leaves no
-    more than noise and its scatter, or where the peak stays.
+    more than noise and its scatter, or no less than before: costs scatter by a tenth from one
+    answer to the next.
     """
     for _ in range(_REGRESSIONS):
-        if not _leaves_more_than_noise(problem, near):
+        if not _leaves_more_than_noise(near):
             break
         z, information = near.z, near.peak.information
         ways = principal(information, z, problem.chart, _WIDEST)
@@ -174,11 +175,11 @@ def _by_regression(
         if here is None:
             break
         visited = _rounds(problem, here, z, descent, information)
-        near = _lowest(visited)
+        before, near = near, _lowest(visited)
         spent = found.peak.evaluations + sum(one.peak.evaluations for one in visited)
         asked = found.rounds + 2 * len(ways) + near.runs
         found = Corrected(replace(near.peak, evaluations=spent), asked, near.left)
-        if len(visited) <= 2:
+        if near.cost > 0.9 * before.cost:
             break
     return found
 
@@ -216,12 +217,13 @@ def _lowest(visited: list[_Round]) -> _Round:
     return replace(lowest, runs=last.runs, left=lowest.left if settled else last.left)
 
 
-def _leaves_more_than_noise(problem: Problem, one: _Round) -> bool:
+def _leaves_more_than_noise(one: _Round) -> bool:
     """Whether a round began where the reference fits worse than noise and its scatter allow."""
     left, usual = one.here.relative_misfit(one.cost), one.here.recorded_misfit
     if left <= AS_GOOD * usual:
         return False
-    scatter = reference_scatter(problem, problem.chart.to_values(one.z[None])[0])
+    width = np.sqrt(np.diag(one.peak.covariance))
+    scatter = reference_scatter(one.here, one.here.chart.to_values(one.z[None])[0], width)
     # of this answer, and of the recording as of another
     return left > AS_GOOD * math.hypot(usual, math.sqrt(2.0) * scatter)
 
