@@ -191,22 +191,20 @@ def of_fast_model(problem: Problem) -> Problem:
     return corrected_by(problem, [{n: np.zeros_like(x) for n, x in one.items()} for one in every])
 
 
-def reference_scatter(
-    problem: Problem, point: np.ndarray, width: np.ndarray | None = None
-) -> float:
+def reference_scatter(problem: Problem, point: np.ndarray, away: np.ndarray | None = None) -> float:
     """The relative misfit by which the reference differs from one candidate to the next.
 
     Behind sampled loops they do: a small change moves samples, and these the impacts in a gap. A
-    recording is one such answer. The candidates are a point (d,) and one a tenth of a ``width``
-    (d,) beside it, in coordinates; of the priors of parameters if not given: of what differs from
-    recording to recording priors are wide. 0 where the kind has no reference.
+    recording is one such answer. The candidates are a point (d,) and one that lies ``away`` (d,),
+    in coordinates; a tenth of the width of the priors of parameters if not given: of what differs
+    from recording to recording priors are wide. 0 where the kind has no reference.
     """
     chart = problem.chart
-    if width is None:
+    if away is None:
         nominal = np.array([one.role == "nominal" for one in problem.unknowns])
-        width = _prior_widths(problem) * nominal
-    sides = np.random.default_rng(0).choice([-0.1, 0.1], len(point))
-    near = chart.project(chart.from_values(point[None]) + sides * width)
+        sides = np.random.default_rng(0).choice([-0.1, 0.1], len(point))
+        away = sides * _prior_widths(problem) * nominal
+    near = chart.project(chart.from_values(point[None]) + away)
     missed = []
     for one in (point, chart.to_values(near)[0]):
         exact = exact_residuals(problem, one)

@@ -59,7 +59,7 @@ _SHRINKS = 0.5  # of the step before: less is progress
 _DEPTH = 3  # rounds that are combined
 _IN_VAIN = 3  # rounds in succession that do not lower the cost by a reference that scatters
 _WIDEST = 0.1  # of a range: steps of slopes at most, where little is known before
-_REGRESSIONS = 8  # at most
+_REGRESSIONS = 4  # at most
 _ELSEWHERE = 6  # points within the width at which the error of the model is measured
 
 
@@ -222,8 +222,9 @@ def _leaves_more_than_noise(one: _Round) -> bool:
     left, usual = one.here.relative_misfit(one.cost), one.here.recorded_misfit
     if left <= AS_GOOD * usual:
         return False
-    width = np.sqrt(np.diag(one.peak.covariance))
-    scatter = reference_scatter(one.here, one.here.chart.to_values(one.z[None])[0], width)
+    draw = np.random.default_rng(0).standard_normal(len(one.z))
+    away = np.linalg.cholesky(one.peak.covariance) @ draw
+    scatter = reference_scatter(one.here, one.here.chart.to_values(one.z[None])[0], away)
     # of this answer, and of the recording as of another
     return left > AS_GOOD * math.hypot(usual, math.sqrt(2.0) * scatter)
 
