@@ -194,10 +194,7 @@ class Model(ABC):
     def unknown(self, actuator: Any, name: str) -> Unknown:
         """An unknown by name; a parameter of the actuator by its place, ``section.name``.
 
-        Raises
-        ------
-        InputError
-            If there is none; the message names the closest. If it cannot be searched.
+        Raises `InputError` if there is none, naming the closest, or if it cannot be searched.
         """
         if name in self.fixed:
             raise not_searchable(name)
@@ -215,10 +212,7 @@ class Model(ABC):
     def values_of(self, actuator: Any, given: Any) -> dict[str, float]:
         """Values of all unknowns from a mapping of some; the others are healthy.
 
-        Raises
-        ------
-        InputError
-            If a name is unknown or a value lies outside its bounds.
+        Raises `InputError` if a name is unknown or a value lies outside its bounds.
         """
         known = {one.name: one for one in self.unknowns(actuator)}
         values = self.healthy(actuator)
@@ -241,10 +235,7 @@ class Model(ABC):
     ) -> Comparison:
         """A recording prepared for comparing candidates with it.
 
-        Raises
-        ------
-        RecordError
-            If candidates cannot be compared with this recording.
+        Raises `RecordError` if candidates cannot be compared with this recording.
         """
         self.check_channels(recording)
         return TraceComparison(self, recording, actuator, **settings)
@@ -309,10 +300,8 @@ class Model(ABC):
     def check(self, recording: Recording, actuator: Any) -> list[str]:
         """Sentences on doubts about a recording of this actuator.
 
-        Raises
-        ------
-        RecordError
-            If it contradicts itself or the actuator, with the reason and the likely cause.
+        Raises `RecordError` if it contradicts itself or the actuator, with the reason and the
+        likely cause.
         """
         self.check_channels(recording)
         return []

@@ -4,7 +4,8 @@ A file holds a table for each section and, for each parameter, ``{ value, unit, 
 more is known than of the kind at large, also a ``tolerance``.
 """
 
-from collections.abc import Mapping
+import difflib
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -41,22 +42,25 @@ def stated(field: FieldInfo) -> dict[str, Any]:
     return extra
 
 
-def parameter_file(name_or_path: str | Path, shipped: Mapping[str, Path]) -> Path:
-    """The path of a TOML file, or of the file of a shipped set."""
-    path = Path(name_or_path)
-    if path.suffix == ".toml":
-        return path
-    if str(name_or_path) not in shipped:
-        raise ParameterError(
-            f"There is no actuator {str(name_or_path)!r}. Shipped: {', '.join(shipped)}; "
-            "or give the path of a TOML file (ending in .toml)."
-        )
-    return shipped[str(name_or_path)]
+def parameter_table(
+    name_or_path: str | Path, shipped: Mapping[str, Path], broken: Callable[[], list[str]] = list
+) -> dict[str, Any]:
+    """The content of a parameter file, or of a shipped set, as it is written.
 
-
-def parameter_table(name_or_path: str | Path, shipped: Mapping[str, Path]) -> dict[str, Any]:
-    """The content of a parameter file, or of a shipped set, as it is written."""
-    return load_toml(parameter_file(name_or_path, shipped), "actuator")
+    ``broken`` gives sentences on what may be missing from ``shipped``.
+    """
+    path, name = Path(name_or_path), str(name_or_path)
+    if path.suffix != ".toml":
+        if name not in shipped:
+            close = difflib.get_close_matches(name, shipped, n=1)
+            hint = f" Did you mean {close[0]}?" if close else ""
+            said = (
+                f"There is no actuator {name!r}.{hint} Shipped: {', '.join(shipped)}; "
+                "or give the path of a TOML file (ending in .toml)."
+            )
+            raise ParameterError(" ".join([said, *broken()]))
+        path = shipped[name]
+    return load_toml(path, "actuator")
 
 
 def _toml(value: str | float) -> str:

@@ -152,10 +152,7 @@ class Unknown:
     def check(self, value: Any) -> float:
         """The value as a float.
 
-        Raises
-        ------
-        InputError
-            If it is not a number within the bounds.
+        Raises `InputError` if it is not a number within the bounds.
         """
         what = f"{self.role.capitalize()} {self.name}"
         bounds = f"[{self.lower:g}, {self.upper:g}]" + (f" {self.unit}" if self.unit else "")

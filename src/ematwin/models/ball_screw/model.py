@@ -51,8 +51,7 @@ class BallScrewMonitoring(Monitoring):
         self, model: Any, recording: Recording, actuator: Any, settling_time: float
     ) -> Comparison:
         """With the coupling of the sensors in steady motion, as the calibration defines it."""
-        compared: Comparison = model.compare(recording, actuator, settling_time=settling_time)
-        return compared
+        return model.compare(recording, actuator, settling_time=settling_time)
 
     def derived(self, features: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Roughness: the mean level of the fast bands of both residuals in steady motion."""
@@ -218,9 +217,8 @@ def as_sensed(
 ) -> Recording:  # fmt: skip
     """A simulated motion with roughness and the noise (A, m) of its sensors.
 
-    Roughness is a simple measure of surface damage: a share of the moving current swings once a
-    turn of the screw and, half as much, with its second harmonic; the nut swings with it by the
-    same share of a millimetre.
+    Roughness swings a share of the moving current once a turn of the screw and, half as much, with
+    its second harmonic; the nut swings with it by the same share of a millimetre.
     """
     set_point, current, error = clean.set_point, clean.current, clean.position_error
     turns = (set_point - error) / actuator.screw.lead

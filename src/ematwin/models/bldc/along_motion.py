@@ -1,13 +1,9 @@
-"""Equations that a drive satisfies along a recorded motion.
+"""Equations that a drive satisfies along a recorded motion (docs/models.md, "Found forms").
 
 The controller answers the recorded command and motion with a current (`Controller`); the mechanics
 need a torque for the recorded motion (`ematwin.models.bldc.balance`). Neither is simulated in a
-closed loop: no error of the one gets into the other, none moves an impact, and the residual of the
-recorded current belongs to one of them (direct identification; Ljung 1999, System Identification,
-section 13.4). The reference model has the same equations (docs/models.md).
-
-Positions lie on cubic splines through their samples, whose slopes are the speeds; counts of an
-encoder on smoothing splines (`counts`).
+closed loop: the residual of the recorded current belongs to one of them (direct identification;
+Ljung 1999, System Identification, section 13.4).
 """
 
 import copy

@@ -1,10 +1,10 @@
 """Balance of torques along a recorded motion, and the twist of the gear.
 
-The mechanics need a torque for the recorded motion, which the recorded currents make
-(`TorqueBalance`; inverse dynamics, Gautier and Khalil 1990, IEEE Trans. Robotics and Automation
-6(3), 368-373). The difference of both positions shows on which face of the gap the output lies
-(`Contact`), and when it crosses the gap: then either mass moves by itself (`Crossing`). Equations
-as in docs/models.md.
+docs/models.md, "Forms that no file states", has the equations. The mechanics need a torque for the
+recorded motion, which the recorded currents make (`TorqueBalance`; inverse dynamics, Gautier and
+Khalil 1990, IEEE Trans. Robotics and Automation 6(3), 368-373). The difference of both positions
+shows on which face of the gap the output lies (`Contact`), and when it crosses the gap: then either
+mass moves by itself (`Crossing`).
 """
 
 import math
@@ -27,11 +27,6 @@ _CERTAIN = 3.0  # standard deviations of a twist, and of its change
 
 class TorqueBalance:
     """The torque that a motion needs beside the torque of recorded currents; while both slide.
-
-    Added up over motor and output, where the torque of the contact is none of it:
-
-        J_m dw_m/dt + J_o dw_o/dt + b w_m + T_m sgn w_m + T_o sgn w_o + T_load - T_cog
-            = sum kappa_k i_k.
 
     Samples count where both ``slides`` (S,); where ``moves_together`` no mass crosses the gap.
     """
@@ -191,13 +186,7 @@ class TorqueBalance:
 class Contact:
     """The twist between motor and output beside the pushing face's twist; while both slide.
 
-    With the torque T that the output needs, face sgn T and contact of stiffness k and damping d,
-
-        theta_m - theta_o = sgn T gap/2 + x,   d dx/dt + k x = T.
-
-    The zero angles of both positions are known to less than the gap: only how far the two faces are
-    apart counts. Where the twist is on the side of the other face the torque is wrong, or motor and
-    output are on the way from one to the other.
+    Zero angles are known to less than the gap: only how far the two faces are apart counts.
     """
 
     def __init__(self, balance: TorqueBalance, actuator: Any, values: Values | None = None) -> None:
@@ -224,11 +213,7 @@ class Contact:
         return filtered(late, balance.output_torque(actuator, values))[0]
 
     def apart(self) -> np.ndarray:
-        """(S,) of bool: samples at which the twist lies surely between both faces.
-
-        Where these are follows from the twists that push them: the gear may give more than its file
-        says, and then motor and output still touch at a twist that a stiff gear never has.
-        """
+        """(S,) of bool: samples at which the twist lies surely between both faces."""
         motion, pushed = self._balance.motion, self._torque > 0.0
         twist = np.subtract(*motion.recorded)
         if not pushed.any() or pushed.all():
@@ -260,14 +245,7 @@ class Contact:
 class Crossing:
     """The angle of motor or output while the output crosses the gap, where neither feels the other.
 
-        J_m dw_m/dt = sum kappa_k i_k - b w_m - T_m sgn w_m + T_cog,
-        J_o dw_o/dt = -T_o sgn w_o - T_load.
-
-    Where both move together only sums of their inertias and frictions show; here each shows alone.
-    The equations are integrated twice over each crossing. Its first angle and speed are free, and
-    recorded angles are not differentiated. The residual holds white noise of the angle, such as an
-    encoder's counts, and white noise of the torque, integrated twice. It is whitened (generalised
-    least squares).
+    The equations are integrated twice, so that recorded angles are not differentiated.
     """
 
     def __init__(
@@ -333,11 +311,7 @@ class Crossing:
 
 
 def _whitening(count: int, of_angle: float, of_acceleration: float, rate: float) -> np.ndarray:
-    """(n, n): makes noise of angles white, after any angle and speed at the begin are taken off.
-
-    ``of_angle`` (rad) and ``of_acceleration`` (rad/s^2, of means between samples) are standard
-    deviations of white noise.
-    """
+    """(n, n): makes noise of angles white, after any angle and speed at the begin are taken off."""
     speeds = np.tril(np.ones((count, count)))
     moved = of_acceleration / rate**2 * (np.cumsum(speeds, axis=0) - 0.5 * speeds)
     covariance = of_angle**2 * np.eye(count) + moved @ moved.T

@@ -1,8 +1,6 @@
-"""How badly candidates explain a recording of a brushless actuator.
+"""How badly candidates explain a recording of a brushless actuator (docs/models.md, "The misfit").
 
-A recording is prepared once: sensors of phases and zeros of angles are corrected, its equivalent
-current is formed and filtered, and the weights of the misfit follow from it. A batch of candidates
-is then simulated and scored without keeping traces.
+A recording is prepared once. A batch of candidates is then simulated and scored without traces.
 """
 
 import copy
@@ -45,27 +43,10 @@ _OVERSAMPLING = 8.0  # rate of kept samples over the cutoff, at least
 class BldcComparison(Comparison):
     """Misfit (paper, eq. 2) of a batch of candidates against a recording.
 
-    Parameters
-    ----------
-    recording : drives the monitor model from its first position and speed
-    actuator : BldcActuator
-    low_pass : filter of both currents
-    rectify : compare magnitudes; None compares signed currents where the recording has the rotor
-        angle, else magnitudes
-    threads : threads that share a batch; None takes one for each core
-
-    Attributes
-    ----------
-    current, target : (S,) arrays, A, equivalent current of the recording, as it is and filtered
-    weights : (S,) array, s/A
-    step, substeps : step of the monitor model (s), and how many make a sampling interval
-
-    Raises
-    ------
-    RecordError
-        If the recording is too short or constant.
-    InputError
-        If it is sampled too slowly for the filter.
+    ``rectify`` None compares signed currents where the recording has the rotor angle, else sizes.
+    It has ``current`` and ``target`` (S,), A, the equivalent current as it is and filtered, and
+    ``weights`` (S,), s/A. `RecordError` for a recording that is too short or constant, `InputError`
+    for one that is sampled too slowly for the filter.
     """
 
     kept: int  # samples of a response, at most
@@ -77,14 +58,9 @@ class BldcComparison(Comparison):
     _passed: LowPass | None = None  # by what was missed
 
     def __init__(
-        self,
-        recording: Recording,
-        actuator: BldcActuator,
-        *,
-        low_pass: LowPass | None = None,
-        rectify: bool | None = None,
-        threads: int | None = None,
-    ) -> None:
+        self, recording: Recording, actuator: BldcActuator, *, low_pass: LowPass | None = None,
+        rectify: bool | None = None, threads: int | None = None,
+    ) -> None:  # fmt: skip
         self.kept = KEPT
         check_enough(recording)
         recording = counted(balanced(recording), actuator)
@@ -216,11 +192,7 @@ class BldcComparison(Comparison):
         return self
 
     def placed(self, values: Mapping[str, float]) -> Placed | None:
-        """Counted from where phase currents show the rotor, where its angle was not recorded.
-
-        The conducting phases show the electrical angle; the magnitude of the current does not. At a
-        wrong angle shorted turns would be found in another phase.
-        """
+        """Counted from where phase currents show the rotor, where its angle was not recorded."""
         currents = phase_currents(self.recording)
         if currents is None or not self.unplaced:
             return None
@@ -336,11 +308,7 @@ class BldcComparison(Comparison):
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 
     def residuals_of(self, stretches: Stretches, batch: Batch) -> list[np.ndarray]:
-        """Weighted residuals (B, K) over stretches: of the current and, as evidence, the power.
-
-        Of long ones only every so many samples are kept, weighted accordingly: the low-pass
-        leaves nothing in between, and memory stays bounded.
-        """
+        """Weighted residuals (B, K) over stretches: of the current and, as evidence, the power."""
         kept = self.kept_of(stretches)
         chosen, back = batch.distinct()
         costs, response, watts = self.run(stretches, batch.part(chosen), kept)

@@ -41,10 +41,7 @@ class Faults:
 
     `print` shows physical values on the default actuator, `physical` on any.
 
-    Raises
-    ------
-    InputError
-        If a value is not a number in [0, 1].
+    Raises `InputError` if a value is not a number in [0, 1].
     """
 
     friction: float = 0.0

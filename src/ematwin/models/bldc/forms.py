@@ -1,11 +1,8 @@
 """Forms that healthy recordings of a drive may show though its file leaves them out.
 
-Of the controller an integral term and a sampled speed loop, a sampled current loop, and a filtered
-speed where positions come in counts; of the mechanics cogging, a rounded back-EMF and friction that
-falls with speed. Sample times are chosen from those that drives have, and start values from common
-settings: an integral time of 10 to 100 ms, a current loop of 2000 to 8000 rad/s that cancels the
-winding (technical optimum), voltage losses of a volt, cogging of a few per cent of the rated
-torque.
+Sample times are chosen from those that drives have, and start values from common settings: an
+integral time of 10 to 100 ms, a current loop of 2000 to 8000 rad/s that cancels the winding
+(technical optimum), voltage losses of a volt, cogging of a few per cent of the rated torque.
 """
 
 import math

@@ -4,7 +4,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ematwin.models.base import Demand, Equation, Law, OtherForm, Signal, Values
+from ematwin.models.base import Demand, Equation, Law, Signal, Values
 from ematwin.models.bldc import unknowns as table
 from ematwin.models.bldc.channels import CHANNELS, CURRENTS, ON_REQUEST, PHASES
 from ematwin.models.bldc.envelope import current_envelope, shown_current
@@ -19,7 +19,7 @@ from ematwin.models.servo import (
     motion_laws,
     tracking_signals,
 )
-from ematwin.models.unknown import Alias, Contrast, Unknown
+from ematwin.models.unknown import Contrast, Unknown
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 
@@ -64,17 +64,13 @@ class BldcModel(ServoModel):
         """The eight components of the paper's fault vector; load and sensors."""
         return (*table.UNKNOWNS, *table.nuisances(actuator))
 
-    def aliases(self, actuator: Any, values: Values) -> list[Alias]:
-        """Scale of all torques, and each fault against the parameter that it multiplies."""
-        return table.aliases(actuator, values)
+    aliases = staticmethod(table.aliases)
+    other_forms = staticmethod(table.other_forms)
+    simulated = staticmethod(simulate)
 
     def contrasts(self, actuator: Any) -> tuple[Contrast, ...]:
         """Turns lost by all phases alike, and by each beyond that."""
         return table.CONTRASTS
-
-    def other_forms(self, actuator: Any, found: Values) -> tuple[OtherForm, ...]:
-        """An offset that is fixed in space, and shorted turns that are a loop."""
-        return table.other_forms(actuator, found)
 
     def equations(
         self, recording: Recording, actuator: Any, values: Values | None = None
@@ -128,10 +124,6 @@ class BldcModel(ServoModel):
         """Units, limits, rate, length and wiring."""
         self.check_channels(recording)
         return check_plausible(recording, actuator)
-
-    def simulated(self, *settings: Any) -> tuple[np.ndarray, dict[str, np.ndarray], float]:
-        """The response of the reference model, or of the monitor model."""
-        return simulate(*settings)
 
     def stepped(self, actuator: Any, fidelity: str) -> Any:
         """The reference or the monitor model, sample by sample."""

@@ -13,14 +13,16 @@ took nearly three times as long to compile, and gave the same results at the sam
 
 from typing import NamedTuple
 
-from ematwin.models.bldc.bridge import (
+from ematwin.models.bldc.inverter import (
     Electrical,
     Supply,
     advance_bridge,
     advance_shorted_bridge,
+    gate_signals,
+    hysteresis,
+    pair_current,
     phase_constants,
 )
-from ematwin.models.bldc.inverter import gate_signals, hysteresis, pair_current
 from ematwin.models.bldc.loops import advance_current_loop, advance_speed_loop, left_of_voltage
 from ematwin.models.bldc.motor import cogging_torque, hall_sector, split_short, truer_emf_constants
 from ematwin.models.bldc.state import TruerState

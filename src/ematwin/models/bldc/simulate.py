@@ -25,11 +25,7 @@ def simulate(
     fidelity: str, actuator: BldcActuator, scenario: Scenario, values: Mapping[str, float],
     rate: float, step: float, start: float, progress: Progress | None,
 ) -> tuple[np.ndarray, dict[str, np.ndarray], float]:  # fmt: skip
-    """The response to a scenario; arguments as in `ematwin.models.servo.ServoModel.simulated`.
-
-    The reference model gives phase currents, terminal voltages and the current of the supply, the
-    monitor model the signed equivalent current; both give positions and speeds of motor and output.
-    """
+    """The response to a scenario; arguments as in `ematwin.models.servo.ServoModel.simulated`."""
     grid = TimeGrid(step, scenario.duration, rate)
     ratio = actuator.transmission.ratio
     command, load = scenario.histories(grid.time)
@@ -152,12 +148,8 @@ def reference_answer(
 ) -> Recording:
     """Currents, voltages and positions at the samples of a recording; NaN where it diverged.
 
-    ``values`` are faults, corrections of the load, and parameters by place of one candidate;
-    ``start`` (5,) is as of `simulated`.
-
     Where within a step the counts of encoders begin is unknown: each candidate has another place,
-    and the differences count as scatter of the reference, in the error of the model and where a
-    calibration is judged.
+    and the differences count as scatter of the reference.
     """
     key = [len(recording), *sorted((name, float(value)) for name, value in values.items())]
     drawn = zlib.crc32(repr(key).encode()) / 2.0**32
@@ -181,11 +173,7 @@ def reference_answer(
 
 
 class TimeGrid:
-    """Times of a simulation: the grid of the inputs, the step, and which points are samples.
-
-    Inputs are known each 10 us or so and run in straight lines between; the reference model takes
-    several steps from one grid point to the next.
-    """
+    """Times of a simulation: the grid of the inputs, the step, and which points are samples."""
 
     def __init__(self, step: float, duration: float, rate: float) -> None:
         if duration * rate > _MOST_SAMPLES:

@@ -3,10 +3,16 @@
 All in SI and reflected to the motor shaft.
 """
 
-import math
 from typing import NamedTuple
 
+import numpy as np
+
+from ematwin.models.bldc import unknowns as law
 from ematwin.numerics.compile import step
+
+friction_factor, backlash_factor = step(law.friction_factor), step(law.backlash_factor)
+turns_left, gain_factor = step(law.turns_left), step(law.gain_factor)
+eccentricity_angle = step(law.eccentricity_angle)
 
 
 class Constants(NamedTuple):
@@ -69,49 +75,13 @@ class FaultState(NamedTuple):
 
 
 @step
-def friction_factor(k):
-    """Factor on all dry friction (paper, section 6)."""
-    return 1.0 + 2.0 * k
-
-
-@step
-def backlash_factor(k):
-    """Factor on the healthy backlash (paper, section 6)."""
-    return 1.0 + 99.0 * k
-
-
-@step
-def turns_left(k):
-    """Share of the turns of a phase that are left (paper, section 6)."""
-    return 1.0 - k
-
-
-@step
-def eccentricity_angle(k):
-    """Direction of the eccentricity, rad (paper, section 6)."""
-    return 2.0 * math.pi * (k - 0.5)
-
-
-@step
-def gain_factor(k):
-    """Factor on the position gain (paper, section 6)."""
-    return 0.5 + k
-
-
-@step
 def fault_state(k, half_gap):
     """Physical magnitudes of a normalised fault vector (8,) (paper, section 6)."""
     phi = eccentricity_angle(k[6])
     return FaultState(
-        friction_factor(k[0]),
-        half_gap * backlash_factor(k[1]),
-        turns_left(k[2]),
-        turns_left(k[3]),
-        turns_left(k[4]),
-        k[5] * math.cos(phi),
-        k[5] * math.sin(phi),
-        gain_factor(k[7]),
-    )
+        friction_factor(k[0]), half_gap * backlash_factor(k[1]), turns_left(k[2]), turns_left(k[3]),
+        turns_left(k[4]), k[5] * np.cos(phi), k[5] * np.sin(phi), gain_factor(k[7]),
+    )  # fmt: skip
 
 
 class Truer(NamedTuple):

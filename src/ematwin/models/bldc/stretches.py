@@ -1,18 +1,12 @@
 """Stretches of a recording on the monitor model's time base, and candidates over them.
 
 Electrical power counts beside the equivalent current where voltages or the supply's current were
-recorded,
-
-    P = v_a i_a + v_b i_b + v_c i_c,
-
-whatever point the voltages are measured against, because the currents add up to zero; or else the
-supply's voltage times its current. The monitor model has P = (R_eq i + kappa_eq omega + L_eq di/dt)
-i. Under current control a sensor that reads 3 % too much looks like a torque constant that is 3 %
-smaller, as phases do that miss turns alike: the voltage for each ampere tells them apart. And watts
-over radians a second fix the common scale of all torques, which currents alone leave open.
+recorded (docs/models.md, "Electrical power"). Under current control a sensor that reads 3 % too
+much looks like a torque constant that is 3 % smaller: the voltage for each ampere tells them apart.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -44,10 +38,8 @@ class Power:
 
     def of(self, recording: Recording) -> np.ndarray:
         """The power (S,) of an answer of the reference model, formed as this was."""
-        channels = recording.channels
-        if self.by_phases:
-            return np.sum([channels[i] * channels[v] for i, v in _PAIRS], axis=0)
-        return channels["bus_current"] * channels["bus_voltage"]
+        x = recording.channels
+        return _by_phases(x) if self.by_phases else x["bus_current"] * x["bus_voltage"]
 
     def error(self, filtered: np.ndarray, low_pass: LowPass, sample_rate: float) -> float:
         """Standard deviation of the residual of a filtered twin, W."""
@@ -55,11 +47,15 @@ class Power:
         return float(np.sqrt(noise + _TWIN_ERROR**2 * np.mean(filtered**2)))
 
 
+def _by_phases(channels: Mapping[str, np.ndarray]) -> np.ndarray:
+    return np.sum([channels[i] * channels[v] for i, v in _PAIRS], axis=0)
+
+
 def recorded_power(recording: Recording, actuator: BldcActuator) -> Power | None:
     """The electrical power of a recording; None where it does not tell it."""
     channels = recording.channels
     if {*PHASES, *VOLTAGES} <= channels.keys():
-        return Power(np.sum([channels[i] * channels[v] for i, v in _PAIRS], axis=0), by_phases=True)
+        return Power(_by_phases(channels), by_phases=True)
     if "bus_current" not in channels:
         return None
     current = channels["bus_current"]
@@ -114,13 +110,9 @@ class Stretches:
         return found
 
     def compare(
-        self,
-        rows: np.ndarray,
-        target: np.ndarray,
-        weights: np.ndarray,
-        stride: int,
+        self, rows: np.ndarray, target: np.ndarray, weights: np.ndarray, stride: int,
         late: np.ndarray | None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Change rows (B, N K), of every so many samples, to weighted residuals.
 
         ``late`` (B,) is by how many samples the target is ahead of each row; None is not at all.
@@ -197,13 +189,9 @@ class Twin(NamedTuple):
 
 
 def scores(
-    stretches: Stretches,
-    batch: Batch,
-    twin: Twin,
-    kept: int,
-    limits: np.ndarray | None,
+    stretches: Stretches, batch: Batch, twin: Twin, kept: int, limits: np.ndarray | None,
     threads: int,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """Costs, responses and power of candidates over stretches, as of `BldcComparison.run`."""
     from ematwin.models.bldc.batch import monitor_scores
     from ematwin.numerics.lanes import LANES
@@ -243,10 +231,7 @@ def scores(
 
 
 def _tasks(parts: int, blocks: int, width: int, threads: int) -> list[tuple[slice, slice]]:
-    """Stretches and rows of candidates that are simulated at a time: a share for each thread.
-
-    Many stretches are shared, candidates where there is one.
-    """
+    """Stretches and rows of candidates that are simulated at a time: a share for each thread."""
     most = 8  # blocks of lanes over a whole recording: an interrupt waits for one task
     if parts > 1:
         each = max(1, -(-parts // max(threads, -(-blocks // most))))

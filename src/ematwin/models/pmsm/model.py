@@ -6,12 +6,12 @@ import numpy as np
 
 from ematwin.models.base import Demand, Equation, Law, Signal, Study, Values
 from ematwin.models.pmsm import channels as recorded
+from ematwin.models.pmsm import unknowns as table
 from ematwin.models.pmsm.parameters import PmsmActuator
 from ematwin.models.pmsm.plausibility import check_phases, check_plausible, laws
 from ematwin.models.pmsm.simulate import simulate
-from ematwin.models.pmsm.unknowns import CONTRASTS, FIXED, aliases, unknowns
-from ematwin.models.servo import ServoModel, little_motion, tracking_signals
-from ematwin.models.unknown import Alias, Contrast, Unknown
+from ematwin.models.servo import ServoModel, little_motion, motion_laws, tracking_signals
+from ematwin.models.unknown import Contrast
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 
@@ -28,7 +28,7 @@ class PmsmModel(ServoModel):
     default_search = "levenberg-marquardt"
     sample_rate = 10_000.0
     on_request = recorded.ON_REQUEST
-    fixed = FIXED
+    fixed = table.FIXED
     # what healthy recordings may determine, and how far a template may be off
     nominal: ClassVar[dict[str, float]] = {
         "motor.resistance": 1.1,
@@ -62,21 +62,17 @@ class PmsmModel(ServoModel):
         Demand("load", "N*m", ("load",)),
     )
 
-    def unknowns(self, actuator: Any) -> tuple[Unknown, ...]:
-        """Mechanical, electrical and sensor faults; contact of a short, and load."""
-        return unknowns(actuator)
-
-    def aliases(self, actuator: Any, values: Values) -> list[Alias]:
-        """Each fault against the parameter that it multiplies."""
-        return aliases(actuator, values)
+    unknowns = staticmethod(table.unknowns)
+    aliases = staticmethod(table.aliases)
+    simulated = staticmethod(simulate)
 
     def contrasts(self, actuator: Any) -> tuple[Contrast, ...]:
         """What heat may do as well."""
-        return CONTRASTS
+        return table.CONTRASTS
 
     def laws(self, recording: Recording, actuator: Any) -> list[Law]:
         """Phases of a star, the drive's control of the current, sides of the gear, speed."""
-        return laws(self, recording, actuator)
+        return [*laws(recording, actuator), *motion_laws(self, recording, actuator)]
 
     def equations(
         self, recording: Recording, actuator: Any, values: Values | None = None
@@ -114,10 +110,6 @@ class PmsmModel(ServoModel):
         """Units, limits, sides of the gear, voltages, and the start."""
         self.check_channels(recording)
         return check_plausible(recording, actuator)
-
-    def simulated(self, *settings: Any) -> tuple[np.ndarray, dict[str, np.ndarray], float]:
-        """The response of the reference model, or of the monitor model."""
-        return simulate(*settings)
 
     def stepped(self, actuator: Any, fidelity: str) -> Any:
         """The reference or the monitor model, sample by sample."""

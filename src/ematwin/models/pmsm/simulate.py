@@ -20,10 +20,7 @@ def simulate(
 ) -> tuple[np.ndarray, dict[str, np.ndarray], float]:  # fmt: skip
     """The response to a scenario; arguments as in `ematwin.models.servo.ServoModel.simulated`.
 
-    The drive has held its first position for a while when the scenario begins, under the load of
-    that moment.
-
-    The drive samples: a rate must divide the rate of its current loops.
+    The drive has held its first position for a while when the scenario begins.
     """
     tick, most = actuator.controller.current_time, 20_000_000
     each = 1.0 / (rate * tick)

@@ -8,8 +8,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from ematwin.models.bldc import inverter, motor
-from ematwin.models.bldc.bridge import advance_bridge
 from ematwin.models.bldc.constants import kernel_constants
+from ematwin.models.bldc.inverter import advance_bridge
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.numerics.compile import plain
 from naive import motor as naive_motor

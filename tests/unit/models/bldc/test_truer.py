@@ -7,9 +7,9 @@ import ematwin
 from bldc_inputs import HALF, SEVERE, history
 from ematwin.errors import ParameterError
 from ematwin.models.bldc import batch
-from ematwin.models.bldc.bridge import advance_shorted_bridge
 from ematwin.models.bldc.constants import kernel_constants, truer_constants
 from ematwin.models.bldc.faults import Faults
+from ematwin.models.bldc.inverter import advance_shorted_bridge
 from ematwin.models.bldc.loops import advance_current_loop, advance_speed_loop, last_reading
 from ematwin.models.bldc.motor import truer_emf_constants
 from ematwin.models.bldc.parameters import BldcActuator
