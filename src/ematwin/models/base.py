@@ -83,6 +83,7 @@ class Model(ABC):
     sample_rate : Hz, of what `simulate` gives where nothing else is said
     compared_rate : Hz, to which faster recordings are averaged (`averaged`); None leaves them
     on_request : channels that `simulate` gives only where they are asked for (``also``)
+    noisy : channels beside currents whose noise `simulate` adds; None takes all compared ones
     nominal : places of the parameters that healthy recordings may determine, each with how far
         (as a factor, one standard deviation) a template may be off
     signed : the same of parameters of either sign, with standard deviations in their units
@@ -109,6 +110,7 @@ class Model(ABC):
     sample_rate: ClassVar[float] = 1000.0
     compared_rate: ClassVar[float | None] = None
     on_request: ClassVar[tuple[str, ...]] = ()
+    noisy: ClassVar[tuple[str, ...] | None] = None
     nominal: ClassVar[Mapping[str, float]] = {}
     signed: ClassVar[Mapping[str, float]] = {}
     fixed: ClassVar[tuple[str, ...]] = ()
@@ -343,7 +345,8 @@ class Model(ABC):
             return recording
         units = {name: self.channel(name).unit for name in self.outputs}
         others = [name for name, unit in units.items() if unit not in ("m", "rad")]
-        return noise.apply(recording, np.random.default_rng(seed), others or units)
+        also = (others or units) if self.noisy is None else self.noisy
+        return noise.apply(recording, np.random.default_rng(seed), also)
 
     def scenarios(self) -> dict[str, Path]:
         """Names and files of the scenarios that come with this kind."""

@@ -132,21 +132,18 @@ def _read_entry(leaf: Any, field: FieldInfo, place: str, what: str, found: Read)
 
     Source, tolerance and all that is wrong with it are noted.
     """
-
-    def wrong(text: str) -> None:
-        found.problems.append((place, text))
-
     needed = ("value", "unit", "source")
     known = (*needed, "tolerance")
     entry = leaf if isinstance(leaf, dict) else {}
     meant = misspelt(entry, known)
-    for key in entry:
-        if key not in known:
-            right = f"{place}.{meant[key]}" if key in meant else ""
-            wrong(unknown_name(f"{place}.{key}", what, right))
+    wrong = [
+        unknown_name(f"{place}.{key}", what, f"{place}.{meant[key]}" if key in meant else "")
+        for key in entry
+        if key not in known
+    ]
     given = {meant.get(key, key): one for key, one in entry.items()}
     if not given.keys() >= set(needed):
-        wrong(
+        wrong.append(
             f"{place} must be {{ value = ..., unit = ..., source = ... }}, "
             f"received {shortened(leaf)}; complete it."
         )
@@ -154,14 +151,14 @@ def _read_entry(leaf: Any, field: FieldInfo, place: str, what: str, found: Read)
     value = None
     try:
         if "value" in given and (isinstance(number, bool) or not isinstance(number, int | float)):
-            wrong(f"{place} must be a number, received {number!r}; correct it.")
+            wrong.append(f"{place} must be a number, received {number!r}; correct it.")
         elif "value" in given and "unit" in given:
             value = to_si(number, given["unit"], unit_of(field), place)
     except ParameterError as error:
-        wrong(str(error))
+        wrong.append(str(error))
     source = given.get("source", "unknown")
     if not isinstance(source, str) or not source.strip():
-        wrong(
+        wrong.append(
             f"{place} must name the source of its value, received {source!r}; say where it comes "
             "from."
         )
@@ -171,7 +168,8 @@ def _read_entry(leaf: Any, field: FieldInfo, place: str, what: str, found: Read)
         if "tolerance" in given:
             found.tolerances[place] = tolerance_of(given["tolerance"], field, place)
     except ParameterError as error:
-        wrong(str(error))
+        wrong.append(str(error))
+    found.problems.extend((place, text) for text in wrong)
     return value
 
 

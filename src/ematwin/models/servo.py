@@ -226,15 +226,6 @@ def motion_laws(model: Model, recording: Recording, actuator: Any) -> list[Law]:
     return found
 
 
-def check_stops(gear: Any) -> None:
-    """Raise ValueError unless the end stops of a gear lie to both sides of zero."""
-    if not gear.travel_low < 0.0 < gear.travel_high:
-        raise ValueError(
-            "travel_low must lie below zero and travel_high above, received "
-            f"{gear.travel_low} and {gear.travel_high} rad; correct the end stops"
-        )
-
-
 def check_travel(scenario: Scenario, actuator: Any) -> None:
     """Raise `ParameterError` if the command leaves the travel of the actuator."""
     time = np.linspace(0.0, scenario.duration, 2001)

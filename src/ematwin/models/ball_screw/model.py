@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ematwin.models.ball_screw.comparison import check_signals, position_error
+from ematwin.models.ball_screw.comparison import BallScrewComparison, check_signals, position_error
 from ematwin.models.ball_screw.parameters import FIXED, BallScrew
 from ematwin.models.base import (
     Demand,
@@ -169,12 +169,8 @@ class BallScrewModel(Model):
         """Standard deviations of current (A) and position error (m), as on a usual rig."""
         return {"current": 0.05, "position_error": 2e-4}
 
-    def compare(
-        self, recording: Recording, actuator: Any, *, threads: int | None = None, **settings: Any
-    ) -> Any:
+    def compare(self, recording: Recording, actuator: Any, **settings: Any) -> Any:
         """A recording without the noise that its two sensors share."""
-        from ematwin.models.ball_screw.comparison import BallScrewComparison
-
         self.check_channels(recording)
         settling_time = settings.get("settling_time") or MONITORING.settling_time(actuator)
         return BallScrewComparison(self, recording, actuator, settling_time=settling_time)

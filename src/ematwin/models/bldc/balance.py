@@ -13,16 +13,24 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.models.bldc.along_motion import LEAST, RECENT, Motion, fault_vector, noise_of
+from ematwin.models.bldc.along_motion import (
+    LEAST,
+    RECENT,
+    Motion,
+    emf_along,
+    fault_vector,
+    noise_of,
+)
+from ematwin.models.bldc.constants import kernel_constants, truer_constants
 from ematwin.models.bldc.counts import speed_noise
 from ematwin.models.bldc.state import FaultState, fault_state
 from ematwin.models.optional import Values
 from ematwin.numerics.compile import plain
-from ematwin.numerics.scalar import THIRD_TURN
 from ematwin.numerics.signals import LowPass, filtered, white_noise
 
 _STANDS = 0.02  # of the largest speed: nearer to rest friction is not known
 _CERTAIN = 3.0  # standard deviations of a twist, and of its change
+_OF_WINDINGS = ("emf", "torque_ripple", "eccentricity", "shorted_turns")  # sections of the EMF
 
 
 class TorqueBalance:
@@ -65,7 +73,6 @@ class TorqueBalance:
             self.slides = slides
         # friction, inertia and load leave what currents make as it is
         self._recent = lru_cache(maxsize=RECENT)(self._made)
-        self._shapes = lru_cache(maxsize=RECENT)(motion.shapes)
         self._fades = lru_cache(maxsize=RECENT)(self._fading)
         self._signed = 0.5 * np.einsum("sk,sk->s", motion.currents, motion.trapezoids)
         self.size = float(np.linalg.norm(self._filtered(self._signed)))
@@ -97,13 +104,16 @@ class TorqueBalance:
 
         Both (S,), A, and the size of the EMF shapes.
         """
-        fault = state_of(values, actuator)._replace(friction=1.0, half_gap=0.0, gain=1.0)
-        return self._recent(actuator.emf, actuator.torque_ripple, actuator.eccentricity, fault)
+        forms = tuple(getattr(actuator, key) for key in _OF_WINDINGS)
+        return self._recent(forms, tuple(fault_vector(values or {})[2:7].tolist()))
 
     def _made(
-        self, emf: Any, ripple: Any, eccentricity: Any, fault: FaultState
+        self, forms: tuple[Any, ...], faults: tuple[float, ...]
     ) -> tuple[np.ndarray, np.ndarray, float]:
-        shapes = self._shapes(emf, ripple) * self._shares(eccentricity, fault)
+        sections = dict(zip(_OF_WINDINGS, forms, strict=True))
+        actuator = self.motion.sheet.model_copy(update=sections)
+        k, c = np.array([0.0, 0.0, *faults, 0.5]), kernel_constants(actuator)._replace(k_e=1.0)
+        shapes = emf_along(k, self._angle, c, truer_constants(actuator)).T
         scale = math.sqrt(np.mean(shapes**2) / np.mean(self.motion.trapezoids**2))
         made = 0.5 * np.einsum("sk,sk->s", self.motion.currents, shapes) / scale
         return made, self.motion.alike(made), scale
@@ -165,22 +175,6 @@ class TorqueBalance:
         gain, offset = given.get("current_gain", 1.0), given.get("current_offset", 0.0)
         current = gain * needed / (actuator.motor.emf_constant * scale)
         return self._filtered(current + offset - made)
-
-    @cached_property
-    def _turned(self) -> tuple[np.ndarray, np.ndarray]:
-        """Cosines and sines (S, 3) of the rotor's angle from each phase."""
-        turned = self._angle[:, None] - THIRD_TURN * np.arange(3)
-        return np.cos(turned), np.sin(turned)
-
-    def _shares(self, eccentricity: Any, fault: FaultState) -> np.ndarray:
-        """Factors (S, 3) of the torque constants by missing turns and an eccentric rotor."""
-        turning = 1.0 if eccentricity is None else eccentricity.turning_share
-        cosines, sines = self._turned
-        phases = THIRD_TURN * np.arange(3)
-        along = turning * cosines + (1.0 - turning) * np.cos(phases)
-        across = (1.0 - turning) * np.sin(phases) - turning * sines
-        gaps = 1.0 + fault.zeta_cos * along + fault.zeta_sin * across
-        return np.asarray(gaps * [fault.h_a, fault.h_b, fault.h_c])
 
 
 class Contact:

@@ -22,16 +22,17 @@ from ematwin.models.bldc.stretches import (
     Power,
     PowerStretches,
     Stretches,
-    Twin,
     initial_state,
+    joined,
+    padded,
     recorded_power,
-    scores,
+    tasks,
 )
 from ematwin.models.bldc.zeros import counted, turned
 from ematwin.models.comparison import Candidates, Comparison, Placed
 from ematwin.models.plausibility import check_enough, check_moves
 from ematwin.numerics.filters import advanced
-from ematwin.numerics.side_by_side import cores
+from ematwin.numerics.side_by_side import cores, side_by_side
 from ematwin.numerics.signals import LowPass, SlopeWeighting, filtered, means, white_noise
 from ematwin.recordings.recording import Recording
 
@@ -354,6 +355,39 @@ class BldcComparison(Comparison):
 
         ``kept`` samples of each stretch are kept. Costs above ``limits`` (B,) are infinite.
         """
-        looped = self.actuator.shorted_turns is not None
-        twin = Twin(self.constants, self.step, self.substeps, self.rectify, looped)
-        return scores(stretches, batch, twin, kept, limits, self.threads)
+        from ematwin.models.bldc.batch import monitor_scores
+        from ematwin.numerics.lanes import LANES
+
+        count, parts = len(batch.faults), len(stretches)
+        blocks = -(-count // LANES)
+        faults = padded(batch.faults, blocks * LANES)
+        each = None if batch.constants is None else padded(batch.constants, len(faults))
+        within = np.full(len(faults), np.inf)
+        if limits is not None:
+            within[:count] = limits
+            within[count:] = -np.inf  # nobody asks for the padding
+        costs = np.empty((parts, len(faults)))
+        response = np.empty((*costs.shape, kept))
+        power = stretches.power if kept else None
+        watts = np.empty((*costs.shape, 0 if power is None else kept))
+        loops = None
+        # currents of shorted turns are zero at the start: within 0.1 ms they forget it
+        if self.actuator.shorted_turns is not None:
+            loops = np.zeros((parts, 4))
+            theta_e = self.constants.pole_pairs * stretches.states[:, 2]
+            loops[:, 3] = np.floor(theta_e / (math.pi / 3.0) - 0.5) % 6.0
+
+        def work_on(task: tuple[slice, slice]) -> None:
+            some, rows = task
+            monitor_scores(
+                faults[rows], stretches.command, stretches.load, stretches.starts[some],
+                stretches.samples, stretches.states[some], self.constants,
+                None if each is None else each[rows], self.step, self.substeps,
+                stretches.taps[some], self.rectify, stretches.target, stretches.weights,
+                costs[some, rows], response[some, rows],
+                None if power is None else (power.states[some], watts[some, rows]),
+                within[rows], None if loops is None else loops[some],
+            )  # fmt: skip
+
+        side_by_side(work_on, tasks(parts, blocks, LANES, self.threads), self.threads)
+        return costs.sum(axis=0)[:count], joined(response, count), joined(watts, count)

@@ -56,9 +56,6 @@ def kernel_constants(
         i_max=drive.current_limit,
         w_max=control.speed_limit,
         k_position=control.position_gain,
-        k_speed=control.speed_gain,
-        j_m=motor.inertia,
-        j_o=gear.output_inertia,
         viscous=motor.viscous_damping,
         t_m=motor.friction_torque,
         t_o=gear.friction_torque,
@@ -107,7 +104,7 @@ def truer_constants(actuator: BldcActuator, count_offset: float = 0.5) -> Truer:
 def constants_by_candidate(
     actuator: BldcActuator, candidates: Mapping[str, Any], count: int
 ) -> np.ndarray | None:
-    """(B, 35) array of the constants of B candidates; None where all share the actuator's."""
+    """(B, 32) array of the constants of B candidates; None where all share the actuator's."""
     own = actuator.varied(candidates, FIXED)
     load = {name: candidates[name] for name in LOAD if name in candidates}
     if "skew" in candidates:

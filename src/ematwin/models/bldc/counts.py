@@ -115,8 +115,7 @@ def speed_noise(size: float, cutoff: float, rate: float) -> float:
 def comparable_cutoff(size: float) -> float:
     """Cutoff (Hz) of a low-pass of currents that follow from speeds by steps of ``size`` (rad).
 
-    The noise of such a speed grows with the size, and with f^1.5: coarse counts leave as much below
-    this cutoff as 10,000 below the usual one, about 1 % of a current.
+    Coarse counts leave as much below it as 10,000 below the usual one, about 1 % of a current.
     """
     usual = 2.0 * math.pi / 10_000
     return LowPass().cutoff * min(1.0, (usual / max(size, _FINEST)) ** (2.0 / 3.0))

@@ -6,6 +6,8 @@ its terminal passes a rail by the forward drop of a diode.
 
 With backward Euler for the loops of shorted turns a phase looks to the bridge like one with another
 inductance and EMF, so that the bridge, its diodes included, is the same with them and without.
+
+Quantities of the three phases are triples.
 """
 
 from typing import NamedTuple
@@ -52,69 +54,6 @@ def pair_current(gate_sector, i_a, i_b, i_c):
     return size if g_a * i_a + g_b * i_b + g_c * i_c >= 0.0 else -size
 
 
-@step
-def _free_leg(i, v_open, v_supply, v_diode):
-    """Terminal voltage of an off leg, and whether it conducts.
-
-    ``v_open`` is the voltage that the terminal would have without current.
-    """
-    lower = (i > 0.0) | ((i == 0.0) & (v_open < -v_diode))
-    upper = (i < 0.0) | ((i == 0.0) & (v_open > v_supply + v_diode))
-    v = -v_diode if lower else (v_supply + v_diode if upper else v_open)
-    return v, lower | upper
-
-
-@step
-def _star_point(u_a, u_b, u_c, on_a, on_b, on_c, y_a, y_b, y_c):
-    """Voltage of the star point, V, by what conducting legs leave over their inductances."""
-    w_a = y_a if on_a else 0.0
-    w_b = y_b if on_b else 0.0
-    w_c = y_c if on_c else 0.0
-    return (w_a * u_a + w_b * u_b + w_c * u_c) / (w_a + w_b + w_c)
-
-
-@step
-def terminal_voltages(g_a, g_b, g_c, i_a, i_b, i_c, e_a, e_b, e_c, r_a, r_b, r_c,
-                      y_a, y_b, y_c, v_supply, v_diode):  # fmt: skip
-    """Terminal voltages and star point, V; gives ``v_a, v_b, v_c, v_n, on_a, on_b, on_c``.
-
-    ``e_k`` are back-EMFs and ``y_k = 1/L_k``. Of the three legs at most one is off.
-    """
-    v_a = 0.5 * (1.0 + g_a) * v_supply
-    v_b = 0.5 * (1.0 + g_b) * v_supply
-    v_c = 0.5 * (1.0 + g_c) * v_supply
-    on_a, on_b, on_c = g_a != 0.0, g_b != 0.0, g_c != 0.0
-    v_n = _star_point(
-        v_a - r_a * i_a - e_a, v_b - r_b * i_b - e_b, v_c - r_c * i_c - e_c, on_a, on_b, on_c,
-        y_a, y_b, y_c,
-    )  # fmt: skip
-    # the off leg: open-circuit voltage is star point plus its EMF
-    f_a, free_a = _free_leg(i_a, v_n + e_a, v_supply, v_diode)
-    f_b, free_b = _free_leg(i_b, v_n + e_b, v_supply, v_diode)
-    f_c, free_c = _free_leg(i_c, v_n + e_c, v_supply, v_diode)
-    v_a = v_a if on_a else f_a
-    v_b = v_b if on_b else f_b
-    v_c = v_c if on_c else f_c
-    on_a, on_b, on_c = on_a | free_a, on_b | free_b, on_c | free_c
-    v_n = _star_point(
-        v_a - r_a * i_a - e_a, v_b - r_b * i_b - e_b, v_c - r_c * i_c - e_c, on_a, on_b, on_c,
-        y_a, y_b, y_c,
-    )  # fmt: skip
-    return v_a, v_b, v_c, v_n, on_a, on_b, on_c
-
-
-@step
-def advance_phase(i, v, v_n, e, r, y, on, dt):
-    """Phase current after ``dt``, as if its diode, if it flows through one, never blocked."""
-    return i + dt * y * (v - v_n - r * i - e) if on else 0.0
-
-
-@step
-def share_until_blocked(i, i_next, driven):
-    """Share of a step after which the diode of an off leg blocks, because its current is zero."""
-    return i / (i - i_next) if (not driven) & (i * i_next < 0.0) else 1.0
-
-
 class Electrical(NamedTuple):
     """Constants of windings and bridge over a step."""
 
@@ -129,85 +68,127 @@ class Electrical(NamedTuple):
 class Supply(NamedTuple):
     """Voltages and current of the bridge, means over a step."""
 
-    v_a: float  # V, terminals of the motor above the lower rail
-    v_b: float
-    v_c: float
+    v: tuple[float, float, float]  # V, terminals of the motor above the lower rail
     i_bus: float  # A, out of the supply
     v_bus: float  # V
 
 
+@step
+def mixed(x, y, share):
+    """Triple of a ``share`` of ``x``, the rest of ``y``."""
+    rest = 1.0 - share
+    return share * x[0] + rest * y[0], share * x[1] + rest * y[1], share * x[2] + rest * y[2]
+
+
+@step
+def dot(x, y):
+    """Sum of the products of two triples."""
+    return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
+
+
+@step
+def _terminal(v, i, v_open, driven, v_supply, v_diode):
+    """Voltage of a terminal, and whether its leg conducts; as driven, or by its diodes.
+
+    ``v_open`` is the voltage that the terminal would have without current.
+    """
+    lower = (i > 0.0) | ((i == 0.0) & (v_open < -v_diode))
+    upper = (i < 0.0) | ((i == 0.0) & (v_open > v_supply + v_diode))
+    free = -v_diode if lower else (v_supply + v_diode if upper else v_open)
+    return v if driven else free, driven | lower | upper
+
+
+@step
+def _star_point(v, i, e, r, y, on):
+    """Voltage of the star point, V, by what conducting legs leave over their inductances."""
+    w_a = y[0] if on[0] else 0.0
+    w_b = y[1] if on[1] else 0.0
+    w_c = y[2] if on[2] else 0.0
+    left = v[0] - r[0] * i[0] - e[0], v[1] - r[1] * i[1] - e[1], v[2] - r[2] * i[2] - e[2]
+    return dot((w_a, w_b, w_c), left) / (w_a + w_b + w_c)
+
+
+@step
+def terminal_voltages(g, i, e, r, y, v_supply, v_diode):
+    """Terminal voltages (3) and star point, V, and which legs conduct (3).
+
+    ``g`` drives the legs, of which at most one is off; ``e`` are back-EMFs and ``y_k = 1/L_k``.
+    """
+    v = 0.5 * (1.0 + g[0]) * v_supply, 0.5 * (1.0 + g[1]) * v_supply, 0.5 * (1.0 + g[2]) * v_supply
+    driven = g[0] != 0.0, g[1] != 0.0, g[2] != 0.0
+    v_n = _star_point(v, i, e, r, y, driven)
+    # of the off leg the open-circuit voltage is star point plus its EMF
+    v_a, on_a = _terminal(v[0], i[0], v_n + e[0], driven[0], v_supply, v_diode)
+    v_b, on_b = _terminal(v[1], i[1], v_n + e[1], driven[1], v_supply, v_diode)
+    v_c, on_c = _terminal(v[2], i[2], v_n + e[2], driven[2], v_supply, v_diode)
+    v, on = (v_a, v_b, v_c), (on_a, on_b, on_c)
+    return v, _star_point(v, i, e, r, y, on), on
+
+
+@step
+def _phase_after(i, v, v_n, e, r, y, on, g, dt):
+    """Phase current after ``dt``, and the share of it after which the diode of an off leg blocks.
+
+    A badly shorted phase gains amperes in a microsecond: without this, a step would pass zero by as
+    much, and energy would be lost or made.
+    """
+    after = i + dt * y * (v - v_n - r * i - e) if on else 0.0
+    return after, i / (i - after) if (g == 0.0) & (i * after < 0.0) else 1.0
+
+
 @part
-def phase_constants(h_a, h_b, h_c, c):
-    """Resistances and inverse inductances of phases with shares ``h`` of their turns left."""
-    return (
-        h_a * c.resistance,
-        h_b * c.resistance,
-        h_c * c.resistance,
-        1.0 / phase_inductance(h_a, c.inductance, c.leakage),
-        1.0 / phase_inductance(h_b, c.inductance, c.leakage),
-        1.0 / phase_inductance(h_c, c.inductance, c.leakage),
+def phase_constants(h, c):
+    """Resistances and inverse inductances (3) of phases with shares ``h`` (3) of their turns."""
+    r = h[0] * c.resistance, h[1] * c.resistance, h[2] * c.resistance
+    return r, (
+        1.0 / phase_inductance(h[0], c.inductance, c.leakage),
+        1.0 / phase_inductance(h[1], c.inductance, c.leakage),
+        1.0 / phase_inductance(h[2], c.inductance, c.leakage),
     )
 
 
 @step
-def _conduct(i_a, i_b, i_c, e_a, e_b, e_c, g_a, g_b, g_c, phases, c, dt):
+def _conduct(i, e, g, phases, c, dt):
     """Advance the phases until ``dt`` or until the diode of an off leg blocks.
 
     Gives the share of ``dt`` done, the currents then, the energies taken in and lost, and the
     `Supply` meanwhile.
     """
-    r_a, r_b, r_c, y_a, y_b, y_c = phases
-    v_a, v_b, v_c, v_n, on_a, on_b, on_c = terminal_voltages(
-        g_a, g_b, g_c, i_a, i_b, i_c, e_a, e_b, e_c, r_a, r_b, r_c, y_a, y_b, y_c,
-        c.v_supply, c.v_diode,
-    )  # fmt: skip
-    n_a = advance_phase(i_a, v_a, v_n, e_a, r_a, y_a, on_a, dt)
-    n_b = advance_phase(i_b, v_b, v_n, e_b, r_b, y_b, on_b, dt)
-    n_c = advance_phase(i_c, v_c, v_n, e_c, r_c, y_c, on_c, dt)
-    share_a = share_until_blocked(i_a, n_a, g_a != 0.0)
-    share_b = share_until_blocked(i_b, n_b, g_b != 0.0)
-    share_c = share_until_blocked(i_c, n_c, g_c != 0.0)
+    r, y = phases
+    v, v_n, on = terminal_voltages(g, i, e, r, y, c.v_supply, c.v_diode)
+    n_a, share_a = _phase_after(i[0], v[0], v_n, e[0], r[0], y[0], on[0], g[0], dt)
+    n_b, share_b = _phase_after(i[1], v[1], v_n, e[1], r[1], y[1], on[1], g[1], dt)
+    n_c, share_c = _phase_after(i[2], v[2], v_n, e[2], r[2], y[2], on[2], g[2], dt)
     share = share_a * share_b * share_c  # at most one leg is off
-    n_a = i_a + share * (n_a - i_a) if share_a == 1.0 else 0.0
-    n_b = i_b + share * (n_b - i_b) if share_b == 1.0 else 0.0
-    n_c = i_c + share * (n_c - i_c) if share_c == 1.0 else 0.0
-    m_a, m_b, m_c = 0.5 * (i_a + n_a), 0.5 * (i_b + n_b), 0.5 * (i_c + n_c)
-    taken = share * dt * (v_a * m_a + v_b * m_b + v_c * m_c)
-    lost = share * dt * (r_a * m_a * m_a + r_b * m_b * m_b + r_c * m_c * m_c)
-    # through the upper switches, and back through the upper diodes
-    i_bus = (
-        m_a * clip(v_a / c.v_supply, 0.0, 1.0)
-        + m_b * clip(v_b / c.v_supply, 0.0, 1.0)
-        + m_c * clip(v_c / c.v_supply, 0.0, 1.0)
+    n = (
+        i[0] + share * (n_a - i[0]) if share_a == 1.0 else 0.0,
+        i[1] + share * (n_b - i[1]) if share_b == 1.0 else 0.0,
+        i[2] + share * (n_c - i[2]) if share_c == 1.0 else 0.0,
     )
-    return share, n_a, n_b, n_c, taken, lost, Supply(v_a, v_b, v_c, i_bus, c.v_supply)
+    m = mixed(i, n, 0.5)
+    taken = share * dt * dot(v, m)
+    lost = share * dt * (r[0] * m[0] * m[0] + r[1] * m[1] * m[1] + r[2] * m[2] * m[2])
+    # through the upper switches, and back through the upper diodes
+    above = (
+        clip(v[0] / c.v_supply, 0.0, 1.0), clip(v[1] / c.v_supply, 0.0, 1.0),
+        clip(v[2] / c.v_supply, 0.0, 1.0),
+    )  # fmt: skip
+    return share, n, taken, lost, Supply(v, dot(m, above), c.v_supply)
 
 
 @part
-def advance_bridge(i_a, i_b, i_c, e_a, e_b, e_c, g_a, g_b, g_c, phases, c, dt):
+def advance_bridge(i, e, g, phases, c, dt):
     """Phase currents after ``dt``; their means, the energies taken in and lost, the `Supply`."""
-    share, n_a, n_b, n_c, taken, lost, supply = _conduct(
-        i_a, i_b, i_c, e_a, e_b, e_c, g_a, g_b, g_c, phases, c, dt
-    )
-    m_a, m_b, m_c = 0.5 * (i_a + n_a), 0.5 * (i_b + n_b), 0.5 * (i_c + n_c)
+    share, n, taken, lost, supply = _conduct(i, e, g, phases, c, dt)
+    m = mixed(i, n, 0.5)
     if share < 1.0:  # the rest of the step, with the off leg at zero
         rest = 1.0 - share
-        _, p_a, p_b, p_c, more_taken, more_lost, then = _conduct(
-            n_a, n_b, n_c, e_a, e_b, e_c, g_a, g_b, g_c, phases, c, rest * dt
-        )
-        m_a = share * m_a + rest * 0.5 * (n_a + p_a)
-        m_b = share * m_b + rest * 0.5 * (n_b + p_b)
-        m_c = share * m_c + rest * 0.5 * (n_c + p_c)
-        n_a, n_b, n_c = p_a, p_b, p_c
-        taken, lost = taken + more_taken, lost + more_lost
-        supply = Supply(
-            share * supply.v_a + rest * then.v_a,
-            share * supply.v_b + rest * then.v_b,
-            share * supply.v_c + rest * then.v_c,
-            share * supply.i_bus + rest * then.i_bus,
-            c.v_supply,
-        )
-    return n_a, n_b, n_c, m_a, m_b, m_c, taken, lost, supply
+        _, p, more_taken, more_lost, then = _conduct(n, e, g, phases, c, rest * dt)
+        m = mixed(m, mixed(n, p, 0.5), share)
+        i_bus = share * supply.i_bus + rest * then.i_bus
+        supply = Supply(mixed(supply.v, then.v, share), i_bus, c.v_supply)
+        n, taken, lost = p, taken + more_taken, lost + more_lost
+    return n, m, taken, lost, supply
 
 
 class SeenPhase(NamedTuple):
@@ -242,30 +223,25 @@ def copper_loss(m, loop, mu, r, contact):
 
 
 @part
-def advance_shorted_bridge(i_a, i_b, i_c, loop_a, loop_b, loop_c, e_a, e_b, e_c,
-                           g_a, g_b, g_c, turns, c, dt):  # fmt: skip
-    """`advance_bridge` with loops.
+def advance_shorted_bridge(i, loops, e, g, h, mu, c, dt):
+    """`advance_bridge` with ``loops`` (3), A, of shares ``mu`` (3) of the turns.
 
-    ``turns`` are h_a, h_b, h_c and mu_a, mu_b, mu_c. Gives currents and loop currents after ``dt``,
-    the means of both, the energies taken in and lost, and the `Supply`.
+    Gives currents and loop currents after ``dt``, the means of both, the energies taken in and
+    lost, and the `Supply`.
     """
-    h_a, h_b, h_c, mu_a, mu_b, mu_c = turns
-    a = seen_phase(i_a, loop_a, e_a, h_a, mu_a, c, dt)
-    b = seen_phase(i_b, loop_b, e_b, h_b, mu_b, c, dt)
-    p = seen_phase(i_c, loop_c, e_c, h_c, mu_c, c, dt)
-    n_a, n_b, n_c, m_a, m_b, m_c, taken, _, supply = advance_bridge(
-        i_a, i_b, i_c, a.e, b.e, p.e, g_a, g_b, g_c, (a.r, b.r, p.r, a.y, b.y, p.y), c, dt
+    a = seen_phase(i[0], loops[0], e[0], h[0], mu[0], c, dt)
+    b = seen_phase(i[1], loops[1], e[1], h[1], mu[1], c, dt)
+    p = seen_phase(i[2], loops[2], e[2], h[2], mu[2], c, dt)
+    n, m, taken, _, supply = advance_bridge(
+        i, (a.e, b.e, p.e), g, ((a.r, b.r, p.r), (a.y, b.y, p.y)), c, dt
     )
-    after_a = a.remains + a.follows * n_a
-    after_b = b.remains + b.follows * n_b
-    after_c = p.remains + p.follows * n_c
-    mean_a = 0.5 * (loop_a + after_a)
-    mean_b = 0.5 * (loop_b + after_b)
-    mean_c = 0.5 * (loop_c + after_c)
+    after = (
+        a.remains + a.follows * n[0], b.remains + b.follows * n[1], p.remains + p.follows * n[2]
+    )  # fmt: skip
+    mean = mixed(loops, after, 0.5)
     lost = dt * (
-        copper_loss(m_a, mean_a, mu_a, a.r, c.short_resistance)
-        + copper_loss(m_b, mean_b, mu_b, b.r, c.short_resistance)
-        + copper_loss(m_c, mean_c, mu_c, p.r, c.short_resistance)
+        copper_loss(m[0], mean[0], mu[0], a.r, c.short_resistance)
+        + copper_loss(m[1], mean[1], mu[1], b.r, c.short_resistance)
+        + copper_loss(m[2], mean[2], mu[2], p.r, c.short_resistance)
     )
-    currents = n_a, n_b, n_c, after_a, after_b, after_c
-    return currents, (m_a, m_b, m_c, mean_a, mean_b, mean_c), taken, lost, supply
+    return n, after, m, mean, taken, lost, supply

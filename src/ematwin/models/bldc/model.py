@@ -20,7 +20,6 @@ from ematwin.models.servo import (
     tracking_signals,
 )
 from ematwin.models.unknown import Contrast, Unknown
-from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 
 
@@ -34,6 +33,7 @@ class BldcModel(ServoModel):
     needs = ((PHASES, ("current",)),)
     sample_rate = 20_000.0
     on_request = ON_REQUEST
+    noisy = ()
     fixed = table.FIXED
     compared_rate = 20_000.0
     # Parameters that a healthy recording may determine, and how far a template may be off.
@@ -101,14 +101,12 @@ class BldcModel(ServoModel):
         """Values of all eight from `Faults`, a mapping, a vector (8,), or None for healthy."""
         return Faults.of(given).as_dict()
 
-    def compare(
-        self, recording: Recording, actuator: Any, *, threads: int | None = None, **settings: Any
-    ) -> Any:
+    def compare(self, recording: Recording, actuator: Any, **settings: Any) -> Any:
         """A recording, its equivalent current filtered, scored while candidates are simulated."""
         from ematwin.models.bldc.comparison import BldcComparison
 
         self.check_channels(recording)
-        return BldcComparison(recording, actuator, threads=threads, **settings)
+        return BldcComparison(recording, actuator, **settings)
 
     def averaged(self, recording: Recording) -> Recording:
         """At 20 kHz or a little more; as it is where power is recorded, a product of two means."""
@@ -130,12 +128,6 @@ class BldcModel(ServoModel):
         from ematwin.models.bldc.stepped import stepped
 
         return stepped(actuator, fidelity, self.sample_rate)
-
-    def sensed(
-        self, recording: Recording, actuator: Any, values: Values, noise: Noise | None, seed: int
-    ) -> Recording:
-        """With noise of the currents alone."""
-        return recording if noise is None else noise.apply(recording, np.random.default_rng(seed))
 
     def summary(self, recording: Recording, actuator: Any) -> dict[str, float]:
         """RMS and peak of the equivalent current, A."""

@@ -145,29 +145,21 @@ class Impact(NamedTuple):
 
 
 @step
-def current_demand(command, theta_o, w_m, k_position, k_demand, w_max):
-    """Current that position and speed loop ask for, A, before its limit.
+def current_reference(state, command, per_ampere, w_mid, fault, c, half):
+    """Current that position and speed loop ask for in the middle of a step, A, within its limit.
 
-    ``command`` and ``theta_o`` are output positions on the motor shaft, rad; ``k_demand`` is
-    ``k_speed`` over the healthy torque constant, A s/rad.
+    ``command`` is an output position on the motor shaft, rad; ``per_ampere`` a torque, N m/A. The
+    speed in the middle is w + (dw + dt kappa (i_mean - i)/J)/2, if other torques stay: the speed
+    loop responds to the torque of the same step, which moves both masses where they touch.
     """
-    w_ref = clip(k_position * (command - theta_o), -w_max, w_max)
-    return k_demand * (w_ref - w_m)
-
-
-@step
-def touching(state, fault):
-    """1 where motor and output touch, so that the current moves both; else 0."""
     apart = abs(abs(state.theta_m - state.theta_o) - fault.half_gap) > 1e-9  # rad
-    return 0.0 if apart else 1.0
-
-
-@step
-def controller_stiffness(state, joint, c, half):
-    """How much demand a torque of the motor takes back within half a step, A per N m."""
+    mobility = c.mobility_m + (0.0 if apart else 1.0) * (c.mobility_both - c.mobility_m)
     moves = 0.0 if state.w_m == 0.0 else 1.0
-    mobility = c.mobility_m + joint * (c.mobility_both - c.mobility_m)
-    return moves * c.k_demand * half * mobility
+    stiffness = per_ampere * (moves * c.k_demand * half * mobility)
+    behind = command - (state.theta_o + half * state.w_o)
+    w_ref = clip(c.k_position * fault.gain * behind, -c.w_max, c.w_max)
+    demand = c.k_demand * (w_ref - w_mid)
+    return clip((demand + stiffness * state.i) / (1.0 + stiffness), -c.i_max, c.i_max)
 
 
 @step
@@ -231,13 +223,8 @@ def monitor_step(state, command, load, fault, pairs, c, dt):
     r_eq, per_l_eq, kappa_eq = equivalent_phase(
         state.theta_m + half * state.w_m, dt * state.w_m, pairs, c
     )
-    stiffness = kappa_eq * controller_stiffness(state, touching(state, fault), c, half)
     w_mid = state.w_m + 0.5 * state.dw_m
-    demand = current_demand(
-        command, state.theta_o + half * state.w_o, w_mid, c.k_position * fault.gain,
-        c.k_demand, c.w_max,
-    )  # fmt: skip
-    i_ref = clip((demand + stiffness * state.i) / (1.0 + stiffness), -c.i_max, c.i_max)
+    i_ref = current_reference(state, command, kappa_eq, w_mid, fault, c, half)
     drop = r_eq * state.i + kappa_eq * state.w_m
     # u = clip(drop + l_eq (i_ref - i)/dt, -V, V), i <- i + dt (u - drop)/l_eq; the drop over r_eq
     # is that of the mean of both currents, to first order, where that is a small part of it
@@ -331,12 +318,7 @@ def looped_monitor_step(state, loops, command, load, fault, c, dt):
         + g_c * kappa_c * mu_c * follows_c
     )
 
-    stiffness = per_ampere * controller_stiffness(state, touching(state, fault), c, half)
-    demand = current_demand(
-        command, state.theta_o + half * state.w_o, w_mid, c.k_position * fault.gain,
-        c.k_demand, c.w_max,
-    )  # fmt: skip
-    i_ref = clip((demand + stiffness * state.i) / (1.0 + stiffness), -c.i_max, c.i_max)
+    i_ref = current_reference(state, command, per_ampere, w_mid, fault, c, half)
     fall = state.i - (push - dt * c.v_supply) / inertia
     rise = (push + dt * c.v_supply) / inertia - state.i
     i = clip(i_ref, state.i_from - fall, state.i_from + rise)

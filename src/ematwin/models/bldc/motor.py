@@ -75,10 +75,11 @@ def phase_inductance(h, inductance, leakage):
 
 
 @part
-def split_short(h, loops):
-    """Share of turns left, and share in a loop, of a phase with a share ``h`` of sound turns."""
-    shorted = 1.0 - h
-    return h + loops * shorted, loops * shorted
+def split_shorts(fault, loops):
+    """Shares (3) of turns left, and shares in a loop, of the phases."""
+    h = fault.h_a, fault.h_b, fault.h_c
+    mu = loops * (1.0 - h[0]), loops * (1.0 - h[1]), loops * (1.0 - h[2])
+    return (h[0] + mu[0], h[1] + mu[1], h[2] + mu[2]), mu
 
 
 @part
@@ -119,8 +120,8 @@ def truer_shapes(theta_e, rounding, h_5, h_7):
 
 
 @part
-def truer_emf_constants(theta_m, h_a, h_b, h_c, fault, c, truer):
-    """kappa_k of the three phases, V s/rad; ``h_k`` is the share of their turns that is left."""
+def truer_emf_constants(theta_m, h, fault, c, truer):
+    """kappa_k of the three phases, V s/rad; ``h`` (3) are the shares of their turns left."""
     gap_a, gap_b, gap_c = gap_factors(theta_m, fault.zeta_cos, fault.zeta_sin, c.turning)
     f_a, f_b, f_c = truer_shapes(
         c.pole_pairs * theta_m, truer.rounding, truer.harmonic_5, truer.harmonic_7
@@ -129,7 +130,7 @@ def truer_emf_constants(theta_m, h_a, h_b, h_c, fault, c, truer):
     if truer.ripple != 0.0:
         s, _ = sincos(truer.ripple_cycles * theta_m + truer.ripple_phase)
         k_e *= 1.0 + truer.ripple * s
-    return h_a * k_e * gap_a * f_a, h_b * k_e * gap_b * f_b, h_c * k_e * gap_c * f_c
+    return h[0] * k_e * gap_a * f_a, h[1] * k_e * gap_b * f_b, h[2] * k_e * gap_c * f_c
 
 
 @part

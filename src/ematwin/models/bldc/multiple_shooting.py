@@ -44,8 +44,7 @@ class Restarted(Comparison):
         self.stretches = _stretches(whole, starts, min(samples + 1, size))
         self.noise, self.expected_misfit = whole.noise, whole.expected_misfit
         self.recorded_noise, self.independent = whole.recorded_noise, whole.independent
-        self.ignores = whole.ignores
-        self.model_error = whole.model_error
+        self.ignores, self.model_error = whole.ignores, whole.model_error
         if self.stretches.power is not None:
             self.evidence = len(starts) * whole.kept_of(self.stretches)
         weights = self.stretches.weighted(whole.weights, 1)

@@ -30,6 +30,7 @@ from pydantic import model_validator
 from ematwin.models.bldc import sections as form
 from ematwin.models.parameter_set import Section, quantity
 from ematwin.models.sections import (
+    Gear,
     ServoParameters,
     Steps,
     StribeckPresliding,
@@ -37,7 +38,6 @@ from ematwin.models.sections import (
     TorqueRipple,
     WindingHeat,
 )
-from ematwin.models.servo import check_stops
 from ematwin.numerics.linear_algebra import largest_share, spectral_radius
 
 
@@ -89,7 +89,7 @@ class Controller(Section):
     )
 
 
-class Transmission(Section):
+class Transmission(Gear):
     """Gear, backlash contact, output."""
 
     ratio: float = quantity("", "motor turns for one turn of the output", exact=True, gt=0)
@@ -114,11 +114,6 @@ class Transmission(Section):
     )
     travel_low: float = quantity("rad", "lower end stop of the output")
     travel_high: float = quantity("rad", "upper end stop of the output")
-
-    @model_validator(mode="after")
-    def _travel_is_an_interval(self) -> Self:
-        check_stops(self)
-        return self
 
 
 class BldcActuator(ServoParameters):

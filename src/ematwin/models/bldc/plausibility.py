@@ -146,9 +146,8 @@ def _check_voltages(record: Recording, actuator: BldcActuator) -> list[str]:
 def check_order(record: Recording, actuator: BldcActuator) -> list[str]:
     """A warning if the currents do not fit the motor angle and nothing explains it.
 
-    Projected on the EMF shapes at that angle they give the whole equivalent current if the order is
-    right, and half of it or less if it is not. `RecordError` if another order of the phases, other
-    signs, or another zero of the angle fits far better.
+    Projected on the EMF shapes there they give the whole equivalent current if the order is right,
+    and half of it or less if not. `RecordError` if another order, sign or zero fits far better.
     """
     currents = phase_currents(record)
     if currents is None or record.motor_position is None:

@@ -48,9 +48,8 @@ def simulated(
     """Columns (S,) of a trace of the "reference" or "monitor" model.
 
     Command and load are on the points of the grid, rad and N m on the motor shaft; ``start`` is a
-    current (A), speed and angle of motor and output there. Counts of encoders begin at
-    ``count_offset`` of a step, sampled loops at ``first_sample`` (s), and the integral term of the
-    speed loop asks for ``integral`` (A) at first.
+    current (A), speed and angle of motor and output there. Counts begin at ``count_offset`` of a
+    step, loops sample at ``first_sample`` (s); the speed loop's integral asks for ``integral``, A.
     """
     from ematwin.models.bldc import batch  # compiles, or loads what an earlier process compiled
     from ematwin.models.bldc.constants import kernel_constants, truer_constants
@@ -58,7 +57,6 @@ def simulated(
     from ematwin.models.bldc.monitor_step import MonitorState
     from ematwin.models.bldc.reference_step import ReferenceState
 
-    rest: ReferenceState | MonitorState
     names: tuple[str, ...]
     further: tuple[object, ...]
     current, w_m, theta_m, w_o, theta_o = start
@@ -68,12 +66,11 @@ def simulated(
         loops = started(truer, actuator.motor, current, theta_m, w_m, first_sample, integral)
         further = truer, np.array(loops)
         phases = phases_of(current, actuator.motor.pole_pairs * theta_m)
-        rest = ReferenceState(*phases, w_m, theta_m, w_o, theta_o, 1.0, 0.0, 0.0, 0.0)
+        state = np.array(ReferenceState(*phases, w_m, theta_m, w_o, theta_o, 1.0, 0.0, 0.0, 0.0))
     else:
         run, names = batch.monitor_trace, batch.MONITOR_COLUMNS
         further = (None if actuator.shorted_turns is None else np.zeros(4),)
-        rest = MonitorState(current, w_m, theta_m, w_o, theta_o, 0.0, current)
-    state = np.array(rest)
+        state = np.array(MonitorState(current, w_m, theta_m, w_o, theta_o, 0.0, current))
     constants = kernel_constants(actuator)
     first = {
         "bus_voltage": actuator.drive.supply_voltage, "motor_position": theta_m,
@@ -97,11 +94,8 @@ def simulated(
     for name in ("output_position", "output_speed"):
         found[name] /= actuator.transmission.ratio
     if model == "reference" and (encoder := actuator.encoder) is not None:
-        for name, size in (
-            ("motor_position", encoder.motor_step),
-            ("output_position", encoder.output_step),
-        ):
-            found[name] = read_angle(found[name], size, count_offset)
+        for side, size in (("motor", encoder.motor_step), ("output", encoder.output_step)):
+            found[f"{side}_position"] = read_angle(found[f"{side}_position"], size, count_offset)
     return found
 
 
@@ -126,21 +120,11 @@ def answer_step(actuator: BldcActuator, rate: float) -> float:
         return step
     longest = max(step, min(2.5 * step, actuator.largest_stable_step("reference")))
     spacing = 1.0 / (rate * math.ceil(1.0 / (rate * INPUT_INTERVAL) - _WHOLE))
-    return spacing / steps_within(spacing, actuator.current_loop.sample_time, longest, step)
-
-
-def steps_within(spacing: float, sample_time: float, longest: float, shortest: float) -> int:
-    """How many steps to take in a spacing of inputs, s, few of them.
-
-    They are such that a sample time has whole ones, if ``shortest`` allows it: else samples would
-    come sooner or later than in the drive by a share of a step.
-    """
-    fewest = math.ceil(spacing / longest - _WHOLE)
-    for n in range(fewest, math.floor(spacing / shortest + _WHOLE) + 1):
-        steps = sample_time * n / spacing
-        if abs(steps - round(steps)) < _WHOLE:
-            return n
-    return fewest
+    fewest, most = math.ceil(spacing / longest - _WHOLE), math.floor(spacing / step + _WHOLE)
+    # else samples of the loop would come sooner or later than in the drive by a share of a step
+    sampled = (actuator.current_loop.sample_time * n / spacing for n in range(fewest, most + 1))
+    whole = (abs(steps - round(steps)) < _WHOLE for steps in sampled)
+    return spacing / next((n for n, fits in enumerate(whole, fewest) if fits), fewest)
 
 
 def reference_answer(

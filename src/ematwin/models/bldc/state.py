@@ -31,9 +31,6 @@ class Constants(NamedTuple):
     i_max: float  # A
     w_max: float  # rad/s
     k_position: float  # 1/s
-    k_speed: float  # N m s/rad
-    j_m: float  # kg m^2
-    j_o: float  # kg m^2, reflected
     viscous: float  # N m s/rad
     t_m: float  # N m, dynamic friction on the motor side
     t_o: float  # N m, dynamic friction on the output side, reflected
@@ -48,12 +45,11 @@ class Constants(NamedTuple):
     load_gain: float  # actual over recorded load
     load_offset: float  # N m, beside the recorded load
     load_delay: float  # s, by which the recorded load is early
-    # of those above, so that no step divides
-    mobility_m: float  # 1/(kg m^2), 1/j_m
+    mobility_m: float  # 1/(kg m^2), so that no step divides by inertias
     mobility_o: float
-    mobility_both: float  # 1/(j_m + j_o)
-    share_o: float  # j_o/(j_m + j_o)
-    k_demand: float  # A s/rad, current that a speed error asks for: k_speed/(2 k_e)
+    mobility_both: float  # of both together
+    share_o: float  # of the inertia of both
+    k_demand: float  # A s/rad, current that a speed error asks for: speed gain/(2 k_e)
 
 
 HALF_GAP = Constants._fields.index("half_gap")

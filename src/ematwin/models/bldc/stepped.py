@@ -127,15 +127,14 @@ def _reference(actuator: BldcActuator, dt: float, substeps: int) -> dict[str, An
     def advance(c, x, u):
         own, fault = batch.read_constants(c, 0), batch.read_fault(c[_FAULT:], 0)
         now, command, load = batch.read_reference(x, 0), u[0, 0] * ratio, u[1, 0] / ratio
-        now, after, i_a, i_b, i_c, _ = reference_step(
+        now, after, means, _ = reference_step(
             now, batch.read_more(x[more:], 0), command, load, fault, own,
             read_truer(c[_TRUER:], 0), dt,
         )  # fmt: skip
         batch.write_reference(x, 0, now)
         batch.write_more(x[more:], 0, after)
-        x[total, 0] += share * i_a
-        x[total + 1, 0] += share * i_b
-        x[total + 2, 0] += share * i_c
+        for m in range(3):
+            x[total + m, 0] += share * means[m]
 
     return {
         "begin": begin, "sample": sample, "advance": advance, "at": (0.0, 0.0),

@@ -214,9 +214,8 @@ def first_state(
 ) -> np.ndarray:
     """(3, B) position (m), speed (m/s) and lagging voltage (V) of candidates at the first sample.
 
-    Position and speed are those from which the recorded voltage leads the candidate closest to the
-    first 20 recorded positions; rest at the reference, or the first position, where a channel is
-    missing.
+    Those from which the recorded voltage leads the candidate closest to the first 20 recorded
+    positions; rest at the reference, or the first position, where a channel is missing.
     """
     channels = recording.channels
     state = np.zeros((3, count))

@@ -116,9 +116,9 @@ class PmsmComparison(Comparison):
             power[n] = float(np.mean(self._filtered[COMPARED[n]] ** 2))
             noise[n] = passed * white_noise(self._signals[COMPARED[n]]) ** 2
         noise = noise if self._left is None else self._left
-        # both currents have one size, and both voltages
-        size = np.array([*np.repeat([sum(power[:2]), sum(power[2:4])], 2), *power[4:]])
-        error = noise + model_error**2 * size
+        for pair in (power[:2], power[2:4]):  # both currents have one size, and both voltages
+            pair[:] = pair.sum()
+        error = noise + model_error**2 * power
         self._weights = np.zeros(len(COMPARED))
         counts = [n for n in self._rows if error[n] > 0.0]
         self._weights[counts] = 1.0 / error[counts]

@@ -12,7 +12,6 @@ from ematwin.models.pmsm.plausibility import check_phases, check_plausible, laws
 from ematwin.models.pmsm.simulate import simulate
 from ematwin.models.servo import ServoModel, little_motion, motion_laws, tracking_signals
 from ematwin.models.unknown import Contrast
-from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 
 
@@ -28,6 +27,7 @@ class PmsmModel(ServoModel):
     default_search = "levenberg-marquardt"
     sample_rate = 10_000.0
     on_request = recorded.ON_REQUEST
+    noisy = (*recorded.VOLTAGES, *recorded.TERMINALS)
     fixed = table.FIXED
     # what healthy recordings may determine, and how far a template may be off
     nominal: ClassVar[dict[str, float]] = {
@@ -92,14 +92,12 @@ class PmsmModel(ServoModel):
         said = "one turn: dynamic eccentricity does not show"
         return little_motion(recording, actuator, 2.0 * np.pi, said)
 
-    def compare(
-        self, recording: Recording, actuator: Any, *, threads: int | None = None, **settings: Any
-    ) -> Any:
+    def compare(self, recording: Recording, actuator: Any, **settings: Any) -> Any:
         """A recording in the rotor's frame, scored while candidates are simulated."""
         from ematwin.models.pmsm.comparison import PmsmComparison
 
         self.check_channels(recording)
-        return PmsmComparison(recording, actuator, threads=threads, **settings)
+        return PmsmComparison(recording, actuator, **settings)
 
     def check_channels(self, recording: Recording) -> None:
         """Command and currents, whole or not at all."""
@@ -120,16 +118,6 @@ class PmsmModel(ServoModel):
     def rate_of(self, actuator: Any) -> float:
         """Sample rate of the current loops, Hz."""
         return float(1.0 / actuator.controller.current_time)
-
-    def sensed(
-        self, recording: Recording, actuator: Any, values: Values, noise: Noise | None, seed: int
-    ) -> Recording:
-        """With noise of currents and voltages; encoders have none."""
-        if noise is None:
-            return recording
-        return noise.apply(
-            recording, np.random.default_rng(seed), (*recorded.VOLTAGES, *recorded.TERMINALS)
-        )
 
     def summary(self, recording: Recording, actuator: Any) -> dict[str, float]:
         """RMS and peak of the current vector, A, and the largest following error, rad."""

@@ -27,8 +27,7 @@ from pydantic import model_validator
 
 from ematwin.errors import ParameterError
 from ematwin.models.parameter_set import Section, quantity
-from ematwin.models.sections import Presliding, ServoParameters, Steps, WindingHeat
-from ematwin.models.servo import check_stops
+from ematwin.models.sections import Gear, Presliding, ServoParameters, Steps, WindingHeat
 from ematwin.numerics.linear_algebra import largest_share, spectral_radius
 
 _WHOLE = 1e-6  # of a ratio that has to be a whole number
@@ -104,7 +103,7 @@ class Controller(Section):
     inductance_q: float = quantity("H", "that the drive decouples with", exact=True, ge=0)
 
 
-class Transmission(Section):
+class Transmission(Gear):
     """Gear and output."""
 
     ratio: float = quantity("", "motor turns for one turn of the output", exact=True, gt=0)
@@ -130,11 +129,6 @@ class Transmission(Section):
     )
     travel_low: float = quantity("rad", "lower end stop of the output")
     travel_high: float = quantity("rad", "upper end stop of the output")
-
-    @model_validator(mode="after")
-    def _travel_is_an_interval(self) -> Self:
-        check_stops(self)
-        return self
 
 
 class PmsmActuator(ServoParameters):

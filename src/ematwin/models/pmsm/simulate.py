@@ -87,8 +87,7 @@ def reference_columns(
     """Columns (ceil(K/every),) of the reference model, as its drive reads and commands them.
 
     Command and load (K,) are at the ticks of the current loops, rad and N m on the output, where
-    ``start`` is the angle at rest; ``substeps`` make a tick, ``every`` ticks a sample. Positions
-    are on the motor shaft.
+    ``start`` is the angle at rest; ``substeps`` make a tick, ``every`` ticks a sample.
     """
     from ematwin.models.pmsm.batch import REFERENCE_COLUMNS, reference_trace
 

@@ -82,9 +82,7 @@ class PositionServoModel(Model):
 
         return stepped(actuator, self.unknown(actuator, "delay").upper, 1.0 / self.sample_rate)
 
-    def compare(
-        self, recording: Recording, actuator: Any, *, threads: int | None = None, **settings: Any
-    ) -> TraceComparison:
+    def compare(self, recording: Recording, actuator: Any, **settings: Any) -> TraceComparison:
         """The stretch of a recording with torque, beside the twin."""
         self.check_channels(recording)
         part = recorded.stretch(recording, actuator)

@@ -142,6 +142,13 @@ def delayed(goal, sample, delay, step):
     return goal[max(n - 1, 0)], goal[n], min((at - n) / step, 1.0)
 
 
+@part
+def at_rest(goal, start, c):
+    """`State` at rest at ``start``, rad, on the face that its load pushes it to."""
+    side = math.copysign(1.0, c.gravity * math.sin(start) + c.load_torque)
+    return State(goal, start + side * c.half_gap, 0.0, start, 0.0, side)
+
+
 @loop
 def traces(constants, goal, supply, start, interval, substeps):
     """Positions of the output (B, S), rad; NaN for a candidate with a constant that is not finite.
@@ -162,10 +169,7 @@ def traces(constants, goal, supply, start, interval, substeps):
         for value in c:
             nothing += 0.0 * value  # a NaN anywhere must show: comparisons with it are false
         delay = c.delay / interval
-        load = c.gravity * math.sin(start) + c.load_torque
-        # the output rests on the face that its load pushes it to
-        side = math.copysign(1.0, load)
-        now = State(goal[0], start + side * c.half_gap, 0.0, start, 0.0, side)
+        now = at_rest(goal[0], start, c)
         position[n, 0] = start + nothing
         for sample in range(1, samples):
             for j in range(substeps):
@@ -232,14 +236,10 @@ def stepped(actuator: PositionServo, most_delay: float, interval: float) -> Step
 
     @part
     def begin(c, u, x):
-        own = constants_of(c, 0)
-        start = u[0, 0]
-        # the output rests on the face that its load pushes it to
-        side = math.copysign(1.0, own.gravity * math.sin(start) + own.load_torque)
-        write_state(x, 0, State(start, start + side * own.half_gap, 0.0, start, 0.0, side))
+        write_state(x, 0, at_rest(u[0, 0], u[0, 0], constants_of(c, 0)))
         x[done, 0] = 0.0
         for n in range(kept):
-            x[goals + n, 0] = start
+            x[goals + n, 0] = u[0, 0]
 
     @part
     def sample(c, x, u, n, y):
