@@ -108,7 +108,8 @@ class Task:
         c = kernel_constants(actuator)
         plant = Plant(
             c.resistance, c.inductance, c.leakage, c.k_e, c.pole_pairs, c.v_supply, c.half_band,
-            c.i_max, c.w_max, c.k_position, c.k_speed, c.j_m, c.j_o, c.viscous, c.t_m, c.t_o,
+            c.i_max, c.w_max, c.k_position, actuator.controller.speed_gain, actuator.motor.inertia,
+            actuator.transmission.output_inertia, c.viscous, c.t_m, c.t_o,
             c.static_ratio, c.c_opposing, c.c_aiding, c.contact_stiffness, c.contact_damping,
             c.travel_low, c.travel_high,
         )  # fmt: skip

@@ -1,6 +1,6 @@
 """The ball-screw twin as a readable loop, in metres and newtons on the nut.
 
-Written from the equations of ``ematwin.models.ball_screw.step``, which are on the motor shaft:
+Written from the equations of ``ematwin.models.ball_screw.twin``, which are on the motor shaft:
 there is no angle here.
 """
 

@@ -9,8 +9,14 @@ from scipy.signal import cont2discrete
 
 import ematwin
 from ematwin.models.linear_axis.parameters import LinearAxis, loop_radius
-from ematwin.models.linear_axis.step import AxisState, axis_step
-from ematwin.models.linear_axis.twin import axis_constants, closed_loop, open_loop, substeps_of
+from ematwin.models.linear_axis.twin import (
+    AxisState,
+    axis_constants,
+    axis_step,
+    closed_loop,
+    open_loop,
+    substeps_of,
+)
 from ematwin.recordings.recording import Recording
 
 AXIS = LinearAxis.load().changed({"friction.standstill_ratio": 0.5})

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ematwin.models.bldc import bridge, inverter, motor
+from ematwin.models.bldc import inverter, motor
 from ematwin.models.bldc.constants import kernel_constants, truer_constants
 from ematwin.models.bldc.faults import Faults
 from ematwin.models.bldc.parameters import BldcActuator
@@ -34,7 +34,7 @@ SWITCH_ON = 1e-3  # ohm
 
 advance_bridge, advance_shorted_bridge, phase_constants = (
     plain(one)
-    for one in (bridge.advance_bridge, bridge.advance_shorted_bridge, bridge.phase_constants)
+    for one in (inverter.advance_bridge, inverter.advance_shorted_bridge, inverter.phase_constants)
 )
 gate_signals, hysteresis, pair_current = (
     plain(one) for one in (inverter.gate_signals, inverter.hysteresis, inverter.pair_current)
@@ -47,21 +47,18 @@ emf_constants, hall_sector, truer_emf_constants = (
 def run_bridge(k, speed, c, dt, steps):
     """Currents (steps + 1, 3) and gates (steps, 3) at an imposed speed."""
     fault = plain(fault_state)(k, c.half_gap)
-    phases = phase_constants(fault.h_a, fault.h_b, fault.h_c, c)
+    phases = phase_constants((fault.h_a, fault.h_b, fault.h_c), c)
     currents = np.zeros((steps + 1, 3))
     gates = np.empty((steps, 3))
     i_a, i_b, i_c, sign = 0.0, 0.0, 0.0, 1.0
     for n in range(steps):
         theta = speed * dt * n
-        kappa_a, kappa_b, kappa_c = emf_constants(theta, fault, c)
+        emf = tuple(speed * kappa for kappa in emf_constants(theta, fault, c))
         sector = hall_sector(c.pole_pairs * theta)
         i_ref = MOTORING if n < steps // 2 else BRAKING
         sign = hysteresis(pair_current(sector, i_a, i_b, i_c), i_ref, c.half_band, sign)
         g_a, g_b, g_c = gate_signals(sector, sign)
-        i_a, i_b, i_c, _, _, _, _, _, _ = advance_bridge(
-            i_a, i_b, i_c, kappa_a * speed, kappa_b * speed, kappa_c * speed,
-            g_a, g_b, g_c, phases, c, dt,
-        )  # fmt: skip
+        (i_a, i_b, i_c), *_ = advance_bridge((i_a, i_b, i_c), emf, (g_a, g_b, g_c), phases, c, dt)
         gates[n] = g_a, g_b, g_c
         currents[n + 1] = i_a, i_b, i_c
     return currents, gates
@@ -80,22 +77,22 @@ def gate_source(name: str, on: np.ndarray) -> str:
 def run_shorted_bridge(k, speed, c, truer, dt, steps):
     """Currents of phases and loops (steps + 1, 6) and gates (steps, 3) at an imposed speed."""
     fault = plain(fault_state)(k, c.half_gap)
-    turns = (1.0, 1.0, 1.0, *k[2:5].tolist())
+    mu = tuple(k[2:5].tolist())
     currents = np.zeros((steps + 1, 6))
     gates = np.empty((steps, 3))
     i_a, i_b, i_c, f_a, f_b, f_c, sign = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0
     for n in range(steps):
         theta = speed * dt * n
-        kappa_a, kappa_b, kappa_c = truer_emf_constants(theta, 1.0, 1.0, 1.0, fault, c, truer)
+        kappas = truer_emf_constants(theta, (1.0, 1.0, 1.0), fault, c, truer)
         sector = hall_sector(c.pole_pairs * theta)
         i_ref = MOTORING if n < steps // 2 else BRAKING
         sign = hysteresis(pair_current(sector, i_a, i_b, i_c), i_ref, c.half_band, sign)
         g_a, g_b, g_c = gate_signals(sector, sign)
-        after, _, _, _, _ = advance_shorted_bridge(
-            i_a, i_b, i_c, f_a, f_b, f_c, kappa_a * speed, kappa_b * speed, kappa_c * speed,
-            g_a, g_b, g_c, turns, c, dt,
+        phases, loops, *_ = advance_shorted_bridge(
+            (i_a, i_b, i_c), (f_a, f_b, f_c), tuple(speed * kappa for kappa in kappas),
+            (g_a, g_b, g_c), (1.0, 1.0, 1.0), mu, c, dt,
         )  # fmt: skip
-        i_a, i_b, i_c, f_a, f_b, f_c = after
+        after = i_a, i_b, i_c, f_a, f_b, f_c = *phases, *loops
         gates[n] = g_a, g_b, g_c
         currents[n + 1] = after
     return currents, gates

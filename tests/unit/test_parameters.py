@@ -165,7 +165,7 @@ def test_a_file_that_is_not_toml_is_refused(tmp_path):
 def test_a_missing_file_and_an_unknown_set_are_refused(tmp_path):
     with pytest.raises(FileError, match="Cannot read the actuator file"):
         BldcActuator.load(tmp_path / "none.toml")
-    with pytest.raises(ParameterError, match=r"There is no actuator 'servo49'. Shipped: servo48"):
+    with pytest.raises(ParameterError, match=r"no actuator 'servo49'. Did you mean servo48"):
         BldcActuator.load("servo49")
 
 

@@ -47,20 +47,11 @@ def compiled(stepped: Stepped, constants_from: Any, parameters: int) -> Any:
     """
     constants, states = stepped.constant_count, stepped.state_count
     outputs = len(stepped.outputs)
-    begin, sample, advance, derive = (
-        stepped.begin, stepped.sample, stepped.advance, stepped.derive
-    )  # fmt: skip
+    begin, sample, advance = stepped.begin, stepped.sample, stepped.advance
     followed = njit(inline="always", error_model="numpy")(constants_from)
 
-    if derive is None:
-
-        def ematwin_constants(p, c):  # type: ignore[no-untyped-def]
-            followed(carray(p, (parameters, 1)), carray(c, (constants, 1)))
-    else:
-
-        def ematwin_constants(p, c):  # type: ignore[no-untyped-def]
-            followed(carray(p, (parameters, 1)), carray(c, (constants, 1)))
-            derive(carray(c, (constants, 1)))
+    def ematwin_constants(p, c):  # type: ignore[no-untyped-def]
+        followed(carray(p, (parameters, 1)), carray(c, (constants, 1)))
 
     def ematwin_begin(c, u, x):  # type: ignore[no-untyped-def]
         begin(carray(c, (constants, 1)), carray(u, (INPUTS, 1)), carray(x, (states, 1)))

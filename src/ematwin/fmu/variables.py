@@ -52,19 +52,15 @@ def table_of(model: Model, actuator: Any, stepped: Stepped) -> Table:
     An input of the simulation that its constants do not depend on is no variable. Parameters that
     set the grid of steps, or that a fault states in their place, are constants.
     """
-    starts = [
-        Variable(one.name, "fixed", one.unit, one.meaning, one.value, one.lower, one.upper)
-        for one in stepped.starts
-    ]
     known = model.values_of(actuator, {})
-    unknowns = [
-        Variable(one.name, "tunable", one.unit, one.meaning, one.healthy, one.lower, one.upper)
-        for one in model.unknowns(actuator)
-        if one.name in known
+    unknowns = [(one, "tunable") for one in model.unknowns(actuator) if one.name in known]
+    named = [
+        Variable(one.name, role, one.unit, one.meaning, one.healthy, one.lower, one.upper)
+        for one, role in (*unknowns, *((start, "fixed") for start in stepped.starts))
     ]
     nominals = [_nominal(actuator, row) for row in actuator.parameters()]
     held = {*model.fixed, *stepped.fixed}
-    free = [*unknowns, *starts, *(one for one in nominals if one.name not in held)]
+    free = [*named, *(one for one in nominals if one.name not in held)]
     _, used = followed(stepped.constants, [one.name for one in free])
     settable = [one for one in free if one.name in used]
     constants_from, _ = followed(

@@ -83,6 +83,7 @@ class Model(ABC):
     sample_rate : Hz, of what `simulate` gives where nothing else is said
     compared_rate : Hz, to which faster recordings are averaged (`averaged`); None leaves them
     on_request : channels that `simulate` gives only where they are asked for (``also``)
+    noisy : channels beside currents whose noise `simulate` adds; None takes all compared ones
     nominal : places of the parameters that healthy recordings may determine, each with how far
         (as a factor, one standard deviation) a template may be off
     signed : the same of parameters of either sign, with standard deviations in their units
@@ -109,6 +110,7 @@ class Model(ABC):
     sample_rate: ClassVar[float] = 1000.0
     compared_rate: ClassVar[float | None] = None
     on_request: ClassVar[tuple[str, ...]] = ()
+    noisy: ClassVar[tuple[str, ...] | None] = None
     nominal: ClassVar[Mapping[str, float]] = {}
     signed: ClassVar[Mapping[str, float]] = {}
     fixed: ClassVar[tuple[str, ...]] = ()
@@ -194,10 +196,7 @@ class Model(ABC):
     def unknown(self, actuator: Any, name: str) -> Unknown:
         """An unknown by name; a parameter of the actuator by its place, ``section.name``.
 
-        Raises
-        ------
-        InputError
-            If there is none; the message names the closest. If it cannot be searched.
+        Raises `InputError` if there is none, naming the closest, or if it cannot be searched.
         """
         if name in self.fixed:
             raise not_searchable(name)
@@ -215,10 +214,7 @@ class Model(ABC):
     def values_of(self, actuator: Any, given: Any) -> dict[str, float]:
         """Values of all unknowns from a mapping of some; the others are healthy.
 
-        Raises
-        ------
-        InputError
-            If a name is unknown or a value lies outside its bounds.
+        Raises `InputError` if a name is unknown or a value lies outside its bounds.
         """
         known = {one.name: one for one in self.unknowns(actuator)}
         values = self.healthy(actuator)
@@ -241,10 +237,7 @@ class Model(ABC):
     ) -> Comparison:
         """A recording prepared for comparing candidates with it.
 
-        Raises
-        ------
-        RecordError
-            If candidates cannot be compared with this recording.
+        Raises `RecordError` if candidates cannot be compared with this recording.
         """
         self.check_channels(recording)
         return TraceComparison(self, recording, actuator, **settings)
@@ -309,10 +302,8 @@ class Model(ABC):
     def check(self, recording: Recording, actuator: Any) -> list[str]:
         """Sentences on doubts about a recording of this actuator.
 
-        Raises
-        ------
-        RecordError
-            If it contradicts itself or the actuator, with the reason and the likely cause.
+        Raises `RecordError` if it contradicts itself or the actuator, with the reason and the
+        likely cause.
         """
         self.check_channels(recording)
         return []
@@ -354,7 +345,8 @@ class Model(ABC):
             return recording
         units = {name: self.channel(name).unit for name in self.outputs}
         others = [name for name, unit in units.items() if unit not in ("m", "rad")]
-        return noise.apply(recording, np.random.default_rng(seed), others or units)
+        also = (others or units) if self.noisy is None else self.noisy
+        return noise.apply(recording, np.random.default_rng(seed), also)
 
     def scenarios(self) -> dict[str, Path]:
         """Names and files of the scenarios that come with this kind."""

@@ -57,10 +57,8 @@ class Law:
 def checked(model: "Model", recording: Recording, actuator: Any) -> tuple[list[str], list[str]]:
     """Sentences on doubts about a recording, and on channels that forbid a verdict.
 
-    Raises
-    ------
-    RecordError
-        If it contradicts itself or the actuator; the channel is named where one is the cause.
+    Raises `RecordError` if it contradicts itself or the actuator; the channel is named where one is
+    the cause.
     """
     model.check_channels(recording)
     _check_unit_of_time(model, recording)
@@ -113,11 +111,9 @@ def contradictions(
     }
     for law in laws:
         named = {name for names in found for name in names}
-        trial = _Trial(model, recording, law)
-        if not named & law.channels.keys() and not trial.holds():
-            names, sentence = trial.cause()
-            if names:
-                found[names] = sentence
+        names, sentence = _Trial(model, recording, law).cause()
+        if names and not named & law.channels.keys():
+            found[names] = sentence
     for name, must_move in sensors.items():
         sentence = _unmoved(model, recording, name, must_move)
         if sentence and (name,) not in found:
@@ -126,11 +122,9 @@ def contradictions(
 
 
 def _unmoved(model: "Model", recording: Recording, name: str, must_move: bool) -> str:
-    """The sentence on a channel that stands still although the command moves; "" if it does not.
+    """The sentence on a channel that stands still although the command moves; "" if there is none.
 
-    One that must move may not stand still throughout. For a part of the recording any counts that
-    has noise elsewhere, which a sensor that works does not lose, if the value is not the end of its
-    range, where it may be limited.
+    Of a part, any channel counts that has noise elsewhere, if the value is not an end of its range.
     """
     command, values = recording.channels[model.command], recording.channels[name]
     first, last = max(_repeats(values), key=lambda ends: ends[1] - ends[0], default=(0, 0))
@@ -165,18 +159,17 @@ class _Trial:
         self._model, self._recording, self._law = model, recording, law
         size = len(recording)
         self._whole = np.arange(0, size, max(1, size // 2000))  # samples of a law
-        self._noise = white_noise(np.atleast_2d(law.left(law.channels))[0])
+        self._residual = self._rows(np.arange(size))[0]
+        self._noise = white_noise(self._residual)
         self._plain = self._left(self._whole)
-
-    def holds(self) -> bool:
-        """Whether no more is left than an actuator and noise may leave."""
-        return self._plain <= self._law.slack
 
     def cause(self) -> tuple[tuple[str, ...], str]:
         """The channel that breaks the law, or those that may, and a sentence on it.
 
-        None where a gain explains it, or what an actuator may do.
+        None where a gain explains it, or what an actuator and noise may leave.
         """
+        if self._plain <= self._law.slack:
+            return (), ""
         for name in self._law.channels:
             if stretches := self._still(name):
                 held = self._values(name)[stretches[0][0]]
@@ -193,8 +186,10 @@ class _Trial:
             return (), ""
         late, lag = self._latest()
         # of its power a quarter at most is left
-        explains = lag and self._left(self._early(lag), {}, late, lag) <= 0.5 * least
-        if explains and self._moved(late, lag) > self._law.play:
+        early = self._early(lag)
+        explains = lag and self._left(early, {}, late, lag) <= 0.5 * least
+        changes = self._rows(early)[0] - self._rows(early, {}, late, lag)[0]
+        if explains and np.ptp(changes) > self._law.play:
             return (late,), (
                 f"{late} is {1e3 * lag * self._recording.interval:.2g} ms late: {self._law.text}, "
                 "and do if it is taken so much earlier. Check that sensor, its filter and its "
@@ -219,10 +214,10 @@ class _Trial:
     def _values(self, name: str) -> np.ndarray:
         return np.atleast_2d(self._law.channels[name])[0]
 
-    def _left(
+    def _rows(
         self, samples: np.ndarray, times: Mapping[str, float] = {}, late: str = "", lag: int = 0
-    ) -> float:
-        """RMS of the residual at some samples, without noise, shapes and a few false reads.
+    ) -> np.ndarray:
+        """Residual and shapes (1 + m, K) of the law at some samples.
 
         ``times`` multiplies channels; the channel ``late`` is taken ``lag`` samples later.
         """
@@ -230,7 +225,13 @@ class _Trial:
             name: values[..., samples + (lag if name == late else 0)] * times.get(name, 1.0)
             for name, values in self._law.channels.items()
         }
-        rows = np.atleast_2d(self._law.left(taken))
+        return np.atleast_2d(self._law.left(taken))
+
+    def _left(
+        self, samples: np.ndarray, times: Mapping[str, float] = {}, late: str = "", lag: int = 0
+    ) -> float:
+        """RMS of the residual at some samples, without noise, shapes and a few false reads."""
+        rows = self._rows(samples, times, late, lag)
         shapes = np.vstack([np.ones(samples.size), rows[1:]]).T
         kept = np.ones(samples.size, dtype=bool)
         for _ in range(2):
@@ -240,24 +241,12 @@ class _Trial:
         rest = rest[kept]
         return float(np.sqrt(max(0.0, np.mean(rest**2) - self._noise**2)))
 
-    def _moved(self, late: str, lag: int) -> float:
-        """Change of the residual by a delay, peak to peak."""
-        early, channels = self._early(lag), self._law.channels
-        taken = {name: values[..., early] for name, values in channels.items()}
-        sooner = {**taken, late: channels[late][..., early + lag]}
-        one, other = (np.atleast_2d(self._law.left(each))[0] for each in (taken, sooner))
-        return float(np.ptp(one - other))
-
     def _follows(self, name: str) -> tuple[float, float] | None:
         """Gain of a channel on the value that the others imply, and their correlation.
 
         None where the law is not linear in the channel.
         """
-        taken = {key: values[..., self._whole] for key, values in self._law.channels.items()}
-        none, one, two = (
-            np.atleast_2d(self._law.left({**taken, name: times * taken[name]}))[0]
-            for times in (0.0, 1.0, 2.0)
-        )
+        none, one, two = (self._rows(self._whole, {name: times})[0] for times in (0.0, 1.0, 2.0))
         share, expected = one - none, none.mean() - none
         share -= share.mean()
         sizes = float(np.linalg.norm(share)), float(np.linalg.norm(expected))
@@ -268,10 +257,9 @@ class _Trial:
 
     def _still(self, name: str) -> list[tuple[int, int]]:
         """Stretches in which a channel stands still and the law does not hold, if it does else."""
-        left = np.atleast_2d(self._law.left(self._law.channels))[0]
         found = [
             (first, last) for first, last in _repeats(self._values(name))
-            if np.ptp(left[first:last]) > self._law.play
+            if np.ptp(self._residual[first:last]) > self._law.play
         ]  # fmt: skip
         still = np.zeros(len(self._recording), dtype=bool)
         for first, last in found:

@@ -21,62 +21,43 @@ class Chart:
     Attributes
     ----------
     unknowns : tuple of Unknown
+    names : of the coordinates: names of unknowns, vectors by component
     lower, upper : (d,) arrays, bounds of ``z``
+    pairs : places of the magnitudes and directions that are components of a vector
+    widths : (d,) array, ranges of the unknowns, or of their logarithms
     """
 
     def __init__(self, unknowns: Sequence[Unknown]) -> None:
         self.unknowns = tuple(unknowns)
         names = [unknown.name for unknown in unknowns]
-        self._pairs = [
+        self.pairs = tuple(
             (names.index(unknown.direction_of), n)
             for n, unknown in enumerate(unknowns)
             if unknown.direction_of in names
-        ]
-        lower = np.zeros(len(unknowns))
-        for pair in self._pairs:
-            lower[list(pair)] = -1.0
-        self.lower = lower
-        self.upper = np.ones(len(unknowns))
-        self._logarithmic = np.array([unknown.logarithmic for unknown in unknowns], dtype=bool)
-        low = np.array([unknown.lower for unknown in unknowns])
-        high = np.array([unknown.upper for unknown in unknowns])
-        log = self._logarithmic
-        self._low = np.where(log, np.log(np.where(log, low, 1.0)), low)
-        self._width = np.where(log, np.log(np.where(log, high, 1.0)), high) - self._low
-
-    @property
-    def pairs(self) -> tuple[tuple[int, int], ...]:
-        """Places of the magnitudes and directions that are components of a vector."""
-        return tuple(self._pairs)
-
-    @property
-    def widths(self) -> np.ndarray:
-        """(d,) ranges of the unknowns, or of their logarithms."""
-        return self._width
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the coordinates: names of unknowns, vectors by component."""
-        names = [unknown.name for unknown in self.unknowns]
-        for radius, direction in self._pairs:
-            names[direction] = f"{names[radius]} y"
-            names[radius] = f"{names[radius]} x"
-        return tuple(names)
+        )
+        self.lower, self.upper = np.zeros(len(names)), np.ones(len(names))
+        for radius, direction in self.pairs:
+            self.lower[[radius, direction]] = -1.0
+            names[radius], names[direction] = f"{names[radius]} x", f"{names[radius]} y"
+        self.names = tuple(names)
+        self._log = np.array([unknown.logarithmic for unknown in unknowns], dtype=bool)
+        bounds = np.array([[unknown.lower, unknown.upper] for unknown in unknowns]).reshape(-1, 2)
+        bounds[self._log] = np.log(bounds[self._log])
+        self._low = bounds[:, 0]
+        self.widths = bounds[:, 1] - self._low
 
     def from_unit(self, u: np.ndarray) -> np.ndarray:
         """Values (N, d) of shares (N, d) of their ranges, or of the ranges of their logarithms."""
-        x = self._low + u * self._width
-        if self._logarithmic.any():
-            x[:, self._logarithmic] = np.exp(x[:, self._logarithmic])
-        return np.asarray(x)
+        x = np.asarray(self._low + u * self.widths)
+        x[:, self._log] = np.exp(x[:, self._log])
+        return x
 
     def from_values(self, values: np.ndarray) -> np.ndarray:
         """Coordinates ``z`` (N, d) of values (N, d)."""
         z = np.array(values, dtype=float)
-        if self._logarithmic.any():
-            z[:, self._logarithmic] = np.log(z[:, self._logarithmic])
-        z = (z - self._low) / self._width
-        for radius, direction in self._pairs:
+        z[:, self._log] = np.log(z[:, self._log])
+        z = (z - self._low) / self.widths
+        for radius, direction in self.pairs:
             phi = _TURN * (z[:, direction] - 0.5)
             z[:, radius], z[:, direction] = z[:, radius] * np.cos(phi), z[:, radius] * np.sin(phi)
         return z
@@ -84,7 +65,7 @@ class Chart:
     def to_values(self, z: np.ndarray) -> np.ndarray:
         """Values (N, d) of coordinates ``z`` (N, d)."""
         x = np.array(z, dtype=float)
-        for radius, direction in self._pairs:
+        for radius, direction in self.pairs:
             along, across = x[:, radius].copy(), x[:, direction].copy()
             x[:, radius] = np.minimum(np.hypot(along, across), 1.0)
             x[:, direction] = np.arctan2(across, along) / _TURN + 0.5
@@ -93,7 +74,7 @@ class Chart:
     def project(self, z: np.ndarray) -> np.ndarray:
         """The nearest points (N, d) that values can have: in the box, magnitudes at most 1."""
         z = np.clip(z, self.lower, self.upper)
-        for pair in self._pairs:
+        for pair in self.pairs:
             radius = np.hypot(z[:, pair[0]], z[:, pair[1]])
             z[:, list(pair)] /= np.maximum(radius, 1.0)[:, None]
         return z
@@ -104,7 +85,7 @@ class Chart:
         For a logarithmic unknown, the error of the logarithm.
         """
         errors = np.sqrt(np.diag(covariance)) * self.widths
-        for radius, direction in self._pairs:
+        for radius, direction in self.pairs:
             # across the vector an error turns it; along it, it changes the magnitude
             size = float(np.hypot(z[radius], z[direction]))
             across = max(errors[radius], errors[direction])

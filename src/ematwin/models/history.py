@@ -205,25 +205,21 @@ def recorded_columns(
 
     ``kinds`` and ``optional`` give the possible SI units of each column.
     """
+    columns = {}
     with open_file(path) as file:
-        found: dict[str, str] = {}
         for wanted, units in {**kinds, **optional}.items():
             name = _named(wanted, units, file.names)
             if name is not None:
-                found[wanted] = name
+                behind = (unit_in_name(name, unit)[1] for unit in units)
+                unit = file.stated_unit(name) or beside(name)[1] or next(filter(None, behind), "")
+                factor = _factor(unit, units, f"{name!r} of {path}")
+                columns[wanted] = file.read([name])[name] * factor
             elif wanted in kinds:
                 raise ParameterError(
                     f"{path} has no column {wanted!r}; it has {', '.join(file.names)}. "
                     "Rename or add the column."
                 )
-        values = file.read(list(dict.fromkeys(found.values())))
-        columns = {}
-        for wanted, name in found.items():
-            units = (kinds if wanted in kinds else optional)[wanted]
-            behind = (unit_in_name(name, unit)[1] for unit in units)
-            unit = file.stated_unit(name) or beside(name)[1] or next(filter(None, behind), "")
-            columns[wanted] = values[name] * _factor(unit, units, f"{name!r} of {path}")
-        return columns
+    return columns
 
 
 def _named(wanted: str, units: tuple[str, ...], names: tuple[str, ...]) -> str | None:

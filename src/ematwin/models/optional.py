@@ -201,8 +201,7 @@ class Monitoring:
         A kind whose preparation depends on steady motion takes ``settling_time`` (s) of the
         calibration.
         """
-        compared: Comparison = model.compare(recording, actuator)
-        return compared
+        return model.compare(recording, actuator)
 
     @staticmethod
     def of(model: Any) -> "Monitoring":

@@ -4,7 +4,8 @@ A file holds a table for each section and, for each parameter, ``{ value, unit, 
 more is known than of the kind at large, also a ``tolerance``.
 """
 
-from collections.abc import Mapping
+import difflib
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -41,22 +42,25 @@ def stated(field: FieldInfo) -> dict[str, Any]:
     return extra
 
 
-def parameter_file(name_or_path: str | Path, shipped: Mapping[str, Path]) -> Path:
-    """The path of a TOML file, or of the file of a shipped set."""
-    path = Path(name_or_path)
-    if path.suffix == ".toml":
-        return path
-    if str(name_or_path) not in shipped:
-        raise ParameterError(
-            f"There is no actuator {str(name_or_path)!r}. Shipped: {', '.join(shipped)}; "
-            "or give the path of a TOML file (ending in .toml)."
-        )
-    return shipped[str(name_or_path)]
+def parameter_table(
+    name_or_path: str | Path, shipped: Mapping[str, Path], broken: Callable[[], list[str]] = list
+) -> dict[str, Any]:
+    """The content of a parameter file, or of a shipped set, as it is written.
 
-
-def parameter_table(name_or_path: str | Path, shipped: Mapping[str, Path]) -> dict[str, Any]:
-    """The content of a parameter file, or of a shipped set, as it is written."""
-    return load_toml(parameter_file(name_or_path, shipped), "actuator")
+    ``broken`` gives sentences on what may be missing from ``shipped``.
+    """
+    path, name = Path(name_or_path), str(name_or_path)
+    if path.suffix != ".toml":
+        if name not in shipped:
+            close = difflib.get_close_matches(name, shipped, n=1)
+            hint = f" Did you mean {close[0]}?" if close else ""
+            said = (
+                f"There is no actuator {name!r}.{hint} Shipped: {', '.join(shipped)}; "
+                "or give the path of a TOML file (ending in .toml)."
+            )
+            raise ParameterError(" ".join([said, *broken()]))
+        path = shipped[name]
+    return load_toml(path, "actuator")
 
 
 def _toml(value: str | float) -> str:
@@ -128,21 +132,18 @@ def _read_entry(leaf: Any, field: FieldInfo, place: str, what: str, found: Read)
 
     Source, tolerance and all that is wrong with it are noted.
     """
-
-    def wrong(text: str) -> None:
-        found.problems.append((place, text))
-
     needed = ("value", "unit", "source")
     known = (*needed, "tolerance")
     entry = leaf if isinstance(leaf, dict) else {}
     meant = misspelt(entry, known)
-    for key in entry:
-        if key not in known:
-            right = f"{place}.{meant[key]}" if key in meant else ""
-            wrong(unknown_name(f"{place}.{key}", what, right))
+    wrong = [
+        unknown_name(f"{place}.{key}", what, f"{place}.{meant[key]}" if key in meant else "")
+        for key in entry
+        if key not in known
+    ]
     given = {meant.get(key, key): one for key, one in entry.items()}
     if not given.keys() >= set(needed):
-        wrong(
+        wrong.append(
             f"{place} must be {{ value = ..., unit = ..., source = ... }}, "
             f"received {shortened(leaf)}; complete it."
         )
@@ -150,14 +151,14 @@ def _read_entry(leaf: Any, field: FieldInfo, place: str, what: str, found: Read)
     value = None
     try:
         if "value" in given and (isinstance(number, bool) or not isinstance(number, int | float)):
-            wrong(f"{place} must be a number, received {number!r}; correct it.")
+            wrong.append(f"{place} must be a number, received {number!r}; correct it.")
         elif "value" in given and "unit" in given:
             value = to_si(number, given["unit"], unit_of(field), place)
     except ParameterError as error:
-        wrong(str(error))
+        wrong.append(str(error))
     source = given.get("source", "unknown")
     if not isinstance(source, str) or not source.strip():
-        wrong(
+        wrong.append(
             f"{place} must name the source of its value, received {source!r}; say where it comes "
             "from."
         )
@@ -167,7 +168,8 @@ def _read_entry(leaf: Any, field: FieldInfo, place: str, what: str, found: Read)
         if "tolerance" in given:
             found.tolerances[place] = tolerance_of(given["tolerance"], field, place)
     except ParameterError as error:
-        wrong(str(error))
+        wrong.append(str(error))
+    found.problems.extend((place, text) for text in wrong)
     return value
 
 

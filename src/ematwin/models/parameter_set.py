@@ -142,13 +142,9 @@ class ParameterSet(BaseModel):
     def load(cls, name_or_path: "str | Path | ParameterSet | None" = None) -> Self:
         """A shipped set by name, or a TOML file; the default of this kind if not given.
 
-        Raises
-        ------
-        ParameterError
-            If there is no such set, or a value is missing, impossible or of the wrong unit; the
-            message lists all that is to be corrected.
-        FileError
-            If the file cannot be read.
+        Raises `ParameterError` if there is no such set, or a value is missing, impossible or of the
+        wrong unit; the message lists all that is to be corrected; `FileError` if the file cannot be
+        read.
         """
         if name_or_path is None:
             name_or_path = cls.default
@@ -256,16 +252,13 @@ class ParameterSet(BaseModel):
 
     def drift(self, place: str) -> float | None:
         """How far a value may change between recordings of one actuator; None if it does not."""
-        found: float | None = stated(self._field(place)).get("drift")
-        return found
+        return stated(self._field(place)).get("drift")
 
     def with_tolerances(self, tolerances: Mapping[str, float | str]) -> Self:
         """A variant with stated tolerances, e.g. ``{"motor.resistance": "5 %"}`` or 0.05.
 
-        Raises
-        ------
-        ParameterError
-            If a place is no parameter, or a tolerance not above 0 and at most 200 %.
+        Raises `ParameterError` if a place is no parameter, or a tolerance not above 0 and at most
+        200 %.
         """
         variant = self.model_copy()
         variant._tolerances = self._tolerances | {
@@ -277,23 +270,15 @@ class ParameterSet(BaseModel):
     def parameters(self) -> Iterator[tuple[str, float, str, str, str]]:
         """Yield place, value, SI unit, meaning and source of each parameter."""
         for key, section in self:
-            names = type(section).model_fields if isinstance(section, Section) else ()
-            for place in (f"{key}.{name}" for name in names):
-                row = self.parameter(place)
-                assert row is not None
-                yield row
+            fields = type(section).model_fields if isinstance(section, Section) else {}
+            for name, field in fields.items():
+                place, meaning = f"{key}.{name}", str(field.description)
+                source = self._sources.get(place, "set by the user")
+                yield place, getattr(section, name), unit_of(field), meaning, source
 
     def parameter(self, place: str) -> tuple[str, float, str, str, str] | None:
         """The same of one parameter; None if there is none at this place."""
-        key, _, name = place.partition(".")
-        section = getattr(self, key, None)
-        if not isinstance(section, Section) or name not in type(section).model_fields:
-            return None
-        field, source = (
-            type(section).model_fields[name],
-            self._sources.get(place, "set by the user"),
-        )
-        return place, getattr(section, name), unit_of(field), str(field.description), source
+        return next((row for row in self.parameters() if row[0] == place), None)
 
     def to_frame(self) -> Any:
         """A pandas DataFrame with a row for each parameter, by its place; needs pandas."""

@@ -113,10 +113,8 @@ def check_sum(record: Recording) -> list[str]:
         )
     if total <= good:
         return warnings
-    left = {}
-    for k, name in enumerate(PHASES):
-        flipped = currents.sum(axis=1) - 2.0 * currents[:, k]
-        left[name] = _rms(flipped - flipped.mean())
+    flipped = currents.sum(axis=1)[:, None] - 2.0 * currents
+    left = {name: _rms(one - one.mean()) for name, one in zip(PHASES, flipped.T, strict=True)}
     best = min(left, key=left.__getitem__)
     if left[best] < 0.5 * total and left[best] <= good:
         others = " and ".join(name for name in PHASES if name != best)

@@ -1,9 +1,8 @@
 """`propose_map`: which channel of a bench's file is which, for a kind of actuator, with reasons.
 
-Nothing is chosen silently. Two channels that are equally likely become a question, and so does a
-unit that nobody states. Such a unit is tried in each of the usual ones. One is ruled out if the
-numbers would be of a size that no actuator has, or if the kind's own check of the recording refuses
-it. Where several remain, the question stays open.
+Two channels that are equally likely become a question, and so does a unit that nobody states. Such
+a unit is tried in each of the usual ones. One is ruled out if the numbers would be of a size that
+no actuator has, or if the kind's own check of the recording refuses it.
 """
 
 import math
@@ -177,11 +176,7 @@ def _size(one: Surveyed, channel: Channel) -> float:
 def in_other_units(
     recording: Recording, model: Model, actuator: Any
 ) -> Iterator[tuple[dict[str, str], Recording]]:
-    """Yield a recording with each usual unit for numbers without a stated unit.
-
-    Each comes with the units that differ from SI, by channel; those that the kind refuses are left
-    out.
-    """
+    """Yield a recording with each usual unit for numbers without a stated unit."""
     si = {one.name: one.unit for one in with_time(model.channels)}
     assumed = {
         name: list(_USUAL[si[name]][0])

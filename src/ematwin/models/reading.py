@@ -120,7 +120,7 @@ def read(
             f"Give the path of a file, a DataFrame, or a list of them; received {path!r}."
         )
     files: list[Any] = [path] if single else list(path)  # type: ignore[arg-type]
-    model = model_of(DEFAULT_KIND) if actuator is None else _model(actuator)
+    model = _model(actuator)
     channel_map = ChannelMap.of(columns, model.channels) if columns is not None else None
     found: list[Recording] = []
     for n, file in enumerate(files):
@@ -156,14 +156,9 @@ def write(recording: Recording | Sequence[Recording], path: str | Path) -> None:
     column for each label and for each channel, with its unit in the name, and no provenance; it is
     read with ``split=True``.
 
-    Raises
-    ------
-    InputError
-        If the name has another ending, or there is nothing to write.
-    RecordError
-        If several recordings have different channels.
-    FileError
-        If the file cannot be written; nothing is left half-written.
+    Raises `InputError` if the name has another ending, or there is nothing to write; `RecordError`
+    if several recordings have different channels; `FileError` if the file cannot be written;
+    nothing is left half-written.
     """
     if isinstance(recording, Recording):
         write_recording(recording, path, _channels_of(recording))
@@ -174,10 +169,12 @@ def write(recording: Recording | Sequence[Recording], path: str | Path) -> None:
 
 def channels_of(actuator: Any = None) -> tuple[Channel, ...]:
     """The channels of a kind of actuator, as `ChannelMap` wants them; ``actuator`` as in `read`."""
-    return model_of(DEFAULT_KIND).channels if actuator is None else _model(actuator).channels
+    return _model(actuator).channels
 
 
 def _model(actuator: Any) -> Model:
+    if actuator is None:
+        return model_of(DEFAULT_KIND)
     if not isinstance(actuator, str | Path):
         return model_of(getattr(actuator, "actuator", actuator))  # a calibration holds one
     kinds = {
@@ -251,6 +248,4 @@ def _channels_of(recording: Recording) -> Sequence[Channel]:
 
 def _share(progress: Progress | None, done: int, count: int) -> Progress | None:
     """The progress of one file as a share of all."""
-    if progress is None or count == 1:
-        return progress
-    return lambda share: progress((done + share) / count)
+    return None if progress is None else lambda share: progress((done + share) / count)

@@ -5,7 +5,6 @@ name an instance of `Model` (or its class), or named by `register_model` in a pr
 of someone else never replaces one of ours, so that one of ours is found without loading the rest.
 """
 
-import difflib
 from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points
@@ -14,9 +13,8 @@ from typing import Any
 
 from ematwin.errors import InputError, ParameterError
 from ematwin.models.base import Model
-from ematwin.models.parameter_file import parameter_file
+from ematwin.models.parameter_file import parameter_table
 from ematwin.models.parameter_set import UNNAMED_KIND, ParameterSet
-from ematwin.validation import load_toml
 
 DEFAULT_KIND = UNNAMED_KIND
 # Ours by kind, which is also the name of the folder but for hyphens.
@@ -28,8 +26,7 @@ _BROKEN: dict[str, str] = {}  # sentences by the name of the entry point
 
 def _own(kind: str) -> Model:
     """One of ours, which is loaded without the others."""
-    found: Model = import_module(f"ematwin.models.{kind.replace('-', '_')}.model").MODEL
-    return found
+    return import_module(f"ematwin.models.{kind.replace('-', '_')}.model").MODEL
 
 
 def register_model(model: Model) -> None:
@@ -100,15 +97,15 @@ def broken_kinds() -> list[str]:
 def model_of(actuator: Any) -> Model:
     """The model of an actuator, or of a kind by its name.
 
-    Raises
-    ------
-    ParameterError
-        If there is no such kind.
+    Raises `ParameterError` if there is no such kind.
     """
     if isinstance(actuator, ParameterSet) and actuator.own_model is not None:
-        stated: Model = actuator.own_model
-        return stated
-    kind = actuator if isinstance(actuator, str) else type(actuator).kind
+        return actuator.own_model
+    return _model_of_kind(actuator if isinstance(actuator, str) else type(actuator).kind, "There")
+
+
+def _model_of_kind(kind: str, there: str) -> Model:
+    """The model of a kind; ``there`` begins the sentence of the error."""
     if kind in (*_OURS, _STATED):
         return _own(kind)
     for model in models().values():
@@ -116,7 +113,7 @@ def model_of(actuator: Any) -> Model:
             return model
     if kind in _BROKEN:
         raise ParameterError(_BROKEN[kind])
-    raise _no_kind(kind, "There")
+    raise _no_kind(kind, there)
 
 
 def _no_kind(kind: object, there: str) -> ParameterError:
@@ -141,20 +138,14 @@ def load_actuator(name_or_path: "str | Path | ParameterSet | Any | None" = None)
 
     What holds an actuator (a calibration) gives that; None gives the default brushless one.
 
-    Raises
-    ------
-    ParameterError
-        If there is no such set, or a value is missing, impossible or of the wrong unit.
-    FileError
-        If the file cannot be read.
+    Raises `ParameterError` if there is no such set, or a value is missing, impossible or of the
+    wrong unit; `FileError` if the file cannot be read.
     """
     if name_or_path is None:
         return model_of(DEFAULT_KIND).parameters.load()
-    if isinstance(name_or_path, ParameterSet):
-        return name_or_path
-    held = getattr(name_or_path, "actuator", None)
-    if isinstance(held, ParameterSet):
-        return held
+    for one in (name_or_path, getattr(name_or_path, "actuator", None)):
+        if isinstance(one, ParameterSet):
+            return one
     if not isinstance(name_or_path, str | Path):
         raise InputError(
             "An actuator is a parameter set, the name of a shipped one, or the path of a TOML "
@@ -174,34 +165,16 @@ def model_in(name_or_path: str | Path) -> Model:
 
 
 def _table(name_or_path: str | Path) -> dict[str, Any]:
-    shipped = _shipped_with_ours(str(name_or_path)) or shipped_actuators()
-    if not Path(name_or_path).suffix and str(name_or_path) not in shipped:
-        close = difflib.get_close_matches(str(name_or_path), shipped, n=1)
-        hint = f" Did you mean {close[0]}?" if close else ""
-        said = (
-            f"There is no actuator {str(name_or_path)!r}.{hint} Shipped: {', '.join(shipped)}; "
-            "or give the path of a TOML file (ending in .toml)."
-        )
-        raise ParameterError(" ".join([said, *broken_kinds()]))
-    return load_toml(parameter_file(name_or_path, shipped), "actuator")
-
-
-def _shipped_with_ours(name: str) -> dict[str, Path]:
-    """The file of a set that comes with one of our kinds, by its name; nothing if none does."""
+    """The content of a shipped set or TOML file; of our sets without loading any kind."""
+    name = str(name_or_path)
     folders = (Path(__file__).parent / kind.replace("-", "_") for kind in _OURS)
     files = (folder / f"{name}.toml" for folder in folders)
-    found = [] if Path(name).suffix else [file for file in files if file.is_file()]
-    return {name: found[0]} if found else {}
+    ours = {f.stem: f for f in files if not Path(name).suffix and f.is_file()}
+    return parameter_table(name_or_path, ours or shipped_actuators(), broken_kinds)
 
 
 def _model(table: dict[str, Any], what: str | Path) -> Model:
     kind = table.get("kind", UNNAMED_KIND)
-    try:
-        found = model_of(kind) if isinstance(kind, str) else None
-    except ParameterError:
-        if kind in _BROKEN:
-            raise
-        found = None
-    if found is None:
+    if not isinstance(kind, str):
         raise _no_kind(kind, f"{what}: there")
-    return found.of_file(table, str(what))
+    return _model_of_kind(kind, f"{what}: there").of_file(table, str(what))

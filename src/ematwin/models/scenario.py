@@ -77,12 +77,8 @@ class Scenario(BaseModel):
         A recorded file needs columns ``time`` and ``command``, and may have ``load``; their names
         or the file may give units, as in ``command [deg]``.
 
-        Raises
-        ------
-        ParameterError
-            If there is no such scenario, or it is impossible or incomplete.
-        FileError
-            If the file cannot be read.
+        Raises `ParameterError` if there is no such scenario, or it is impossible or incomplete;
+        `FileError` if the file cannot be read.
         """
         if isinstance(name_or_path, Scenario):
             return name_or_path
@@ -127,10 +123,7 @@ class Scenario(BaseModel):
     ) -> "Scenario":  # fmt: skip
         """A scenario from recorded columns: time (s), command (rad) and load (N m).
 
-        Raises
-        ------
-        ParameterError
-            If time does not increase, a value is not finite, or lengths differ.
+        Raises `ParameterError` if time does not increase, a value is not finite, or lengths differ.
         """
         time = np.asarray(time, dtype=float)
         start = (time - time[:1]).tolist()
@@ -143,10 +136,7 @@ class Scenario(BaseModel):
     def lasting(self, duration: float) -> "Scenario":
         """The scenario in another duration, s: times in proportion, frequencies as they are.
 
-        Raises
-        ------
-        ParameterError
-            If its times come from a file.
+        Raises `ParameterError` if its times come from a file.
         """
         if duration == self.duration:
             return self
@@ -162,12 +152,8 @@ class Scenario(BaseModel):
     def save(self, path: str | Path) -> None:
         """Write a TOML file, whole or not at all; numbers are in SI.
 
-        Raises
-        ------
-        InputError
-            If the name has another ending than .toml.
-        FileError
-            If it cannot be written.
+        Raises `InputError` if the name has another ending than .toml; `FileError` if it cannot be
+        written.
         """
         import tomli_w
 

@@ -37,6 +37,20 @@ class TwinSteps(Section):
             )
 
 
+class Gear(Section):
+    """A gear whose output has end stops, rad, to both sides of zero."""
+
+    @model_validator(mode="after")
+    def _travel_is_an_interval(self) -> Self:
+        gear: Any = self
+        if not gear.travel_low < 0.0 < gear.travel_high:
+            raise ValueError(
+                "travel_low must lie below zero and travel_high above, received "
+                f"{gear.travel_low} and {gear.travel_high} rad; correct the end stops"
+            )
+        return self
+
+
 class ServoParameters(ParameterSet):
     """A parameter set whose models can follow their steps."""
 

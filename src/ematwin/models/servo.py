@@ -12,6 +12,7 @@ import numpy as np
 
 from ematwin.errors import InputError, ParameterError, RecordError
 from ematwin.models.base import Candidates, Law, Model, Progress, Signal, Values
+from ematwin.models.plausibility import PHASES
 from ematwin.models.scenario import Scenario
 from ematwin.models.simulating import recording_of
 from ematwin.models.unknown import Unknown
@@ -51,13 +52,22 @@ class ServoModel(Model):
         progress: Progress | None = None,
     ) -> Recording:  # fmt: skip
         """The response of a model to a scenario; arguments and errors as in `ematwin.simulate`."""
-        form = fidelity or self.fidelities[0]
-        check_start(initial_position, actuator)
+        form, gear = fidelity or self.fidelities[0], actuator.transmission
+        if not gear.travel_low <= initial_position <= gear.travel_high:  # NaN fails this as well
+            raise InputError(
+                f"initial_position must lie within the travel of {actuator.name}, "
+                f"{gear.travel_low:.4g} to {gear.travel_high:.4g} rad, received "
+                f"{initial_position:g}."
+            )
         self.check_scenario(scenario, actuator)
         rate = self.rate_of(actuator) if sample_rate is None else sample_rate
         if not 0.0 < rate < math.inf:
             raise InputError(f"sample_rate must be a positive number of Hz, received {rate}.")
-        longest = checked_step(actuator, form, step)
+        longest = float(getattr(actuator.steps, form) if step is None else step)
+        try:
+            actuator.check_step(form, longest)
+        except ParameterError as error:
+            raise InputError(str(error)[0].upper() + str(error)[1:] + ".") from None
         time, channels, taken = self.simulated(
             form, actuator, scenario, values, rate, longest, initial_position, progress
         )
@@ -77,8 +87,7 @@ class ServoModel(Model):
         self, actuator: Any, inputs: Recording, candidates: Candidates, count: int
     ) -> dict[str, np.ndarray]:
         """Responses of the monitor model, low-passed, (B, S) arrays by channel."""
-        found: dict[str, np.ndarray] = self.compare(inputs, actuator).responses(candidates, count)
-        return found
+        return self.compare(inputs, actuator).responses(candidates, count)
 
     def check_scenario(self, scenario: Scenario, actuator: Any) -> None:
         """Raise `ParameterError` if the command leaves the travel."""
@@ -94,12 +103,10 @@ def star_channels(
     """
     found = []
     for x in "abc":
-        sources = tuple(f"{quantity}_{other}" for other in "abc" if other != x)
+        name, sources = f"{quantity}_{x}", tuple(f"{quantity}_{y}" for y in "abc" if y != x)
         derived = Derivation(f"-({' + '.join(sources)})", sources, lambda one, two: -(one + two))
         names = tuple(alias.format(x) for alias in aliases)
-        found.append(
-            Channel(f"{quantity}_{x}", unit, meaning.format(x), names, derived=derived, **more)
-        )
+        found.append(Channel(name, unit, meaning.format(x), names, derived=derived, **more))
     return tuple(found)
 
 
@@ -134,10 +141,8 @@ def nuisance(
     name: str, unit: str, meaning: str, healthy: float, reach: float, spread: float, **more: Any
 ) -> Unknown:
     """A nuisance that widens intervals, ``reach`` to both sides; ``more`` as of `Unknown`."""
-    return Unknown(
-        name, unit, meaning, healthy, healthy - reach, healthy + reach, "nuisance",
-        spread=spread, marginal=True, **more,
-    )  # fmt: skip
+    low, high, more = healthy - reach, healthy + reach, {"spread": spread, "marginal": True, **more}
+    return Unknown(name, unit, meaning, healthy, low, high, "nuisance", **more)
 
 
 def load_nuisances(actuator: Any, valleys: int = 1) -> tuple[Unknown, Unknown]:
@@ -156,41 +161,33 @@ def load_nuisances(actuator: Any, valleys: int = 1) -> tuple[Unknown, Unknown]:
 
 def tracking_signals(recording: Recording) -> list[Signal]:
     """How the output follows its command; nothing where its position is not recorded."""
-    output = recording.output_position
-    if output is None:
+    if recording.output_position is None:
         return []
-    command = 1e3 * recording.command
+    output, command = 1e3 * recording.output_position, 1e3 * recording.command
     return [
-        Signal("Output position", "mrad", 1e3 * output, command),
-        Signal("Following error", "mrad", command - 1e3 * output),
+        Signal("Output position", "mrad", output, command),
+        Signal("Following error", "mrad", command - output),
     ]
 
 
 def star_laws(recording: Recording, phases: Sequence[str], text: str, most: float) -> list[Law]:
-    """Three phases add up to zero (Kirchhoff); ``most`` as a share of their RMS, as of `Law`.
-
-    Sensors and converters of phases differ by less than 5 % of it.
-    """
+    """Three phases add up to zero (Kirchhoff); ``most`` as a share of their RMS, as of `Law`."""
     if not set(phases) <= recording.channels.keys():
         return []
     values = {name: recording.channels[name] for name in phases}
     size = float(np.sqrt(np.mean([one**2 for one in values.values()])))
-    return [
-        Law(
-            text,
-            values,
-            lambda taken: np.sum(list(taken.values()), axis=0),
-            0.05 * size,
-            most * size,
-        )
-    ]
+    # sensors and converters of phases differ by less than 5 % of it
+    return [Law(text, values, _sum, 0.05 * size, most * size)]
+
+
+def _sum(taken: Mapping[str, np.ndarray]) -> np.ndarray:
+    return np.sum(list(taken.values()), axis=0)
 
 
 def current_laws(recording: Recording) -> list[Law]:
     """The currents of a star winding add up to zero."""
-    names = ("current_a", "current_b", "current_c")
     # no gains of sensors leave a fifth once the best is taken off
-    return star_laws(recording, names, "the phase currents do not add up to zero", 0.2)
+    return star_laws(recording, PHASES, "the phase currents do not add up to zero", 0.2)
 
 
 def motion_laws(model: Model, recording: Recording, actuator: Any) -> list[Law]:
@@ -220,44 +217,13 @@ def motion_laws(model: Model, recording: Recording, actuator: Any) -> list[Law]:
     for side in ("motor", "output"):
         position, speed = f"{side}_position", f"{side}_speed"
         if {position, speed} <= channels.keys():
-            both = {
-                speed: channels[speed],
-                position: np.gradient(channels[position], recording.interval),
-            }
+            slope = np.gradient(channels[position], recording.interval)
+            both = {speed: channels[speed], position: slope}
             # a drive's own speed may be off by a tenth
             slack = 0.1 * float(np.sqrt(np.mean(channels[speed] ** 2)))
             text = f"{speed} is not the slope of {position}"
             found.append(Law(text, both, lambda taken: np.subtract(*taken.values()), slack))
     return found
-
-
-def check_stops(gear: Any) -> None:
-    """Raise ValueError unless the end stops of a gear lie to both sides of zero."""
-    if not gear.travel_low < 0.0 < gear.travel_high:
-        raise ValueError(
-            "travel_low must lie below zero and travel_high above, received "
-            f"{gear.travel_low} and {gear.travel_high} rad; correct the end stops"
-        )
-
-
-def checked_step(actuator: Any, fidelity: str, step: float | None) -> float:
-    """A step of a model, s, that is not too long for this actuator; its own if not given."""
-    chosen = float(getattr(actuator.steps, fidelity) if step is None else step)
-    try:
-        actuator.check_step(fidelity, chosen)
-    except ParameterError as error:
-        raise InputError(str(error)[0].upper() + str(error)[1:] + ".") from None
-    return chosen
-
-
-def check_start(position: float, actuator: Any) -> None:
-    """Raise `InputError` unless a position of the output (rad) lies within the travel."""
-    gear = actuator.transmission
-    if not gear.travel_low <= position <= gear.travel_high:  # NaN fails this as well
-        raise InputError(
-            f"initial_position must lie within the travel of {actuator.name}, "
-            f"{gear.travel_low:.4g} to {gear.travel_high:.4g} rad, received {position:g}."
-        )
 
 
 def check_travel(scenario: Scenario, actuator: Any) -> None:

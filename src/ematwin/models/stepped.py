@@ -8,19 +8,9 @@ machine code (`ematwin.fmu`). Every array is (N, 1): one lane of `ematwin.numeri
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
+from ematwin.models.unknown import Unknown
 from ematwin.numerics.compile import part
 from ematwin.numerics.lanes import columns
-
-
-class Start(NamedTuple):
-    """A value that only the start depends on, SI."""
-
-    name: str
-    unit: str
-    meaning: str
-    value: float
-    lower: float
-    upper: float
 
 
 class Stepped(NamedTuple):
@@ -32,13 +22,12 @@ class Stepped(NamedTuple):
 
     inputs: tuple[str, ...]  # channels in the order of ``u``; the command comes first
     outputs: tuple[str, ...]  # channels in the order of ``y``
-    # ``candidates -> numbers``, the first entries of ``c``. ``candidates`` hold values of unknowns
-    # and starts by name and of parameters by place. It computes with them by operators and
-    # functions of numpy alone: an export follows it with values that are not known yet
+    # ``candidates -> numbers``, the entries of ``c``. ``candidates`` hold values of unknowns and
+    # starts by name and of parameters by place. It computes with them by operators and functions of
+    # numpy alone: an export follows it with values that are not known yet
     constants: Callable[[Mapping[str, Any]], Sequence[Any]]
-    begin: (
-        Any  # ``(c, u, x)``: state at rest; its values in ``u`` hold while ``held`` samples settle
-    )
+    # ``(c, u, x)``: state at rest; its values in ``u`` hold while ``held`` samples settle
+    begin: Any
     sample: Any  # ``(c, x, u, n, y)`` at sample ``n``: the state after it, and its outputs
     advance: Any  # ``(c, x, u)`` over a step
     interval: float  # s, from one sample to the next
@@ -46,19 +35,17 @@ class Stepped(NamedTuple):
     at: tuple[float, ...]  # of each input, at which share of a step it is taken
     constant_count: int  # N of ``c``
     state_count: int  # N of ``x``
-    derive: Any = None  # ``(c)``: fills the later entries of ``c`` from the first ones
-    starts: tuple[Start, ...] = ()  # what only the start depends on
+    starts: tuple[Unknown, ...] = ()  # what only the start depends on
     fixed: tuple[str, ...] = ()  # places that are not followed: the grid of steps depends on them
     held: int = 0  # samples for which the start is held before the first one
 
 
-def initial_position(actuator: Any) -> Start:
+def initial_position(actuator: Any) -> Unknown:
     """The position at which an actuator rests at first, rad on the output."""
-    gear = actuator.transmission
-    return Start(
-        "initial_position", "rad", "position of the output at rest before the first command", 0.0,
-        gear.travel_low, gear.travel_high,
-    )  # fmt: skip
+    gear, meaning = actuator.transmission, "position of the output at rest before the first command"
+    return Unknown(
+        "initial_position", "rad", meaning, 0.0, gear.travel_low, gear.travel_high, "nuisance"
+    )
 
 
 def stepped_of(

@@ -152,10 +152,7 @@ class Unknown:
     def check(self, value: Any) -> float:
         """The value as a float.
 
-        Raises
-        ------
-        InputError
-            If it is not a number within the bounds.
+        Raises `InputError` if it is not a number within the bounds.
         """
         what = f"{self.role.capitalize()} {self.name}"
         bounds = f"[{self.lower:g}, {self.upper:g}]" + (f" {self.unit}" if self.unit else "")
@@ -246,23 +243,21 @@ def of_parameter(
     low, high = actuator.limits(place)
     # three times smaller or larger than its file says, and four deviations of its prior in any case
     least, deviations = 3.0, 4.0
-    if value > 0.0 and deviation is None:
+    logarithmic = value > 0.0 and deviation is None
+    if logarithmic:
         tolerance = actuator.tolerance(place)
         usual = factor or 1.0 if tolerance is None else math.sqrt(1.0 + tolerance)
         reach = max(least, usual**deviations)
-        lower = max(value / reach, low)
-        upper = min(value * reach, high)
-        if not lower < upper:
+        low, high = max(value / reach, low), min(value * reach, high)
+        if not low < high:
             raise InputError(f"{place} of {actuator.name} has no range to search.")
-        return Unknown(
-            place, unit, meaning, value, lower, upper, "nominal",
-            spread=None if factor is None else math.log(factor), logarithmic=True,
-        )  # fmt: skip
-    reach = least * (abs(value) or 1.0) if deviation is None else deviations * deviation
+        deviation = None if factor is None else math.log(factor)
+    else:
+        reach = least * (abs(value) or 1.0) if deviation is None else deviations * deviation
+        low, high = max(value - reach, low), min(value + reach, high)
     return Unknown(
-        place, unit, meaning, value, max(value - reach, low), min(value + reach, high), "nominal",
-        spread=deviation,
-    )  # fmt: skip
+        place, unit, meaning, value, low, high, "nominal", deviation, logarithmic=logarithmic
+    )
 
 
 def physical_values(

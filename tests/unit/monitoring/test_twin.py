@@ -10,14 +10,16 @@ from hypothesis import strategies as st
 from ematwin.errors import InputError, RecordError
 from ematwin.models.ball_screw.model import MODEL
 from ematwin.models.ball_screw.parameters import FIXED, BallScrew
-from ematwin.models.ball_screw.step import (
+from ematwin.models.ball_screw.twin import (
     LEAST_FRICTION,
     BallScrewState,
+    ball_screw_constants,
     ball_screw_step,
+    candidate_traces,
     drive_torque,
     falling_friction,
+    steps_of,
 )
-from ematwin.models.ball_screw.twin import ball_screw_constants, candidate_traces, steps_of
 from ematwin.recordings.recording import Recording
 from made_up_rig import out_and_back
 from naive import ball_screw as naive

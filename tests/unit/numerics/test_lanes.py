@@ -9,8 +9,7 @@ import sys
 import numpy as np
 import pytest
 
-from ematwin.models.linear_axis.step import AxisState, axis_traces
-from ematwin.models.linear_axis.twin import axis_constants
+from ematwin.models.linear_axis.twin import AxisState, axis_constants, axis_traces
 from ematwin.models.registry import load_actuator
 
 CODE = """

@@ -1,10 +1,8 @@
 """A recording of a ball-screw actuator beside its twin: current and position error together.
 
-Sensors may be coupled: fast noise that appears in both channels of one sample at once is electrical
-(a common ground or supply), since an actuator needs time to answer. Its share can change, even its
-sign, when a rig is rewired or taken apart, and then says something of the wiring and nothing of
-wear. So it is measured on each motion, taken out of the current, and reported; no verdict rests on
-it.
+Sensors may be coupled: fast noise that appears in both channels of one sample at once is
+electrical, since an actuator needs time to answer. Its share changes when a rig is rewired. So it
+is measured on each motion, taken out of the current, and reported; no verdict rests on it.
 """
 
 from typing import Any
@@ -23,8 +21,7 @@ def position_error(recording: Recording) -> np.ndarray:
     channels = recording.channels
     if "position_error" in channels:
         return channels["position_error"]
-    found: np.ndarray = channels["set_point"] - channels["position"]
-    return found
+    return channels["set_point"] - channels["position"]
 
 
 def check_signals(recording: Recording) -> None:

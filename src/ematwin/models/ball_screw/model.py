@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ematwin.models.ball_screw.comparison import check_signals, position_error
+from ematwin.models.ball_screw.comparison import BallScrewComparison, check_signals, position_error
 from ematwin.models.ball_screw.parameters import FIXED, BallScrew
 from ematwin.models.base import (
     Demand,
@@ -51,8 +51,7 @@ class BallScrewMonitoring(Monitoring):
         self, model: Any, recording: Recording, actuator: Any, settling_time: float
     ) -> Comparison:
         """With the coupling of the sensors in steady motion, as the calibration defines it."""
-        compared: Comparison = model.compare(recording, actuator, settling_time=settling_time)
-        return compared
+        return model.compare(recording, actuator, settling_time=settling_time)
 
     def derived(self, features: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Roughness: the mean level of the fast bands of both residuals in steady motion."""
@@ -170,12 +169,8 @@ class BallScrewModel(Model):
         """Standard deviations of current (A) and position error (m), as on a usual rig."""
         return {"current": 0.05, "position_error": 2e-4}
 
-    def compare(
-        self, recording: Recording, actuator: Any, *, threads: int | None = None, **settings: Any
-    ) -> Any:
+    def compare(self, recording: Recording, actuator: Any, **settings: Any) -> Any:
         """A recording without the noise that its two sensors share."""
-        from ematwin.models.ball_screw.comparison import BallScrewComparison
-
         self.check_channels(recording)
         settling_time = settings.get("settling_time") or MONITORING.settling_time(actuator)
         return BallScrewComparison(self, recording, actuator, settling_time=settling_time)
@@ -218,9 +213,8 @@ def as_sensed(
 ) -> Recording:  # fmt: skip
     """A simulated motion with roughness and the noise (A, m) of its sensors.
 
-    Roughness is a simple measure of surface damage: a share of the moving current swings once a
-    turn of the screw and, half as much, with its second harmonic; the nut swings with it by the
-    same share of a millimetre.
+    Roughness swings a share of the moving current once a turn of the screw and, half as much, with
+    its second harmonic; the nut swings with it by the same share of a millimetre.
     """
     set_point, current, error = clean.set_point, clean.current, clean.position_error
     turns = (set_point - error) / actuator.screw.lead

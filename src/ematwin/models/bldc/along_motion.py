@@ -1,13 +1,10 @@
 """Equations that a drive satisfies along a recorded motion.
 
-The controller answers the recorded command and motion with a current (`Controller`); the mechanics
-need a torque for the recorded motion (`ematwin.models.bldc.balance`). Neither is simulated in a
-closed loop: no error of the one gets into the other, none moves an impact, and the residual of the
-recorded current belongs to one of them (direct identification; Ljung 1999, System Identification,
-section 13.4). The reference model has the same equations (docs/models.md).
-
-Positions lie on cubic splines through their samples, whose slopes are the speeds; counts of an
-encoder on smoothing splines (`counts`).
+docs/models.md, "Forms that no file states". The controller answers the recorded command and motion
+with a current (`Controller`); the mechanics need a torque for the recorded motion
+(`ematwin.models.bldc.balance`). Neither is simulated in a closed loop: the residual of the recorded
+current belongs to one of them (direct identification; Ljung 1999, System Identification, section
+13.4).
 """
 
 import copy
@@ -28,7 +25,6 @@ from ematwin.models.bldc.counts import (
 )
 from ematwin.models.bldc.envelope import trapezoid_shape
 from ematwin.models.bldc.loops import started
-from ematwin.models.bldc.motor import KEPT_5, KEPT_7, SINE
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import balanced
 from ematwin.models.bldc.reference_step import ReferenceState, all_emf_constants, drive, more_after
@@ -71,6 +67,12 @@ def until_event(wait, late, span, delay, dt):  # type: ignore[no-untyped-def]
     return min(dt, answer) if (span > 0.0) & (answer > _INSTANT) else dt
 
 
+@step
+def between(values, g, s):  # type: ignore[no-untyped-def]
+    """The value at a share ``s`` of the way from a point of an array to the next."""
+    return values[g] + s * (values[g + 1] - values[g])
+
+
 @loop
 def currents_along(k, command, motion, spacing, interval, c, longest, samples, truer, i, more):  # type: ignore[no-untyped-def]
     """Mean phase currents (S, 3), A, of each interval from 0 s on.
@@ -105,22 +107,16 @@ def currents_along(k, command, motion, spacing, interval, c, longest, samples, t
         at = begin / spacing
         g = min(int(at), last)
         s = at - g
+        theta_m, w_m = between(motion[0], g, s), between(motion[1], g, s)
         now = ReferenceState(
-            i_a, i_b, i_c,
-            motion[1, g] + s * (motion[1, g + 1] - motion[1, g]),
-            motion[0, g] + s * (motion[0, g + 1] - motion[0, g]),
-            0.0,
-            motion[2, g] + s * (motion[2, g + 1] - motion[2, g]),
-            pair_sign, 0.0, 0.0, 0.0,
-        )  # fmt: skip
-        command_now = command[g] + s * (command[g + 1] - command[g])
-        kappas = (
-            c.k_e * (motion[3, g] + s * (motion[3, g + 1] - motion[3, g])),
-            c.k_e * (motion[4, g] + s * (motion[4, g + 1] - motion[4, g])),
-            c.k_e * (motion[5, g] + s * (motion[5, g + 1] - motion[5, g])),
+            i_a, i_b, i_c, w_m, theta_m, 0.0, between(motion[2], g, s), pair_sign, 0.0, 0.0, 0.0
         )
-        done = drive(now, now_more, command_now, kappas, fault, c, truer, dt)
-        i_a, i_b, i_c = done.currents[0], done.currents[1], done.currents[2]
+        kappas = (
+            c.k_e * between(motion[3], g, s), c.k_e * between(motion[4], g, s),
+            c.k_e * between(motion[5], g, s),
+        )  # fmt: skip
+        done = drive(now, now_more, between(command, g, s), kappas, fault, c, truer, dt)
+        i_a, i_b, i_c = done.i
         pair_sign, now_more = done.pair_sign, more_after(done, 0.0, 0.0)
         for n in range(3):
             found[sample, n] += dt / interval * done.means[n]
@@ -153,7 +149,7 @@ class Motion:
         self.load = recording.channels.get("load", np.zeros(len(recording))) / ratio
         currents = phase_currents(recording)
         assert currents is not None
-        self.currents, self._pole_pairs = currents, actuator.motor.pole_pairs
+        self.currents, self.sheet = currents, actuator
         motor = recording.channels["motor_position"]
         output = recording.channels["output_position"] * ratio
         # steps of encoders, rad, 0 without; and of counts as noisy as the positions
@@ -171,25 +167,9 @@ class Motion:
             SmoothingSpline(self.time, position, cutoff if step else math.inf)
             for position, step in zip((motor, output), self.steps, strict=True)
         )
-        # electrical angles (S, 3): a mean belongs to the middle of its interval
-        electrical = self._pole_pairs * self.motor(self.time - 0.5 / self.rate)
-        self.angles = electrical[:, None] - THIRD_TURN * np.arange(3)
-        self.trapezoids = trapezoid_shape(self.angles)
-
-    def shapes(self, emf: Any, ripple: Any) -> np.ndarray:
-        """EMF shapes (S, 3) of a healthy motor with what its file states of EMF and ripple."""
-        found = self.trapezoids
-        if emf is not None:
-            kept = 1.0 + KEPT_5 * emf.harmonic_5 + KEPT_7 * emf.harmonic_7
-            found = kept * (
-                (1.0 - emf.rounding) * found + emf.rounding * SINE * np.sin(self.angles)
-            )
-            found += emf.harmonic_5 * np.sin(5.0 * self.angles)
-            found += emf.harmonic_7 * np.sin(7.0 * self.angles)
-        if ripple is not None:
-            turned = self.angles[:, :1] / self._pole_pairs
-            found = found * (1.0 + ripple.share * np.sin(ripple.cycles * turned + ripple.phase))
-        return found
+        # a mean belongs to the middle of its interval
+        electrical = self.sheet.motor.pole_pairs * self.motor(self.time - 0.5 / self.rate)
+        self.trapezoids = trapezoid_shape(electrical[:, None] - THIRD_TURN * np.arange(3))
 
     def twist(self) -> np.ndarray:
         """Angle (S,) by which the motor is ahead of the output."""

@@ -1,10 +1,10 @@
 """Balance of torques along a recorded motion, and the twist of the gear.
 
-The mechanics need a torque for the recorded motion, which the recorded currents make
-(`TorqueBalance`; inverse dynamics, Gautier and Khalil 1990, IEEE Trans. Robotics and Automation
-6(3), 368-373). The difference of both positions shows on which face of the gap the output lies
-(`Contact`), and when it crosses the gap: then either mass moves by itself (`Crossing`). Equations
-as in docs/models.md.
+docs/models.md, "Forms that no file states", has the equations. The mechanics need a torque for the
+recorded motion, which the recorded currents make (`TorqueBalance`; inverse dynamics, Gautier and
+Khalil 1990, IEEE Trans. Robotics and Automation 6(3), 368-373). The difference of both positions
+shows on which face of the gap the output lies (`Contact`), and when it crosses the gap: then either
+mass moves by itself (`Crossing`).
 """
 
 import math
@@ -13,25 +13,28 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.models.bldc.along_motion import LEAST, RECENT, Motion, fault_vector, noise_of
+from ematwin.models.bldc.along_motion import (
+    LEAST,
+    RECENT,
+    Motion,
+    emf_along,
+    fault_vector,
+    noise_of,
+)
+from ematwin.models.bldc.constants import kernel_constants, truer_constants
 from ematwin.models.bldc.counts import speed_noise
 from ematwin.models.bldc.state import FaultState, fault_state
 from ematwin.models.optional import Values
 from ematwin.numerics.compile import plain
-from ematwin.numerics.scalar import THIRD_TURN
 from ematwin.numerics.signals import LowPass, filtered, white_noise
 
 _STANDS = 0.02  # of the largest speed: nearer to rest friction is not known
 _CERTAIN = 3.0  # standard deviations of a twist, and of its change
+_OF_WINDINGS = ("emf", "torque_ripple", "eccentricity", "shorted_turns")  # sections of the EMF
 
 
 class TorqueBalance:
     """The torque that a motion needs beside the torque of recorded currents; while both slide.
-
-    Added up over motor and output, where the torque of the contact is none of it:
-
-        J_m dw_m/dt + J_o dw_o/dt + b w_m + T_m sgn w_m + T_o sgn w_o + T_load - T_cog
-            = sum kappa_k i_k.
 
     Samples count where both ``slides`` (S,); where ``moves_together`` no mass crosses the gap.
     """
@@ -70,7 +73,6 @@ class TorqueBalance:
             self.slides = slides
         # friction, inertia and load leave what currents make as it is
         self._recent = lru_cache(maxsize=RECENT)(self._made)
-        self._shapes = lru_cache(maxsize=RECENT)(motion.shapes)
         self._fades = lru_cache(maxsize=RECENT)(self._fading)
         self._signed = 0.5 * np.einsum("sk,sk->s", motion.currents, motion.trapezoids)
         self.size = float(np.linalg.norm(self._filtered(self._signed)))
@@ -102,13 +104,16 @@ class TorqueBalance:
 
         Both (S,), A, and the size of the EMF shapes.
         """
-        fault = state_of(values, actuator)._replace(friction=1.0, half_gap=0.0, gain=1.0)
-        return self._recent(actuator.emf, actuator.torque_ripple, actuator.eccentricity, fault)
+        forms = tuple(getattr(actuator, key) for key in _OF_WINDINGS)
+        return self._recent(forms, tuple(fault_vector(values or {})[2:7].tolist()))
 
     def _made(
-        self, emf: Any, ripple: Any, eccentricity: Any, fault: FaultState
+        self, forms: tuple[Any, ...], faults: tuple[float, ...]
     ) -> tuple[np.ndarray, np.ndarray, float]:
-        shapes = self._shapes(emf, ripple) * self._shares(eccentricity, fault)
+        sections = dict(zip(_OF_WINDINGS, forms, strict=True))
+        actuator = self.motion.sheet.model_copy(update=sections)
+        k, c = np.array([0.0, 0.0, *faults, 0.5]), kernel_constants(actuator)._replace(k_e=1.0)
+        shapes = emf_along(k, self._angle, c, truer_constants(actuator)).T
         scale = math.sqrt(np.mean(shapes**2) / np.mean(self.motion.trapezoids**2))
         made = 0.5 * np.einsum("sk,sk->s", self.motion.currents, shapes) / scale
         return made, self.motion.alike(made), scale
@@ -171,33 +176,11 @@ class TorqueBalance:
         current = gain * needed / (actuator.motor.emf_constant * scale)
         return self._filtered(current + offset - made)
 
-    @cached_property
-    def _turned(self) -> tuple[np.ndarray, np.ndarray]:
-        """Cosines and sines (S, 3) of the rotor's angle from each phase."""
-        turned = self._angle[:, None] - THIRD_TURN * np.arange(3)
-        return np.cos(turned), np.sin(turned)
-
-    def _shares(self, eccentricity: Any, fault: FaultState) -> np.ndarray:
-        """Factors (S, 3) of the torque constants by missing turns and an eccentric rotor."""
-        turning = 1.0 if eccentricity is None else eccentricity.turning_share
-        cosines, sines = self._turned
-        phases = THIRD_TURN * np.arange(3)
-        along = turning * cosines + (1.0 - turning) * np.cos(phases)
-        across = (1.0 - turning) * np.sin(phases) - turning * sines
-        gaps = 1.0 + fault.zeta_cos * along + fault.zeta_sin * across
-        return np.asarray(gaps * [fault.h_a, fault.h_b, fault.h_c])
-
 
 class Contact:
     """The twist between motor and output beside the pushing face's twist; while both slide.
 
-    With the torque T that the output needs, face sgn T and contact of stiffness k and damping d,
-
-        theta_m - theta_o = sgn T gap/2 + x,   d dx/dt + k x = T.
-
-    The zero angles of both positions are known to less than the gap: only how far the two faces are
-    apart counts. Where the twist is on the side of the other face the torque is wrong, or motor and
-    output are on the way from one to the other.
+    Zero angles are known to less than the gap: only how far the two faces are apart counts.
     """
 
     def __init__(self, balance: TorqueBalance, actuator: Any, values: Values | None = None) -> None:
@@ -224,11 +207,7 @@ class Contact:
         return filtered(late, balance.output_torque(actuator, values))[0]
 
     def apart(self) -> np.ndarray:
-        """(S,) of bool: samples at which the twist lies surely between both faces.
-
-        Where these are follows from the twists that push them: the gear may give more than its file
-        says, and then motor and output still touch at a twist that a stiff gear never has.
-        """
+        """(S,) of bool: samples at which the twist lies surely between both faces."""
         motion, pushed = self._balance.motion, self._torque > 0.0
         twist = np.subtract(*motion.recorded)
         if not pushed.any() or pushed.all():
@@ -260,14 +239,7 @@ class Contact:
 class Crossing:
     """The angle of motor or output while the output crosses the gap, where neither feels the other.
 
-        J_m dw_m/dt = sum kappa_k i_k - b w_m - T_m sgn w_m + T_cog,
-        J_o dw_o/dt = -T_o sgn w_o - T_load.
-
-    Where both move together only sums of their inertias and frictions show; here each shows alone.
-    The equations are integrated twice over each crossing. Its first angle and speed are free, and
-    recorded angles are not differentiated. The residual holds white noise of the angle, such as an
-    encoder's counts, and white noise of the torque, integrated twice. It is whitened (generalised
-    least squares).
+    The equations are integrated twice, so that recorded angles are not differentiated.
     """
 
     def __init__(
@@ -333,11 +305,7 @@ class Crossing:
 
 
 def _whitening(count: int, of_angle: float, of_acceleration: float, rate: float) -> np.ndarray:
-    """(n, n): makes noise of angles white, after any angle and speed at the begin are taken off.
-
-    ``of_angle`` (rad) and ``of_acceleration`` (rad/s^2, of means between samples) are standard
-    deviations of white noise.
-    """
+    """(n, n): makes noise of angles white, after any angle and speed at the begin are taken off."""
     speeds = np.tril(np.ones((count, count)))
     moved = of_acceleration / rate**2 * (np.cumsum(speeds, axis=0) - 0.5 * speeds)
     covariance = of_angle**2 * np.eye(count) + moved @ moved.T

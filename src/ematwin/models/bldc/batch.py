@@ -43,15 +43,15 @@ MONITOR_COLUMNS = (
     "current", "motor_position", "motor_speed", "output_position", "output_speed", "power",
 )  # fmt: skip
 
-# What is kept of a candidate between two segments, beside the fields of `MonitorState`; those of
-# `Loops` come last.
-_Z1, _Z2, _COST, _LOOPS = 7, 8, 9, 10
+# Rows of what is held of a candidate: the fields of `MonitorState`, the state of the low-pass, the
+# cost, and the fields of `Loops`.
+_Z1, _Z2, _COST, _LOOPS, _HELD = 7, 8, 9, 10, 14
 
 new_constants, read_constants, _ = columns(Constants)
 new_faults, read_fault, write_fault = columns(FaultState)
 new_pairs, read_pairs, write_pairs = columns(Pairs)
-new_state, read_state, write_state = columns(MonitorState)
-new_loops, read_loops, write_loops = columns(Loops)
+_, read_state, write_state = columns(MonitorState)
+_, read_loops, write_loops = columns(Loops)
 _, read_reference, write_reference = columns(ReferenceState)
 _, read_more, write_more = columns(TruerState)
 
@@ -93,15 +93,12 @@ def reference_trace(k, command, load, state, c, dt, substeps, decimation, truer,
             for j in range(substeps):
                 command_now = command[g] + j * d_command
                 load_now = load[g] + j * d_load
-                now, now_more, i_a, i_b, i_c, supply = reference_step(
+                now, now_more, means, supply = reference_step(
                     now, now_more, command_now, load_now, fault, c, truer, dt
                 )
-                row[0] += i_a
-                row[1] += i_b
-                row[2] += i_c
-                row[10] += supply.v_a
-                row[11] += supply.v_b
-                row[12] += supply.v_c
+                for m in range(3):
+                    row[m] += means[m]
+                    row[10 + m] += supply.v[m]
                 row[13] += supply.i_bus
                 row[14] += supply.v_bus
         row *= share
@@ -169,7 +166,7 @@ def monitor_scores(
     commands, loads : (S,) arrays at the samples of the record, on the motor shaft; straight lines
     starts : (N,) samples at which the stretches begin, of ``samples`` each
     states : (N, 7) array, the fields of `MonitorState` there
-    by_candidate : None; or (B, 35) array, the fields of `Constants` of each candidate, in place of
+    by_candidate : None; or (B, 32) array, the fields of `Constants` of each candidate, in place of
         ``c``, which all share. numba compiles the cases apart, so that these stay scalars
     dt : step, s; ``substeps`` from one sample to the next
     taps : (N, 7) array, low-pass ``b0 b1 b2 a1 a2`` and its state ``z1 z2`` at each start
@@ -193,21 +190,18 @@ def monitor_scores(
     own = new_constants()
     faults = new_faults()
     pairs = new_pairs()
-    state = new_state()
-    looped = new_loops()
-    total, energy, cost = np.empty(LANES), np.empty(LANES), np.empty(LANES)
-    y1, y2, z1, z2 = np.empty(LANES), np.empty(LANES), np.empty(LANES), np.empty(LANES)
+    held = np.empty((_HELD, LANES))
+    looped = held[_LOOPS:]
+    total, energy, y1, y2 = np.empty(LANES), np.empty(LANES), np.empty(LANES), np.empty(LANES)
     # the load of each lane, which may be late: by how many samples, and by which part of one
     late, late_part = np.empty(LANES, np.int64), np.empty(LANES)
     late_next, late_load = np.empty(LANES), np.empty(LANES)
     late_end, d_late = np.empty(LANES), np.empty(LANES)
     rate = 1.0 / (dt * substeps)
     left = np.empty(k.shape[0], np.int64)  # the candidates whose cost is still wanted
-    segment = samples
-    saved = np.empty((k.shape[0], _LOOPS + 4))
-    for n in range(k.shape[0]):
-        if not keep and limits[n] < math.inf:
-            segment = 128  # samples after which ranks are closed; 64 saves no more, 512 less
+    saved = np.empty((k.shape[0], _HELD))
+    # samples after which ranks are closed; 64 saves no more, 512 less
+    segment = 128 if not keep and limits.min() < math.inf else samples
     for s in range(starts.size):
         here = starts[s]
         command, load = commands[here : here + samples], loads[here : here + samples]
@@ -253,14 +247,9 @@ def monitor_scores(
                     write_fault(faults, n, f)
                     c_n = c if by_candidate is None else read_constants(own, n)
                     write_pairs(pairs, n, pairs_of(f, c_n))
-                    for m in range(_Z1):
-                        state[m, n] = saved[who, m]
-                    z1[n] = saved[who, _Z1]
-                    z2[n] = saved[who, _Z2]
-                    cost[n] = saved[who, _COST] + nothing
-                    if loops is not None:
-                        for m in range(4):
-                            looped[m, n] = saved[who, _LOOPS + m]
+                    for m in range(_HELD):
+                        held[m, n] = saved[who, m]
+                    held[_COST, n] += nothing
                     if power is not None:
                         y1[n] = power[0][s, 0]
                         y2[n] = power[0][s, 1]
@@ -291,7 +280,7 @@ def monitor_scores(
                                 c_n = read_constants(own, n)
                                 load_now = late_load[n] + (j + 0.5) * d_late[n]
                             load_n = c_n.load_gain * load_now + c_n.load_offset
-                            now, fault = read_state(state, n), read_fault(faults, n)
+                            now, fault = read_state(held, n), read_fault(faults, n)
                             if loops is None:
                                 now, p_mean = monitor_step(
                                     now, command_now, load_n, fault, read_pairs(pairs, n), c_n, dt
@@ -301,16 +290,18 @@ def monitor_scores(
                                     now, read_loops(looped, n), command_now, load_n, fault, c_n, dt
                                 )
                                 write_loops(looped, n, now_loops)
-                            write_state(state, n, now)
+                            write_state(held, n, now)
                             total[n] += now.i
                             if power is not None:
                                 energy[n] += p_mean
                     for n in range(LANES):
                         x = total[n] * share
                         x = abs(x) if rectify else x
-                        total[n], z1[n], z2[n] = biquad(x, z1[n], z2[n], low_pass)
+                        total[n], held[_Z1, n], held[_Z2, n] = biquad(
+                            x, held[_Z1, n], held[_Z2, n], low_pass
+                        )
                         error = target[sample] - total[n]
-                        cost[n] += weight[sample] * error * error
+                        held[_COST, n] += weight[sample] * error * error
                     if power is not None:
                         for n in range(LANES):
                             energy[n], y1[n], y2[n] = biquad(
@@ -324,14 +315,8 @@ def monitor_scores(
                                 power[1][s, first + n, sample // stride] = energy[n]
                 for n in range(LANES):
                     who = left[min(first + n, count - 1)]
-                    for m in range(_Z1):
-                        saved[who, m] = state[m, n]
-                    saved[who, _Z1] = z1[n]
-                    saved[who, _Z2] = z2[n]
-                    saved[who, _COST] = cost[n]
-                    if loops is not None:
-                        for m in range(4):
-                            saved[who, _LOOPS + m] = looped[m, n]
+                    for m in range(_HELD):
+                        saved[who, m] = held[m, n]
             wanted = 0
             for n in range(count):
                 who = left[n]

@@ -1,8 +1,6 @@
-"""How badly candidates explain a recording of a brushless actuator.
+"""How badly candidates explain a recording of a brushless actuator (docs/models.md, "The misfit").
 
-A recording is prepared once: sensors of phases and zeros of angles are corrected, its equivalent
-current is formed and filtered, and the weights of the misfit follow from it. A batch of candidates
-is then simulated and scored without keeping traces.
+A recording is prepared once. A batch of candidates is then simulated and scored without traces.
 """
 
 import copy
@@ -24,16 +22,17 @@ from ematwin.models.bldc.stretches import (
     Power,
     PowerStretches,
     Stretches,
-    Twin,
     initial_state,
+    joined,
+    padded,
     recorded_power,
-    scores,
+    tasks,
 )
 from ematwin.models.bldc.zeros import counted, turned
 from ematwin.models.comparison import Candidates, Comparison, Placed
 from ematwin.models.plausibility import check_enough, check_moves
 from ematwin.numerics.filters import advanced
-from ematwin.numerics.side_by_side import cores
+from ematwin.numerics.side_by_side import cores, side_by_side
 from ematwin.numerics.signals import LowPass, SlopeWeighting, filtered, means, white_noise
 from ematwin.recordings.recording import Recording
 
@@ -45,27 +44,10 @@ _OVERSAMPLING = 8.0  # rate of kept samples over the cutoff, at least
 class BldcComparison(Comparison):
     """Misfit (paper, eq. 2) of a batch of candidates against a recording.
 
-    Parameters
-    ----------
-    recording : drives the monitor model from its first position and speed
-    actuator : BldcActuator
-    low_pass : filter of both currents
-    rectify : compare magnitudes; None compares signed currents where the recording has the rotor
-        angle, else magnitudes
-    threads : threads that share a batch; None takes one for each core
-
-    Attributes
-    ----------
-    current, target : (S,) arrays, A, equivalent current of the recording, as it is and filtered
-    weights : (S,) array, s/A
-    step, substeps : step of the monitor model (s), and how many make a sampling interval
-
-    Raises
-    ------
-    RecordError
-        If the recording is too short or constant.
-    InputError
-        If it is sampled too slowly for the filter.
+    ``rectify`` None compares signed currents where the recording has the rotor angle, else sizes.
+    It has ``current`` and ``target`` (S,), A, the equivalent current as it is and filtered, and
+    ``weights`` (S,), s/A. `RecordError` for a recording that is too short or constant, `InputError`
+    for one that is sampled too slowly for the filter.
     """
 
     kept: int  # samples of a response, at most
@@ -77,14 +59,9 @@ class BldcComparison(Comparison):
     _passed: LowPass | None = None  # by what was missed
 
     def __init__(
-        self,
-        recording: Recording,
-        actuator: BldcActuator,
-        *,
-        low_pass: LowPass | None = None,
-        rectify: bool | None = None,
-        threads: int | None = None,
-    ) -> None:
+        self, recording: Recording, actuator: BldcActuator, *, low_pass: LowPass | None = None,
+        rectify: bool | None = None, threads: int | None = None,
+    ) -> None:  # fmt: skip
         self.kept = KEPT
         check_enough(recording)
         recording = counted(balanced(recording), actuator)
@@ -217,11 +194,7 @@ class BldcComparison(Comparison):
         return self
 
     def placed(self, values: Mapping[str, float]) -> Placed | None:
-        """Counted from where phase currents show the rotor, where its angle was not recorded.
-
-        The conducting phases show the electrical angle; the magnitude of the current does not. At a
-        wrong angle shorted turns would be found in another phase.
-        """
+        """Counted from where phase currents show the rotor, where its angle was not recorded."""
         currents = phase_currents(self.recording)
         if currents is None or not self.unplaced:
             return None
@@ -337,11 +310,7 @@ class BldcComparison(Comparison):
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 
     def residuals_of(self, stretches: Stretches, batch: Batch) -> list[np.ndarray]:
-        """Weighted residuals (B, K) over stretches: of the current and, as evidence, the power.
-
-        Of long ones only every so many samples are kept, weighted accordingly: the low-pass
-        leaves nothing in between, and memory stays bounded.
-        """
+        """Weighted residuals (B, K) over stretches: of the current and, as evidence, the power."""
         kept = self.kept_of(stretches)
         chosen, back = batch.distinct()
         costs, response, watts = self.run(stretches, batch.part(chosen), kept)
@@ -387,6 +356,39 @@ class BldcComparison(Comparison):
 
         ``kept`` samples of each stretch are kept. Costs above ``limits`` (B,) are infinite.
         """
-        looped = self.actuator.shorted_turns is not None
-        twin = Twin(self.constants, self.step, self.substeps, self.rectify, looped)
-        return scores(stretches, batch, twin, kept, limits, self.threads)
+        from ematwin.models.bldc.batch import monitor_scores
+        from ematwin.numerics.lanes import LANES
+
+        count, parts = len(batch.faults), len(stretches)
+        blocks = -(-count // LANES)
+        faults = padded(batch.faults, blocks * LANES)
+        each = None if batch.constants is None else padded(batch.constants, len(faults))
+        within = np.full(len(faults), np.inf)
+        if limits is not None:
+            within[:count] = limits
+            within[count:] = -np.inf  # nobody asks for the padding
+        costs = np.empty((parts, len(faults)))
+        response = np.empty((*costs.shape, kept))
+        power = stretches.power if kept else None
+        watts = np.empty((*costs.shape, 0 if power is None else kept))
+        loops = None
+        # currents of shorted turns are zero at the start: within 0.1 ms they forget it
+        if self.actuator.shorted_turns is not None:
+            loops = np.zeros((parts, 4))
+            theta_e = self.constants.pole_pairs * stretches.states[:, 2]
+            loops[:, 3] = np.floor(theta_e / (math.pi / 3.0) - 0.5) % 6.0
+
+        def work_on(task: tuple[slice, slice]) -> None:
+            some, rows = task
+            monitor_scores(
+                faults[rows], stretches.command, stretches.load, stretches.starts[some],
+                stretches.samples, stretches.states[some], self.constants,
+                None if each is None else each[rows], self.step, self.substeps,
+                stretches.taps[some], self.rectify, stretches.target, stretches.weights,
+                costs[some, rows], response[some, rows],
+                None if power is None else (power.states[some], watts[some, rows]),
+                within[rows], None if loops is None else loops[some],
+            )  # fmt: skip
+
+        side_by_side(work_on, tasks(parts, blocks, LANES, self.threads), self.threads)
+        return costs.sum(axis=0)[:count], joined(response, count), joined(watts, count)

@@ -57,9 +57,6 @@ def kernel_constants(
         i_max=drive.current_limit,
         w_max=control.speed_limit,
         k_position=control.position_gain,
-        k_speed=control.speed_gain,
-        j_m=motor.inertia,
-        j_o=gear.output_inertia,
         viscous=motor.viscous_damping,
         t_m=motor.friction_torque,
         t_o=gear.friction_torque,
@@ -86,8 +83,6 @@ def truer_constants(actuator: BldcActuator, count_offset: float = 0.5) -> Truer:
     """Constants of the forms that the reference model alone has.
 
     ``count_offset`` says where within a step the counts of encoders begin.
-
-    A gear that gives and a share of the eccentricity that turns are in `kernel_constants`.
     """
     found: dict[str, float] = {} if actuator.shorted_turns is None else {"loops": 1.0}
     for key, names in _STATED.items():
@@ -110,11 +105,7 @@ def truer_constants(actuator: BldcActuator, count_offset: float = 0.5) -> Truer:
 def constants_by_candidate(
     actuator: BldcActuator, candidates: Mapping[str, Any], count: int
 ) -> np.ndarray | None:
-    """(B, 35) array of the constants of B candidates; None where all share the actuator's.
-
-    ``candidates`` name parameters by their place, such as ``motor.resistance``, or the corrections
-    of the load, each with (B,) values; what else it holds is left alone.
-    """
+    """(B, 32) array of the constants of B candidates; None where all share the actuator's."""
     own = actuator.varied(candidates, FIXED)
     load = {name: candidates[name] for name in LOAD if name in candidates}
     if "skew" in candidates:

@@ -1,12 +1,9 @@
 """Positions that come in the counts of an encoder.
 
-A position of n counts lies between n and n + 1 steps, evenly distributed, and at usual speeds
-one sample errs independently of the next: white noise of the variance step^2/12 (Widrow and Kollar
-2008, Quantization Noise, chapter 5). Its second derivative is noise of very high frequencies, which
-a low-pass of the current is too flat to remove. A cubic smoothing spline (Reinsch 1967, Numer.
-Math. 10, 177-183) removes it without delay: samples a sine of frequency f pass by the share
-
-    1/(1 + (f/f_c)^4).
+A position of n counts lies between n and n + 1 steps, evenly distributed, and at usual speeds one
+sample errs independently of the next: white noise of the variance step^2/12 (Widrow and Kollar
+2008, Quantization Noise, chapter 5). A cubic smoothing spline (Reinsch 1967, Numer. Math. 10,
+177-183) removes it without delay: of a frequency f it passes the share 1/(1 + (f/f_c)^4).
 """
 
 import math
@@ -118,8 +115,7 @@ def speed_noise(size: float, cutoff: float, rate: float) -> float:
 def comparable_cutoff(size: float) -> float:
     """Cutoff (Hz) of a low-pass of currents that follow from speeds by steps of ``size`` (rad).
 
-    The noise of such a speed grows with the size, and with f^1.5: coarse counts leave as much below
-    this cutoff as 10,000 below the usual one, about 1 % of a current.
+    Coarse counts leave as much below it as 10,000 below the usual one, about 1 % of a current.
     """
     usual = 2.0 * math.pi / 10_000
     return LowPass().cutoff * min(1.0, (usual / max(size, _FINEST)) ** (2.0 / 3.0))

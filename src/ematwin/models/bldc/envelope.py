@@ -1,16 +1,6 @@
 """Equivalent current: the single current of the monitor model from three phase currents.
 
-Two forms. The envelope needs only the currents,
-
-    I_3eq = (|i_a| + |i_b| + |i_c|)/2,
-
-which is max |i_k| whenever they sum to zero. Where the rotor angle is recorded, the currents are
-projected on the EMF shapes f instead,
-
-    I_3eq = (f_a i_a + f_b i_b + f_c i_c)/2,
-
-the current that makes the same torque in a healthy motor. It keeps the sign, it does not rectify
-noise, and commutation leaves no trace in it.
+docs/models.md, "The misfit": the envelope of the phases, or their projection on the EMF shapes.
 """
 
 import math
@@ -70,10 +60,7 @@ def equivalent_current(
 
     ``rectify`` None takes the signed current where the record determines it.
 
-    Raises
-    ------
-    RecordError
-        If there is no current, or the signed one is asked for and not known.
+    Raises `RecordError` if there is no current, or the signed one is asked for and not known.
     """
     signed = None if rectify else signed_current(record, pole_pairs)
     if rectify is False and signed is None:

@@ -41,10 +41,7 @@ class Faults:
 
     `print` shows physical values on the default actuator, `physical` on any.
 
-    Raises
-    ------
-    InputError
-        If a value is not a number in [0, 1].
+    Raises `InputError` if a value is not a number in [0, 1].
     """
 
     friction: float = 0.0
@@ -130,19 +127,10 @@ class Faults:
 def error_percent(
     estimated: np.ndarray, injected: np.ndarray, *, wrapped: bool = False
 ) -> np.ndarray:
-    """Err% of the paper (section 7.1), in its exact form unless ``wrapped``.
+    """Err% of the paper (section 7.1), (...) array, in its exact form unless ``wrapped``.
 
-    100 sqrt( sum_{1..6} (k - k^)^2 + k^_6 (k_7 - k^_7)^2 + (k_8 - k^_8)^2 ), k^ injected. The
-    direction of the eccentricity counts as much as there is eccentricity.
-
-    Parameters
-    ----------
-    estimated, injected : (..., 8) arrays
-    wrapped : take the direction as an angle: k_7 = 0 and k_7 = 1 are the same
-
-    Returns
-    -------
-    (...) array, per cent
+    100 sqrt( sum_{1..6} (k - k^)^2 + k^_6 (k_7 - k^_7)^2 + (k_8 - k^_8)^2 ), k^ injected; both
+    (..., 8) arrays. ``wrapped`` takes the direction as an angle: k_7 = 0 and k_7 = 1 are the same.
     """
     k_hat = np.asarray(injected)
     gap = np.asarray(estimated) - k_hat

@@ -1,15 +1,12 @@
 """Forms that healthy recordings of a drive may show though its file leaves them out.
 
-Of the controller an integral term and a sampled speed loop, a sampled current loop, and a filtered
-speed where positions come in counts; of the mechanics cogging, a rounded back-EMF and friction that
-falls with speed. Sample times are chosen from those that drives have, and start values from common
-settings: an integral time of 10 to 100 ms, a current loop of 2000 to 8000 rad/s that cancels the
-winding (technical optimum), voltage losses of a volt, cogging of a few per cent of the rated
-torque.
+Sample times are chosen from those that drives have, and start values from common settings: an
+integral time of 10 to 100 ms, a current loop of 2000 to 8000 rad/s that cancels the winding
+(technical optimum), voltage losses of a volt, cogging of a few per cent of the rated torque.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from itertools import product
 from typing import Any
@@ -60,28 +57,21 @@ def _sampled(
     ]
 
 
-def _current_times(times: Sequence[float]) -> Callable[[Any], list[Values]]:
-    """Sample times, answered with the next sample: how soon hardly matters at a wrong one."""
-
-    def given(actuator: Any) -> list[Values]:
-        if actuator.current_loop is None:
-            return []
-        return [
-            {**one, FIRST_SAMPLE: share * one["current_loop.sample_time"]}
-            for one, share in product(_sampled("current_loop", times, (1.0,)), _SHARES)
-        ]
-
-    return given
-
-
-def _current_delays(actuator: Any) -> list[Values]:
-    if actuator.current_loop is None:
+def _current_times(
+    times: Sequence[float] | None, delays: Sequence[float], actuator: Any
+) -> list[Values]:
+    """Sample times, or the actuator's own, with first samples; none without a current loop."""
+    loop = actuator.current_loop
+    if loop is None:
         return []
-    time = actuator.current_loop.sample_time
+    sampled = _sampled("current_loop", times or (loop.sample_time,), delays)
     return [
-        {**one, FIRST_SAMPLE: share * time}
-        for one, share in product(_sampled("current_loop", (time,)), _SHARES)
+        {**one, FIRST_SAMPLE: share * one["current_loop.sample_time"]}
+        for one, share in product(sampled, _SHARES)
     ]
+
+
+_current_delays = partial(_current_times, None, (0.0, 1.0))
 
 
 def _speed_times(actuator: Any) -> list[Values]:
@@ -302,8 +292,10 @@ def _controller(
         forms,
         ("gain", "skew", HELD, *_SENSOR),
         at=partial(_controller, controller, forms, actuator),
+        # how soon a loop answers hardly matters at a wrong sample time
         together=tuple(
-            (_current_times(times), _current_delays, _speed_times) for times in (_USUAL, _ANY)
+            (partial(_current_times, times, (1.0,)), _current_delays, _speed_times)
+            for times in (_USUAL, _ANY)
         ),
         first_samples=_first_samples,
         alike=controller.alike,

@@ -1,41 +1,7 @@
 """Sampled loops of the reference model: speed and current, each with an integral term, and late.
 
-Speed loop.
-At each sample, with the speed error e = w_ref - omega_m of the controller,
-
-    x <- x + k_i T e,   i_asked = (k_speed e + x)/(2 k_e),
-
-which the drive is asked for ``delay`` later and until the next one (zero-order hold). The integral
-stands still while the current limit is passed and e points beyond it. A sample time of zero is the
-continuous loop, each step a sample. Textbook form of a sampled PI controller.
-
-Encoders. An angle theta is read in steps q that begin anywhere, at a share s of one,
-
-    theta_read = q (floor(theta/q + s) + 1/2 - s),
-
-which is at most half a step off. Of the motor the loop knows these angles alone: the new speed is
-their difference over a sample time, and passes a filter of the time constant tau, step-invariant,
-
-    w_new = (theta_read - theta_before)/T,   w <- w + (1 - exp(-T/tau)) (w_new - w).
-
-Textbook speed by differences of position, and first-order low-pass.
-
-Current loop, with pulse-width modulation by its mean.
-At each sample, with the error e = i_ref - i of the current of the pair,
-
-    u_asked = clip(k_p e + x, -V, V),   x <- x + k_i T e,
-
-which stands across the pair from ``delay`` later on until the next answer (zero-order hold), and is
-shared by its legs: (V + u)/2 and (V - u)/2. The integral stands still while the supply limits the
-voltage and e points beyond it. Textbook form of a sampled PI controller.
-
-The loop sees half of the difference of the pair's currents. Commutation passes the current of one
-leg on to the next, which has none: the flux linkage of the pair, L_p i_p - L_n i_n, begins with
-the current of the leg in both pairs, whatever the diode of the third leg does meanwhile. Hence
-the loop sees its current fall to L_shared/(L_shared + L_new), one half in a healthy motor (derived
-here). A comparator, which sees the shared leg, does not let it fall.
-
-Dead time and switches take a voltage that has the sign of the current (`left_of_voltage`).
+docs/models.md, "Truer forms": textbook PI controllers with zero-order hold, and encoders. A sample
+time of zero is the continuous loop, each step a sample.
 """
 
 from typing import Any

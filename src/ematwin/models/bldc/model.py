@@ -4,7 +4,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ematwin.models.base import Demand, Equation, Law, OtherForm, Signal, Values
+from ematwin.models.base import Demand, Equation, Law, Signal, Values
 from ematwin.models.bldc import unknowns as table
 from ematwin.models.bldc.channels import CHANNELS, CURRENTS, ON_REQUEST, PHASES
 from ematwin.models.bldc.envelope import current_envelope, shown_current
@@ -19,8 +19,7 @@ from ematwin.models.servo import (
     motion_laws,
     tracking_signals,
 )
-from ematwin.models.unknown import Alias, Contrast, Unknown
-from ematwin.recordings.noise import Noise
+from ematwin.models.unknown import Contrast, Unknown
 from ematwin.recordings.recording import Recording
 
 
@@ -34,6 +33,7 @@ class BldcModel(ServoModel):
     needs = ((PHASES, ("current",)),)
     sample_rate = 20_000.0
     on_request = ON_REQUEST
+    noisy = ()
     fixed = table.FIXED
     compared_rate = 20_000.0
     # Parameters that a healthy recording may determine, and how far a template may be off.
@@ -64,17 +64,13 @@ class BldcModel(ServoModel):
         """The eight components of the paper's fault vector; load and sensors."""
         return (*table.UNKNOWNS, *table.nuisances(actuator))
 
-    def aliases(self, actuator: Any, values: Values) -> list[Alias]:
-        """Scale of all torques, and each fault against the parameter that it multiplies."""
-        return table.aliases(actuator, values)
+    aliases = staticmethod(table.aliases)
+    other_forms = staticmethod(table.other_forms)
+    simulated = staticmethod(simulate)
 
     def contrasts(self, actuator: Any) -> tuple[Contrast, ...]:
         """Turns lost by all phases alike, and by each beyond that."""
         return table.CONTRASTS
-
-    def other_forms(self, actuator: Any, found: Values) -> tuple[OtherForm, ...]:
-        """An offset that is fixed in space, and shorted turns that are a loop."""
-        return table.other_forms(actuator, found)
 
     def equations(
         self, recording: Recording, actuator: Any, values: Values | None = None
@@ -105,14 +101,12 @@ class BldcModel(ServoModel):
         """Values of all eight from `Faults`, a mapping, a vector (8,), or None for healthy."""
         return Faults.of(given).as_dict()
 
-    def compare(
-        self, recording: Recording, actuator: Any, *, threads: int | None = None, **settings: Any
-    ) -> Any:
+    def compare(self, recording: Recording, actuator: Any, **settings: Any) -> Any:
         """A recording, its equivalent current filtered, scored while candidates are simulated."""
         from ematwin.models.bldc.comparison import BldcComparison
 
         self.check_channels(recording)
-        return BldcComparison(recording, actuator, threads=threads, **settings)
+        return BldcComparison(recording, actuator, **settings)
 
     def averaged(self, recording: Recording) -> Recording:
         """At 20 kHz or a little more; as it is where power is recorded, a product of two means."""
@@ -129,21 +123,11 @@ class BldcModel(ServoModel):
         self.check_channels(recording)
         return check_plausible(recording, actuator)
 
-    def simulated(self, *settings: Any) -> tuple[np.ndarray, dict[str, np.ndarray], float]:
-        """The response of the reference model, or of the monitor model."""
-        return simulate(*settings)
-
     def stepped(self, actuator: Any, fidelity: str) -> Any:
         """The reference or the monitor model, sample by sample."""
         from ematwin.models.bldc.stepped import stepped
 
         return stepped(actuator, fidelity, self.sample_rate)
-
-    def sensed(
-        self, recording: Recording, actuator: Any, values: Values, noise: Noise | None, seed: int
-    ) -> Recording:
-        """With noise of the currents alone."""
-        return recording if noise is None else noise.apply(recording, np.random.default_rng(seed))
 
     def summary(self, recording: Recording, actuator: Any) -> dict[str, float]:
         """RMS and peak of the equivalent current, A."""

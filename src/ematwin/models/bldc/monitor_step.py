@@ -1,30 +1,17 @@
 """One step of the monitor model: one equivalent phase, rigid play, about 50 us.
 
-docs/models.md, "Monitor model". With p and n the conducting phases of the sector,
+docs/models.md, "Monitor model". All of a step happens in its middle: inputs, angles, and the
+current, which follows the speed that the rotor will have there (implicit midpoint). Commutations
+and impacts count from when they happen ("Steps").
 
-    R_eq = R_p + R_n,  L_eq = L_p + L_n,  kappa_eq = |kappa_p| + |kappa_n|,
-    L_eq di/dt = u - R_eq i - kappa_eq omega,   T = kappa_eq i,
+**Pairs.** On the flats of the conducting phases |f| = 1, and zeta is 1 at most, so that
 
-which is exact for two conducting phases. The voltage drives the current to its reference within
-the step, up to the limit of the supply. The current has no ripple here; the effect of ripple on
-stiction is taken into account (`dithered_static`). The published shape functions could
-not be had; these are derived here.
+    kappa_eq = k_e (h_p + h_n + C cos theta_m + S sin theta_m),
 
-All of a step happens in its middle: inputs, angles, and the current, which follows the speed that
-the rotor will have there (implicit midpoint). Commutations and impacts count from when they
-happen (docs/models.md, "Steps").
-
-**Pairs.** With h_k the share of turns left, zeta the eccentricity ratio and phi its direction,
-
-    R_eq = (h_p + h_n) R,   L_eq = L_p + L_n,
-    kappa_eq = k_e sum over p, n of h_k (1 + zeta cos(theta_m + phi - 2 pi k/3))
-             = k_e (h_p + h_n + C cos theta_m + S sin theta_m),
-
-with what `offset_turned` gives for sine and cosine where some of the offset is fixed in space. On
-the flats |f| = 1, and zeta is 1 at most, so that no magnitude is left to take. Only the angle
-changes while a candidate is simulated: the three pairs are computed once, as the pair without c and
-the differences of the others from it. In a step with a commutation both pairs count by their shares
-of the step.
+with what `offset_turned` gives for sine and cosine where some of the offset is fixed in space. Only
+the angle changes while a candidate is simulated: the three pairs are computed once, as the pair
+without c and the differences of the others from it. In a step with a commutation both pairs count
+by their shares of the step.
 
 **Loops** of shorted turns (`ematwin.models.bldc.motor`) change the pair: with g_k = 1, -1, 0 for
 the phase with current i, that with -i, and the third, whose loop may carry a current as well,
@@ -158,33 +145,21 @@ class Impact(NamedTuple):
 
 
 @step
-def current_demand(command, theta_o, w_m, k_position, k_demand, w_max):
-    """Current that position and speed loop ask for, A, before its limit.
+def current_reference(state, command, per_ampere, w_mid, fault, c, half):
+    """Current that position and speed loop ask for in the middle of a step, A, within its limit.
 
-    ``command`` and ``theta_o`` are output positions on the motor shaft, rad; ``k_demand`` is
-    ``k_speed`` over the healthy torque constant, A s/rad.
+    ``command`` is an output position on the motor shaft, rad; ``per_ampere`` a torque, N m/A. The
+    speed in the middle is w + (dw + dt kappa (i_mean - i)/J)/2, if other torques stay: the speed
+    loop responds to the torque of the same step, which moves both masses where they touch.
     """
-    w_ref = clip(k_position * (command - theta_o), -w_max, w_max)
-    return k_demand * (w_ref - w_m)
-
-
-@step
-def touching(state, fault):
-    """1 where motor and output touch, so that the current moves both; else 0."""
     apart = abs(abs(state.theta_m - state.theta_o) - fault.half_gap) > 1e-9  # rad
-    return 0.0 if apart else 1.0
-
-
-@step
-def controller_stiffness(state, joint, c, half):
-    """How much demand a torque of the motor takes back within half a step, A per N m.
-
-    The speed in the middle is w + (dw + dt kappa (i_mean - i)/J)/2, if other torques stay: the
-    speed loop responds to the torque of the same step.
-    """
+    mobility = c.mobility_m + (0.0 if apart else 1.0) * (c.mobility_both - c.mobility_m)
     moves = 0.0 if state.w_m == 0.0 else 1.0
-    mobility = c.mobility_m + joint * (c.mobility_both - c.mobility_m)
-    return moves * c.k_demand * half * mobility
+    stiffness = per_ampere * (moves * c.k_demand * half * mobility)
+    behind = command - (state.theta_o + half * state.w_o)
+    w_ref = clip(c.k_position * fault.gain * behind, -c.w_max, c.w_max)
+    demand = c.k_demand * (w_ref - w_mid)
+    return clip((demand + stiffness * state.i) / (1.0 + stiffness), -c.i_max, c.i_max)
 
 
 @step
@@ -222,9 +197,8 @@ def answer_impact(state, impact, i_ref, fall, rise, kappa_eq, c, dt):
     """The state, where the current answers an impact from that instant on.
 
     ``i_ref`` is the reference without the impact; ``fall`` and ``rise`` are by how much the supply
-    can change the current in a step, A. The current rises in the rest of the step, and pushes motor
-    and output meanwhile. The next one starts from where it is at the end: from half a change
-    less in the middle, so that it may change by a whole one as others do.
+    can change the current in a step, A. The next step starts from half a change less in its
+    middle, so that it may change by a whole one as others do.
     """
     wanted = clip(i_ref - c.k_demand * impact.jump, -c.i_max, c.i_max) - state.i
     left = impact.left
@@ -249,13 +223,8 @@ def monitor_step(state, command, load, fault, pairs, c, dt):
     r_eq, per_l_eq, kappa_eq = equivalent_phase(
         state.theta_m + half * state.w_m, dt * state.w_m, pairs, c
     )
-    stiffness = kappa_eq * controller_stiffness(state, touching(state, fault), c, half)
     w_mid = state.w_m + 0.5 * state.dw_m
-    demand = current_demand(
-        command, state.theta_o + half * state.w_o, w_mid, c.k_position * fault.gain,
-        c.k_demand, c.w_max,
-    )  # fmt: skip
-    i_ref = clip((demand + stiffness * state.i) / (1.0 + stiffness), -c.i_max, c.i_max)
+    i_ref = current_reference(state, command, kappa_eq, w_mid, fault, c, half)
     drop = r_eq * state.i + kappa_eq * state.w_m
     # u = clip(drop + l_eq (i_ref - i)/dt, -V, V), i <- i + dt (u - drop)/l_eq; the drop over r_eq
     # is that of the mean of both currents, to first order, where that is a small part of it
@@ -285,8 +254,7 @@ class Loops(NamedTuple):
 def sector_of_step(theta_e, moved_e):
     """Sector, 0 to 6; ``theta_e`` is the angle in the middle, which changes by ``moved_e``.
 
-    Sectors as in `hall_sector`. A step in which the next pair takes over has a sector between both,
-    by their shares; `gate_signals` then gives the mean of both pairs.
+    A step in which the next pair takes over has a sector between both, by their shares.
     """
     width = max(abs(moved_e) / SIXTH_TURN, _STANDS)
     begin = theta_e / SIXTH_TURN - 0.5 - 0.5 * width
@@ -350,12 +318,7 @@ def looped_monitor_step(state, loops, command, load, fault, c, dt):
         + g_c * kappa_c * mu_c * follows_c
     )
 
-    stiffness = per_ampere * controller_stiffness(state, touching(state, fault), c, half)
-    demand = current_demand(
-        command, state.theta_o + half * state.w_o, w_mid, c.k_position * fault.gain,
-        c.k_demand, c.w_max,
-    )  # fmt: skip
-    i_ref = clip((demand + stiffness * state.i) / (1.0 + stiffness), -c.i_max, c.i_max)
+    i_ref = current_reference(state, command, per_ampere, w_mid, fault, c, half)
     fall = state.i - (push - dt * c.v_supply) / inertia
     rise = (push + dt * c.v_supply) / inertia - state.i
     i = clip(i_ref, state.i_from - fall, state.i_from + rise)

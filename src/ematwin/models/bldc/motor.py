@@ -1,42 +1,11 @@
 """Trapezoidal brushless motor: sectors, EMF shapes, faults of the windings and of the rotor.
 
-Phases k = 0, 1, 2 (a, b, c). With h_k the share of turns left, zeta the eccentricity ratio and
-phi its direction (paper, section 6; docs/models.md):
+docs/models.md has the equations and their sources ("Inverter and phases", "Truer forms"). Phases
+k = 0, 1, 2 are a, b, c.
 
-    R_k = h_k R,   L_k = (h_k^2 (1 - l) + l) L,
-    kappa_k = h_k k_e f(theta_e - 2 pi k/3) (1 + zeta (s cos(theta_m + phi - 2 pi k/3)
-                                                      + (1 - s) cos(phi - 2 pi k/3))).
-
-``l`` is the share of the inductance that lies outside the turns (leads, connections): it keeps a
-fully shorted phase finite. The share ``s`` of the offset turns with the rotor (a bent shaft; 1 is
-the paper's form), the rest is fixed in space (a bearing seat), so that each phase keeps its gap;
-this is derived here.
-
-**Shape.** The reference model has in place of the trapezoid f
-
-    f_r = (1 + 3 sqrt(3)/(10 pi) h_5 + 3 sqrt(3)/(14 pi) h_7) ((1 - r) f + r A sin)
-          + h_5 sin(5 .) + h_7 sin(7 .),   A = 2 pi/(3 sqrt(3)).
-
-The factors give each shape the mean of the trapezoid over the 120 degrees in which a phase
-conducts, so that ``r``, ``h_5`` and ``h_7`` change the shape and not the torque constant. Derived
-here. Ripple is alike in all phases and in EMF and torque, as no energy comes from it:
-kappa_k (1 + rho sin(M theta_m + phi_r)). Cogging, T_cog = -A sin(N theta_m + phi_c), does no work
-over a turn: the fundamental of the Fourier series of textbooks.
-
-**Shorted turns as a loop.** A share mu of the turns of a phase is bridged by a contact of
-resistance R_f, through which the loop current i_f leaves the winding. The turns of a phase share
-one flux; with L' = (1 - l) L, and the EMF e of the whole phase:
-
-    v - v_n = R (i - mu i_f) + L di/dt - mu L' di_f/dt + e,
-    R_f i_f = mu R (i - i_f) + mu L' d(i - mu i_f)/dt + mu e,
-    T = (e/omega) (i - mu i_f).
-
-Two-winding form of Vaseghi, Nahid-Mobarakeh, Takorabet and Meibody-Tabar (2008), IEEE IECON,
-1966-1971, with turns that are coupled perfectly, as the self-inductance of the healthy phase has it
-(docs/models.md). For R_f to infinity it is a healthy phase; for R_f to zero the flux of the shorted
-turns hardly changes, and i_f brakes. A loop answers within mu^2 L'/(R_f + mu R), for few turns far
-below any step: both models advance it by backward Euler, i_f <- remains + follows i, with the phase
-current ``i`` at the end of the step.
+A loop of shorted turns answers within mu^2 L'/(R_f + mu R), for few turns far below any step: both
+models advance its current by backward Euler, i_f <- remains + follows i, with the phase current
+``i`` at the end of the step.
 """
 
 import math
@@ -106,10 +75,11 @@ def phase_inductance(h, inductance, leakage):
 
 
 @part
-def split_short(h, loops):
-    """Share of turns left, and share in a loop, of a phase with a share ``h`` of sound turns."""
-    shorted = 1.0 - h
-    return h + loops * shorted, loops * shorted
+def split_shorts(fault, loops):
+    """Shares (3) of turns left, and shares in a loop, of the phases."""
+    h = fault.h_a, fault.h_b, fault.h_c
+    mu = loops * (1.0 - h[0]), loops * (1.0 - h[1]), loops * (1.0 - h[2])
+    return (h[0] + mu[0], h[1] + mu[1], h[2] + mu[2]), mu
 
 
 @part
@@ -150,8 +120,8 @@ def truer_shapes(theta_e, rounding, h_5, h_7):
 
 
 @part
-def truer_emf_constants(theta_m, h_a, h_b, h_c, fault, c, truer):
-    """kappa_k of the three phases, V s/rad; ``h_k`` is the share of their turns that is left."""
+def truer_emf_constants(theta_m, h, fault, c, truer):
+    """kappa_k of the three phases, V s/rad; ``h`` (3) are the shares of their turns left."""
     gap_a, gap_b, gap_c = gap_factors(theta_m, fault.zeta_cos, fault.zeta_sin, c.turning)
     f_a, f_b, f_c = truer_shapes(
         c.pole_pairs * theta_m, truer.rounding, truer.harmonic_5, truer.harmonic_7
@@ -160,7 +130,7 @@ def truer_emf_constants(theta_m, h_a, h_b, h_c, fault, c, truer):
     if truer.ripple != 0.0:
         s, _ = sincos(truer.ripple_cycles * theta_m + truer.ripple_phase)
         k_e *= 1.0 + truer.ripple * s
-    return h_a * k_e * gap_a * f_a, h_b * k_e * gap_b * f_b, h_c * k_e * gap_c * f_c
+    return h[0] * k_e * gap_a * f_a, h[1] * k_e * gap_b * f_b, h[2] * k_e * gap_c * f_c
 
 
 @part

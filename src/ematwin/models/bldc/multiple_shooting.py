@@ -2,12 +2,8 @@
 
 Multiple shooting (Bock 1981; Bock and Plitt 1984, Proc. 9th IFAC World Congress, 242-247) with
 states that were measured, so that only the faults are left to find. An error of the twin lasts to
-the end of its stretch. Over the whole recording it may last for good: where the motor is near the
-torque at which it stalls, the twin stalls where the actuator still moved, the misfit jumps from
-vector to vector, and the truth itself fits badly.
-
-Between two recorded positions the current carries less information than over the whole recording: a
-vector that explains the whole recording is the better answer.
+the end of its stretch: near the torque at which a motor stalls, the misfit over the whole recording
+jumps from vector to vector. A vector that explains the whole recording is still the better answer.
 """
 
 from dataclasses import replace
@@ -48,8 +44,7 @@ class Restarted(Comparison):
         self.stretches = _stretches(whole, starts, min(samples + 1, size))
         self.noise, self.expected_misfit = whole.noise, whole.expected_misfit
         self.recorded_noise, self.independent = whole.recorded_noise, whole.independent
-        self.ignores = whole.ignores
-        self.model_error = whole.model_error
+        self.ignores, self.model_error = whole.ignores, whole.model_error
         if self.stretches.power is not None:
             self.evidence = len(starts) * whole.kept_of(self.stretches)
         weights = self.stretches.weighted(whole.weights, 1)
@@ -98,14 +93,9 @@ def _stretches(whole: BldcComparison, starts: np.ndarray, samples: int) -> Stret
         # contiguous, as that of a whole recording: another layout compiles the kernel once more
         power = PowerStretches(power.target, power.weights, np.ascontiguousarray(taps[:, 5:]))
     return replace(
-        entire,
-        starts=starts,
-        samples=samples,
-        states=np.stack(states),
-        taps=_taps_at(starts, whole.taps, whole.current),
-        kept=max(8, whole.kept // len(starts)),
-        power=power,
-    )
+        entire, starts=starts, samples=samples, states=np.stack(states), power=power,
+        taps=_taps_at(starts, whole.taps, whole.current), kept=max(8, whole.kept // len(starts)),
+    )  # fmt: skip
 
 
 def _taps_at(starts: np.ndarray, taps: np.ndarray, signal: np.ndarray) -> np.ndarray:

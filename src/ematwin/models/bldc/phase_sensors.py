@@ -1,16 +1,10 @@
 """How far the current sensors of the phases are off, told by the recording itself.
 
-Hall sensors are stated to 1 % of their range each, which can be a fifth of the current of a light
-motion; and the envelope of three phases takes an offset of one of them for a torque that comes and
-goes with the electrical angle. Under six-step commutation one phase of a star winding is open and
-the other two carry one current i, to and fro, whatever the faults of the actuator:
-
-    shown = o + g d_k i + noise,    d_k = (0, 1, -1), (-1, 0, 1) or (1, -1, 0)
-
-with offsets o and gains g of the sensors. They follow by maximum likelihood with all i unknown: the
-squares that count are orthogonal to g d_k, in units of the noise of each sensor (total least
-squares: Golub and Van Loan 1980, SIAM J. Numer. Anal. 17, 883-893), so that noise does not look
-like a gain. The gain that all share is not shown. Of two sensors, with the third current made of
+docs/models.md, "Sensors of the phases": under six-step commutation one phase of a star winding is
+open, and the other two carry one current i. Offsets and gains follow by maximum likelihood with all
+i unknown: the squares that count are orthogonal to the direction of the current, in units of the
+noise of each sensor (total least squares: Golub and Van Loan 1980, SIAM J. Numer. Anal. 17,
+883-893), so that noise does not look like a gain. Of two sensors, with the third current made of
 theirs, only these two are in the equation.
 """
 
@@ -68,9 +62,7 @@ _FOUND = Remembered[PhaseSensors | None]()
 def phase_sensors(recording: Recording) -> PhaseSensors | None:
     """How far the sensors of three phases are off; None where they are not, or none can tell."""
     currents = phase_currents(recording)
-    if currents is None:
-        return None
-    return _FOUND.of([currents], partial(_looked_for, currents))
+    return None if currents is None else _FOUND.of([currents], partial(_looked_for, currents))
 
 
 def balanced(recording: Recording) -> Recording:
@@ -156,8 +148,7 @@ class _Sensors:
         for chosen in product((0.0, 1.0), repeat=len(large)):
             start = np.zeros(3)
             start[large] = middle[large] * chosen
-            if (one := self._near(start)) is not None:
-                fits.append(one)
+            fits += self._near(start)
         if not fits:
             return None
         least = min(one.left for one in fits)
@@ -170,13 +161,13 @@ class _Sensors:
                 return None
         return best
 
-    def _near(self, offsets: np.ndarray) -> _Fit | None:
-        """The fit near offsets (3,); None where a phase was hardly ever open."""
+    def _near(self, offsets: np.ndarray) -> list[_Fit]:
+        """The fit near offsets (3,); none where a phase was hardly ever open."""
         free = np.concatenate([offsets, np.zeros(self._to_gains.shape[1])])
         for _ in range(12):
             is_open = self._open(*self._errors(free))
             if is_open.sum(axis=0).min() < 30:  # samples
-                return None
+                return []
             before = free
             free, covariance = self._step(is_open, free)
             if (np.abs(free - before) <= 0.1 * np.sqrt(np.diag(covariance))).all():
@@ -184,7 +175,7 @@ class _Sensors:
         covariance[range(3), range(3)] += self._step_errors
         offsets, gains = self._errors(free)
         left = self._left(offsets, gains)
-        return _Fit(offsets, gains, free, covariance, self._precision, left, self._made)
+        return [_Fit(offsets, gains, free, covariance, self._precision, left, self._made)]
 
     def _errors(self, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Offsets (3,), A, and gains (3,)."""

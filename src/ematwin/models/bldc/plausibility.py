@@ -5,8 +5,8 @@ makes it doubtful is a warning. The criteria are stated where they are applied, 
 a faulty actuator must pass, a wrong unit must not.
 """
 
-from dataclasses import dataclass
 from itertools import combinations, permutations, product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -127,9 +127,8 @@ def _check_voltages(record: Recording, actuator: BldcActuator) -> list[str]:
     """Sentences on voltages that cannot be used; refuses impossible ones."""
     supply = actuator.drive.supply_voltage
     known = [name for name in VOLTAGES if name in record.channels]
-    values = [record.channels[name] for name in known]
-    between = {f"{a} to {b}": x - y
-               for (a, x), (b, y) in combinations(zip(known, values, strict=True), 2)}  # fmt: skip
+    values = record.channels
+    between = {f"{a} to {b}": values[a] - values[b] for a, b in combinations(known, 2)}
     said = f"the supply of {actuator.name} has {supply:g} V"
     traces = {**between, **record.channels}
     check_sizes(traces, (*between, "bus_voltage"), supply, "V", said)
@@ -147,9 +146,8 @@ def _check_voltages(record: Recording, actuator: BldcActuator) -> list[str]:
 def check_order(record: Recording, actuator: BldcActuator) -> list[str]:
     """A warning if the currents do not fit the motor angle and nothing explains it.
 
-    Projected on the EMF shapes at that angle they give the whole equivalent current if the order is
-    right, and half of it or less if it is not. `RecordError` if another order of the phases, other
-    signs, or another zero of the angle fits far better.
+    Projected on the EMF shapes there they give the whole equivalent current if the order is right,
+    and half of it or less if not. `RecordError` if another order, sign or zero fits far better.
     """
     currents = phase_currents(record)
     if currents is None or record.motor_position is None:
@@ -162,11 +160,14 @@ def check_order(record: Recording, actuator: BldcActuator) -> list[str]:
     whole = float(np.mean((0.5 * np.abs(currents).sum(axis=1)) ** 2))
     if whole == 0.0:
         return []
-    work = _Work(record, actuator, every)
+    turned = actuator.motor.emf_constant * np.gradient(record.motor_position[::every])
+    to_load = _work_of_load(record, actuator, every)
 
     def fit(currents: np.ndarray, angle: np.ndarray) -> _Fit:
         signed = projected(currents, angle)
-        return _Fit(float(np.mean(signed**2)) / whole, work.sign(signed))
+        work = float(signed @ turned)  # of the motor
+        sign = int(work > to_load) - int(-work > to_load)
+        return _Fit(float(np.mean(signed**2)) / whole, sign)
 
     given = fit(currents, angle)
     if given.share > 1.0 / _DOUBTFUL and given.sign >= 0:  # nothing can fit that much better
@@ -179,11 +180,11 @@ def check_order(record: Recording, actuator: BldcActuator) -> list[str]:
     sense, zero = max(zeros, key=lambda key: (round(zeros[key].share, 3), zeros[key].sign))
     # the map turns the sign after the offset: angle = sign (number + offset)
     offset = sense * zero / actuator.motor.pole_pairs
-    turned = "sign = -1 and " if sense < 0 else ""
+    reversed_ = "sign = -1 and " if sense < 0 else ""
     counted = (
         f"{100 * given.share:.0f} % of the current fits the EMF shapes at the recorded motor "
-        f"angle, and {100 * zeros[sense, zero].share:.0f} % with {turned}offset = {offset:.3g} rad "
-        "for motor_position"
+        f"angle, and {100 * zeros[sense, zero].share:.0f} % with {reversed_}offset = "
+        f"{offset:.3g} rad for motor_position"
     )
     gain = zeros[sense, zero].share / max(given.share, 1e-9)
     if given.share >= COHERENT and given.sign >= 0:
@@ -218,33 +219,17 @@ def check_order(record: Recording, actuator: BldcActuator) -> list[str]:
     )
 
 
-@dataclass(frozen=True)
-class _Fit:
+class _Fit(NamedTuple):
     share: float  # of the mean square current that lies on the EMF shapes
-    sign: int  # -1: the energy balance wants the opposite sign; 0: it cannot tell
+    # Friction and windings only take: the work of the motor exceeds that given to the load. 1: it
+    # does so as given; -1: only with the opposite sign; 0: with both, an aiding load hides it
+    sign: int
 
 
-class _Work:
-    """The energy balance, which tells the sign of the currents.
-
-    Friction and windings only take: the work of the motor exceeds that given to the load. If it
-    does so with the opposite sign and not as given, the sign is wrong; if with both, an aiding
-    load hides it.
-    """
-
-    def __init__(self, record: Recording, actuator: BldcActuator, every: int) -> None:
-        assert record.motor_position is not None
-        self._turned = np.gradient(record.motor_position[::every])
-        self._torque_constant = actuator.motor.emf_constant  # N m/A of the equivalent current
-        self._to_load = 0.0  # J
-        if record.load is not None:
-            output = record.output_position
-            if output is None:
-                output = record.motor_position / actuator.transmission.ratio
-            self._to_load = float(record.load[::every] @ np.gradient(output[::every]))
-
-    def sign(self, signed_current: np.ndarray) -> int:
-        """+1, -1 or 0: whether this current can be right, only its opposite, or either."""
-        motor = self._torque_constant * float(signed_current @ self._turned)
-        as_given, opposite = motor > self._to_load, -motor > self._to_load
-        return int(as_given) - int(opposite)
+def _work_of_load(record: Recording, actuator: BldcActuator, every: int) -> float:
+    """Work (J) given to the load, by so many samples."""
+    motor, output = record.motor_position, record.output_position
+    if record.load is None or motor is None:
+        return 0.0
+    output = motor / actuator.transmission.ratio if output is None else output
+    return float(record.load[::every] @ np.gradient(output[::every]))

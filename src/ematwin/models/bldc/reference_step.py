@@ -13,16 +13,19 @@ took nearly three times as long to compile, and gave the same results at the sam
 
 from typing import NamedTuple
 
-from ematwin.models.bldc.bridge import (
+from ematwin.models.bldc.inverter import (
     Electrical,
     Supply,
     advance_bridge,
     advance_shorted_bridge,
+    dot,
+    gate_signals,
+    hysteresis,
+    pair_current,
     phase_constants,
 )
-from ematwin.models.bldc.inverter import gate_signals, hysteresis, pair_current
 from ematwin.models.bldc.loops import advance_current_loop, advance_speed_loop, left_of_voltage
-from ematwin.models.bldc.motor import cogging_torque, hall_sector, split_short, truer_emf_constants
+from ematwin.models.bldc.motor import cogging_torque, hall_sector, split_shorts, truer_emf_constants
 from ematwin.models.bldc.state import TruerState
 from ematwin.numerics.backlash import contact_torque, stop_at_ends
 from ematwin.numerics.compile import part
@@ -55,7 +58,8 @@ class ReferenceState(NamedTuple):
 class Driven(NamedTuple):
     """What controller, bridge and windings do over a step."""
 
-    currents: tuple[float, float, float, float, float, float]  # A, of phases and loops, at its end
+    i: tuple[float, float, float]  # A, of the phases at its end
+    loops: tuple[float, float, float]  # A
     means: tuple[float, float, float]  # A, of the phases
     torque: float  # N m, of the air gap
     taken: float  # J
@@ -71,19 +75,15 @@ class Driven(NamedTuple):
 @part
 def all_emf_constants(theta_m, fault, c, truer):
     """kappa_k of the three phases, V s/rad, shorted turns that are loops among their turns."""
-    h_a, _ = split_short(fault.h_a, truer.loops)
-    h_b, _ = split_short(fault.h_b, truer.loops)
-    h_c, _ = split_short(fault.h_c, truer.loops)
-    return truer_emf_constants(theta_m, h_a, h_b, h_c, fault, c, truer)
+    h, _ = split_shorts(fault, truer.loops)
+    return truer_emf_constants(theta_m, h, fault, c, truer)
 
 
 @part
 def drive(state, more, command, kappas, fault, c, truer, dt):
     """Controller, bridge and windings over ``dt``; the rotor moves as ``state`` says."""
-    h_a, mu_a = split_short(fault.h_a, truer.loops)
-    h_b, mu_b = split_short(fault.h_b, truer.loops)
-    h_c, mu_c = split_short(fault.h_c, truer.loops)
-    kappa_a, kappa_b, kappa_c = kappas
+    h, mu = split_shorts(fault, truer.loops)
+    i = state.i_a, state.i_b, state.i_c
     sector = hall_sector(c.pole_pairs * state.theta_m)
 
     asked = advance_speed_loop(
@@ -91,14 +91,14 @@ def drive(state, more, command, kappas, fault, c, truer, dt):
         command, state.theta_m, state.theta_o, state.w_m, c.k_position * fault.gain, c, truer, dt,
     )  # fmt: skip
     i_ref = clip(asked[0], -c.i_max, c.i_max)
-    i_seen = pair_current(sector, state.i_a, state.i_b, state.i_c)
+    i_seen = pair_current(sector, i[0], i[1], i[2])
     pair_sign = hysteresis(i_seen, i_ref, c.half_band, state.pair_sign)
-    g_a, g_b, g_c = gate_signals(sector, 1.0)
+    pair = gate_signals(sector, 1.0)
     now = Electrical(
         (1.0 + more.warmer) * c.resistance, c.inductance, c.leakage, c.short_resistance,
         c.v_supply - more.sagged, c.v_diode,
     )  # fmt: skip
-    i_pair = 0.5 * (g_a * state.i_a + g_b * state.i_b + g_c * state.i_c)
+    i_pair = 0.5 * dot(pair, i)
     voltage = advance_current_loop(
         more.voltage, more.voltage_pending, more.voltage_integral, more.voltage_wait,
         more.voltage_late, i_ref, i_pair, now.v_supply, truer, dt,
@@ -106,37 +106,32 @@ def drive(state, more, command, kappas, fault, c, truer, dt):
     modulated = left_of_voltage(voltage[0], i_pair, truer) / now.v_supply
     share = modulated if truer.current_gain > 0.0 else pair_sign
     share = 1e-12 if share == 0.0 else share  # 0 would mean that a leg is off
-    g_a, g_b, g_c = g_a * share, g_b * share, g_c * share
+    g = pair[0] * share, pair[1] * share, pair[2] * share
 
-    e_a, e_b, e_c = kappa_a * state.w_m, kappa_b * state.w_m, kappa_c * state.w_m
+    e = kappas[0] * state.w_m, kappas[1] * state.w_m, kappas[2] * state.w_m
     if truer.loops == 0.0:
-        i_a, i_b, i_c, m_a, m_b, m_c, taken, lost, supply = advance_bridge(
-            state.i_a, state.i_b, state.i_c, e_a, e_b, e_c, g_a, g_b, g_c,
-            phase_constants(h_a, h_b, h_c, now), now, dt,
-        )  # fmt: skip
-        currents, means = (i_a, i_b, i_c, 0.0, 0.0, 0.0), (m_a, m_b, m_c, 0.0, 0.0, 0.0)
+        after, m, taken, lost, supply = advance_bridge(i, e, g, phase_constants(h, now), now, dt)
+        loops = mean = 0.0, 0.0, 0.0
     else:
-        currents, means, taken, lost, supply = advance_shorted_bridge(
-            state.i_a, state.i_b, state.i_c, more.loop_a, more.loop_b, more.loop_c, e_a, e_b, e_c,
-            g_a, g_b, g_c, (h_a, h_b, h_c, mu_a, mu_b, mu_c), now, dt,
-        )  # fmt: skip
-    m_a, m_b, m_c, mean_a, mean_b, mean_c = means
-    torque = (
-        kappa_a * (m_a - mu_a * mean_a)
-        + kappa_b * (m_b - mu_b * mean_b)
-        + kappa_c * (m_c - mu_c * mean_c)
-    )
+        before = more.loop_a, more.loop_b, more.loop_c
+        after, loops, m, mean, taken, lost, supply = advance_shorted_bridge(
+            i, before, e, g, h, mu, now, dt
+        )
+    turned = m[0] - mu[0] * mean[0], m[1] - mu[1] * mean[1], m[2] - mu[2] * mean[2]
+    torque = dot(kappas, turned)
     warmer = lag(more.warmer, truer.heating * lost / dt, truer.heating_time, dt)
     sagged = lag(more.sagged, truer.supply_resistance * supply.i_bus, truer.link_time, dt)
     return Driven(
-        currents, (m_a, m_b, m_c), torque, taken, lost, pair_sign, asked, voltage, warmer, sagged,
-        supply,
+        after, loops, m, torque, taken, lost, pair_sign, asked, voltage, warmer, sagged, supply
     )  # fmt: skip
 
 
 @part
-def torques_on_masses(state, torque, load, fault, c):
-    """Torques but friction on motor and output, and the dynamic friction of both, N m."""
+def move_masses(state, more, torque, load, fault, c, truer, dt):
+    """Speeds and positions ``w_m, theta_m, w_o, theta_o`` after a torque on the motor.
+
+    Also by how much bristles are bent on both sides, rad.
+    """
     contact = contact_torque(
         state.theta_m, state.w_m, state.theta_o, state.w_o, fault.half_gap,
         c.contact_stiffness, c.contact_damping,
@@ -146,16 +141,6 @@ def torques_on_masses(state, torque, load, fault, c):
     direction = state.w_o if state.w_o != 0.0 else act_o
     td_m = fault.friction * c.t_m
     td_o = fault.friction * loaded_friction(direction, -load, c.t_o, c.c_opposing, c.c_aiding)
-    return act_m, act_o, td_m, td_o
-
-
-@part
-def move_masses(state, more, torque, load, fault, c, truer, dt):
-    """Speeds and positions ``w_m, theta_m, w_o, theta_o`` after a torque on the motor.
-
-    Also by how much bristles are bent on both sides, rad.
-    """
-    act_m, act_o, td_m, td_o = torques_on_masses(state, torque, load, fault, c)
     if truer.bristles_m == 0.0:  # friction sticks without giving, which no stiffness comes near
         bent_m, bent_o = 0.0, 0.0
         w_m = advance_mobile(state.w_m, act_m, c.mobility_m, c.static_ratio * td_m, td_m, dt)
@@ -180,7 +165,7 @@ def move_masses(state, more, torque, load, fault, c, truer, dt):
 def reference_step(state, more, command, load, fault, c, truer, dt):
     """Advance the reference model by ``dt`` under a command (rad) and a load (N m).
 
-    Gives the state, the state of the truer forms, the mean current of each phase within the step,
+    Gives the state, the state of the truer forms, the mean currents of the phases within the step,
     and the `Supply`.
     """
     kappas = all_emf_constants(state.theta_m, fault, c, truer)
@@ -189,21 +174,20 @@ def reference_step(state, more, command, load, fault, c, truer, dt):
     w_m, theta_m, w_o, theta_o, bent_m, bent_o = move_masses(
         state, more, torque, load, fault, c, truer, dt
     )
-    i_a, i_b, i_c, _, _, _ = driven.currents
+    i_a, i_b, i_c = driven.i
     after = ReferenceState(
         i_a, i_b, i_c, w_m, theta_m, w_o, theta_o, driven.pair_sign,
         state.e_electrical + driven.taken,
         state.e_copper + driven.lost,
         state.e_mechanical + dt * driven.torque * state.w_m,
     )  # fmt: skip
-    m_a, m_b, m_c = driven.means
-    return after, more_after(driven, bent_m, bent_o), m_a, m_b, m_c, driven.supply
+    return after, more_after(driven, bent_m, bent_o), driven.means, driven.supply
 
 
 @part
 def more_after(driven, bent_m, bent_o):
     """State of the truer forms at the end of a step, with bristles bent by so much (rad)."""
-    _, _, _, loop_a, loop_b, loop_c = driven.currents
+    loop_a, loop_b, loop_c = driven.loops
     asked, pending, integral, wait, late, read, speed_seen = driven.asked
     voltage, voltage_pending, voltage_integral, voltage_wait, voltage_late = driven.voltage
     return TruerState(

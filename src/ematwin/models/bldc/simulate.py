@@ -25,11 +25,7 @@ def simulate(
     fidelity: str, actuator: BldcActuator, scenario: Scenario, values: Mapping[str, float],
     rate: float, step: float, start: float, progress: Progress | None,
 ) -> tuple[np.ndarray, dict[str, np.ndarray], float]:  # fmt: skip
-    """The response to a scenario; arguments as in `ematwin.models.servo.ServoModel.simulated`.
-
-    The reference model gives phase currents, terminal voltages and the current of the supply, the
-    monitor model the signed equivalent current; both give positions and speeds of motor and output.
-    """
+    """The response to a scenario; arguments as in `ematwin.models.servo.ServoModel.simulated`."""
     grid = TimeGrid(step, scenario.duration, rate)
     ratio = actuator.transmission.ratio
     command, load = scenario.histories(grid.time)
@@ -52,9 +48,8 @@ def simulated(
     """Columns (S,) of a trace of the "reference" or "monitor" model.
 
     Command and load are on the points of the grid, rad and N m on the motor shaft; ``start`` is a
-    current (A), speed and angle of motor and output there. Counts of encoders begin at
-    ``count_offset`` of a step, sampled loops at ``first_sample`` (s), and the integral term of the
-    speed loop asks for ``integral`` (A) at first.
+    current (A), speed and angle of motor and output there. Counts begin at ``count_offset`` of a
+    step, loops sample at ``first_sample`` (s); the speed loop's integral asks for ``integral``, A.
     """
     from ematwin.models.bldc import batch  # compiles, or loads what an earlier process compiled
     from ematwin.models.bldc.constants import kernel_constants, truer_constants
@@ -62,7 +57,6 @@ def simulated(
     from ematwin.models.bldc.monitor_step import MonitorState
     from ematwin.models.bldc.reference_step import ReferenceState
 
-    rest: ReferenceState | MonitorState
     names: tuple[str, ...]
     further: tuple[object, ...]
     current, w_m, theta_m, w_o, theta_o = start
@@ -72,12 +66,11 @@ def simulated(
         loops = started(truer, actuator.motor, current, theta_m, w_m, first_sample, integral)
         further = truer, np.array(loops)
         phases = phases_of(current, actuator.motor.pole_pairs * theta_m)
-        rest = ReferenceState(*phases, w_m, theta_m, w_o, theta_o, 1.0, 0.0, 0.0, 0.0)
+        state = np.array(ReferenceState(*phases, w_m, theta_m, w_o, theta_o, 1.0, 0.0, 0.0, 0.0))
     else:
         run, names = batch.monitor_trace, batch.MONITOR_COLUMNS
         further = (None if actuator.shorted_turns is None else np.zeros(4),)
-        rest = MonitorState(current, w_m, theta_m, w_o, theta_o, 0.0, current)
-    state = np.array(rest)
+        state = np.array(MonitorState(current, w_m, theta_m, w_o, theta_o, 0.0, current))
     constants = kernel_constants(actuator)
     first = {
         "bus_voltage": actuator.drive.supply_voltage, "motor_position": theta_m,
@@ -101,11 +94,8 @@ def simulated(
     for name in ("output_position", "output_speed"):
         found[name] /= actuator.transmission.ratio
     if model == "reference" and (encoder := actuator.encoder) is not None:
-        for name, size in (
-            ("motor_position", encoder.motor_step),
-            ("output_position", encoder.output_step),
-        ):
-            found[name] = read_angle(found[name], size, count_offset)
+        for side, size in (("motor", encoder.motor_step), ("output", encoder.output_step)):
+            found[f"{side}_position"] = read_angle(found[f"{side}_position"], size, count_offset)
     return found
 
 
@@ -130,21 +120,11 @@ def answer_step(actuator: BldcActuator, rate: float) -> float:
         return step
     longest = max(step, min(2.5 * step, actuator.largest_stable_step("reference")))
     spacing = 1.0 / (rate * math.ceil(1.0 / (rate * INPUT_INTERVAL) - _WHOLE))
-    return spacing / steps_within(spacing, actuator.current_loop.sample_time, longest, step)
-
-
-def steps_within(spacing: float, sample_time: float, longest: float, shortest: float) -> int:
-    """How many steps to take in a spacing of inputs, s, few of them.
-
-    They are such that a sample time has whole ones, if ``shortest`` allows it: else samples would
-    come sooner or later than in the drive by a share of a step.
-    """
-    fewest = math.ceil(spacing / longest - _WHOLE)
-    for n in range(fewest, math.floor(spacing / shortest + _WHOLE) + 1):
-        steps = sample_time * n / spacing
-        if abs(steps - round(steps)) < _WHOLE:
-            return n
-    return fewest
+    fewest, most = math.ceil(spacing / longest - _WHOLE), math.floor(spacing / step + _WHOLE)
+    # else samples of the loop would come sooner or later than in the drive by a share of a step
+    sampled = (actuator.current_loop.sample_time * n / spacing for n in range(fewest, most + 1))
+    whole = (abs(steps - round(steps)) < _WHOLE for steps in sampled)
+    return spacing / next((n for n, fits in enumerate(whole, fewest) if fits), fewest)
 
 
 def reference_answer(
@@ -152,12 +132,8 @@ def reference_answer(
 ) -> Recording:
     """Currents, voltages and positions at the samples of a recording; NaN where it diverged.
 
-    ``values`` are faults, corrections of the load, and parameters by place of one candidate;
-    ``start`` (5,) is as of `simulated`.
-
     Where within a step the counts of encoders begin is unknown: each candidate has another place,
-    and the differences count as scatter of the reference, in the error of the model and where a
-    calibration is judged.
+    and the differences count as scatter of the reference.
     """
     key = [len(recording), *sorted((name, float(value)) for name, value in values.items())]
     drawn = zlib.crc32(repr(key).encode()) / 2.0**32
@@ -181,11 +157,7 @@ def reference_answer(
 
 
 class TimeGrid:
-    """Times of a simulation: the grid of the inputs, the step, and which points are samples.
-
-    Inputs are known each 10 us or so and run in straight lines between; the reference model takes
-    several steps from one grid point to the next.
-    """
+    """Times of a simulation: the grid of the inputs, the step, and which points are samples."""
 
     def __init__(self, step: float, duration: float, rate: float) -> None:
         if duration * rate > _MOST_SAMPLES:

@@ -3,10 +3,16 @@
 All in SI and reflected to the motor shaft.
 """
 
-import math
 from typing import NamedTuple
 
+import numpy as np
+
+from ematwin.models.bldc import unknowns as law
 from ematwin.numerics.compile import step
+
+friction_factor, backlash_factor = step(law.friction_factor), step(law.backlash_factor)
+turns_left, gain_factor = step(law.turns_left), step(law.gain_factor)
+eccentricity_angle = step(law.eccentricity_angle)
 
 
 class Constants(NamedTuple):
@@ -25,9 +31,6 @@ class Constants(NamedTuple):
     i_max: float  # A
     w_max: float  # rad/s
     k_position: float  # 1/s
-    k_speed: float  # N m s/rad
-    j_m: float  # kg m^2
-    j_o: float  # kg m^2, reflected
     viscous: float  # N m s/rad
     t_m: float  # N m, dynamic friction on the motor side
     t_o: float  # N m, dynamic friction on the output side, reflected
@@ -42,12 +45,11 @@ class Constants(NamedTuple):
     load_gain: float  # actual over recorded load
     load_offset: float  # N m, beside the recorded load
     load_delay: float  # s, by which the recorded load is early
-    # of those above, so that no step divides
-    mobility_m: float  # 1/(kg m^2), 1/j_m
+    mobility_m: float  # 1/(kg m^2), so that no step divides by inertias
     mobility_o: float
-    mobility_both: float  # 1/(j_m + j_o)
-    share_o: float  # j_o/(j_m + j_o)
-    k_demand: float  # A s/rad, current that a speed error asks for: k_speed/(2 k_e)
+    mobility_both: float  # of both together
+    share_o: float  # of the inertia of both
+    k_demand: float  # A s/rad, current that a speed error asks for: speed gain/(2 k_e)
 
 
 HALF_GAP = Constants._fields.index("half_gap")
@@ -69,49 +71,13 @@ class FaultState(NamedTuple):
 
 
 @step
-def friction_factor(k):
-    """Factor on all dry friction (paper, section 6)."""
-    return 1.0 + 2.0 * k
-
-
-@step
-def backlash_factor(k):
-    """Factor on the healthy backlash (paper, section 6)."""
-    return 1.0 + 99.0 * k
-
-
-@step
-def turns_left(k):
-    """Share of the turns of a phase that are left (paper, section 6)."""
-    return 1.0 - k
-
-
-@step
-def eccentricity_angle(k):
-    """Direction of the eccentricity, rad (paper, section 6)."""
-    return 2.0 * math.pi * (k - 0.5)
-
-
-@step
-def gain_factor(k):
-    """Factor on the position gain (paper, section 6)."""
-    return 0.5 + k
-
-
-@step
 def fault_state(k, half_gap):
     """Physical magnitudes of a normalised fault vector (8,) (paper, section 6)."""
     phi = eccentricity_angle(k[6])
     return FaultState(
-        friction_factor(k[0]),
-        half_gap * backlash_factor(k[1]),
-        turns_left(k[2]),
-        turns_left(k[3]),
-        turns_left(k[4]),
-        k[5] * math.cos(phi),
-        k[5] * math.sin(phi),
-        gain_factor(k[7]),
-    )
+        friction_factor(k[0]), half_gap * backlash_factor(k[1]), turns_left(k[2]), turns_left(k[3]),
+        turns_left(k[4]), k[5] * np.cos(phi), k[5] * np.sin(phi), gain_factor(k[7]),
+    )  # fmt: skip
 
 
 class Truer(NamedTuple):

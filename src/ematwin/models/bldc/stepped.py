@@ -1,8 +1,8 @@
 """The brushless actuator sample by sample: the reference and the monitor model.
 
-As in `ematwin.models.bldc.batch`: constants are the constants of the kernels, the fault vector, the
-first position of the output, the truer forms; what follows from these comes last. The currents of a
-sample are means since the one before.
+As in `ematwin.models.bldc.batch`: constants are the constants of the kernels, the fault, the first
+position of the output, the truer forms, and pairs. The currents of a sample are means since the one
+before.
 """
 
 from collections.abc import Mapping
@@ -24,14 +24,13 @@ from ematwin.models.bldc.simulate import TimeGrid
 from ematwin.models.bldc.state import Constants, FaultState, Truer, TruerState, fault_state
 from ematwin.models.bldc.unknowns import FAULTS, FIXED
 from ematwin.models.stepped import Stepped, initial_position
-from ematwin.numerics.compile import part
+from ematwin.numerics.compile import part, plain
 from ematwin.numerics.lanes import columns
 
-_K = len(Constants._fields)  # where the fault vector begins in the constants
-_START = _K + len(FAULTS)
+_FAULT = len(Constants._fields)  # where it begins in the constants
+_START = _FAULT + len(FaultState._fields)
 _TRUER = _START + 1
-_FAULT = _TRUER + len(Truer._fields)
-_PAIRS = _FAULT + len(FaultState._fields)
+_PAIRS = _TRUER + len(Truer._fields)
 _READ = TruerState._fields.index("read")
 
 
@@ -43,25 +42,16 @@ def stepped(actuator: BldcActuator, fidelity: str, rate: float) -> Stepped:
 
     def constants(candidates: Mapping[str, Any]) -> list[Any]:
         own = actuator.varied(candidates, FIXED)
-        faults = [candidates[name] for name in FAULTS]
-        start = candidates["initial_position"]
-        return [*kernel_constants(own), *faults, start, *truer_constants(own)]
+        c = kernel_constants(own)
+        fault = plain(fault_state)([candidates[name] for name in FAULTS], c.half_gap)
+        pairs = plain(pairs_of)(fault, c) if fidelity == "monitor" else ()
+        return [*c, *fault, candidates["initial_position"], *truer_constants(own), *pairs]
 
     make = _reference if fidelity == "reference" else _monitor
     return Stepped(
-        inputs=("command", "load"),
-        constants=constants,
-        interval=1.0 / rate,
-        substeps=substeps,
-        starts=(initial_position(actuator),),
-        **make(actuator, grid.step, substeps),
-    )
-
-
-@part
-def _fault(c):
-    """The fault vector as the equations use it."""
-    return fault_state(c[_K:_START, 0], batch.read_constants(c, 0).half_gap)
+        inputs=("command", "load"), constants=constants, interval=1.0 / rate, substeps=substeps,
+        starts=(initial_position(actuator),), **make(actuator, grid.step, substeps),
+    )  # fmt: skip
 
 
 def _monitor(actuator: BldcActuator, dt: float, substeps: int) -> dict[str, Any]:
@@ -69,12 +59,6 @@ def _monitor(actuator: BldcActuator, dt: float, substeps: int) -> dict[str, Any]
     looped = actuator.shorted_turns is not None
     loops = len(MonitorState._fields)
     total = loops + 4
-
-    @part
-    def derive(c):
-        fault = _fault(c)
-        batch.write_fault(c[_FAULT:], 0, fault)
-        batch.write_pairs(c[_PAIRS:], 0, pairs_of(fault, batch.read_constants(c, 0)))
 
     @part
     def begin(c, u, x):
@@ -106,7 +90,7 @@ def _monitor(actuator: BldcActuator, dt: float, substeps: int) -> dict[str, Any]
         x[total, 0] += share * now.i
 
     return {
-        "derive": derive, "begin": begin, "sample": sample, "advance": advance, "at": (0.5, 0.5),
+        "begin": begin, "sample": sample, "advance": advance, "at": (0.5, 0.5),
         "outputs": batch.MONITOR_COLUMNS[:5], "state_count": total + 1,
         "constant_count": _PAIRS + len(Pairs._fields),
     }  # fmt: skip
@@ -119,10 +103,6 @@ def _reference(actuator: BldcActuator, dt: float, substeps: int) -> dict[str, An
     ratio, share = actuator.transmission.ratio, 1.0 / substeps
     more = len(ReferenceState._fields)
     total = more + len(TruerState._fields)
-
-    @part
-    def derive(c):
-        batch.write_fault(c[_FAULT:], 0, _fault(c))
 
     @part
     def begin(c, u, x):
@@ -147,18 +127,17 @@ def _reference(actuator: BldcActuator, dt: float, substeps: int) -> dict[str, An
     def advance(c, x, u):
         own, fault = batch.read_constants(c, 0), batch.read_fault(c[_FAULT:], 0)
         now, command, load = batch.read_reference(x, 0), u[0, 0] * ratio, u[1, 0] / ratio
-        now, after, i_a, i_b, i_c, _ = reference_step(
+        now, after, means, _ = reference_step(
             now, batch.read_more(x[more:], 0), command, load, fault, own,
             read_truer(c[_TRUER:], 0), dt,
         )  # fmt: skip
         batch.write_reference(x, 0, now)
         batch.write_more(x[more:], 0, after)
-        x[total, 0] += share * i_a
-        x[total + 1, 0] += share * i_b
-        x[total + 2, 0] += share * i_c
+        for m in range(3):
+            x[total + m, 0] += share * means[m]
 
     return {
-        "derive": derive, "begin": begin, "sample": sample, "advance": advance, "at": (0.0, 0.0),
+        "begin": begin, "sample": sample, "advance": advance, "at": (0.0, 0.0),
         "outputs": batch.REFERENCE_COLUMNS[:7], "state_count": total + 3,
         "constant_count": _PAIRS,
     }  # fmt: skip

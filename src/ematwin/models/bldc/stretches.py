@@ -1,30 +1,21 @@
 """Stretches of a recording on the monitor model's time base, and candidates over them.
 
 Electrical power counts beside the equivalent current where voltages or the supply's current were
-recorded,
-
-    P = v_a i_a + v_b i_b + v_c i_c,
-
-whatever point the voltages are measured against, because the currents add up to zero; or else the
-supply's voltage times its current. The monitor model has P = (R_eq i + kappa_eq omega + L_eq di/dt)
-i. Under current control a sensor that reads 3 % too much looks like a torque constant that is 3 %
-smaller, as phases do that miss turns alike: the voltage for each ampere tells them apart. And watts
-over radians a second fix the common scale of all torques, which currents alone leave open.
+recorded (docs/models.md, "Electrical power"). Under current control a sensor that reads 3 % too
+much looks like a torque constant that is 3 % smaller: the voltage for each ampere tells them apart.
 """
 
-import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from ematwin.models.bldc.channels import PHASES, VOLTAGES
 from ematwin.models.bldc.counts import steps_of
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.state import V_SUPPLY, Constants
+from ematwin.models.bldc.state import V_SUPPLY
 from ematwin.models.comparison import Candidates
 from ematwin.numerics.filters import compare
-from ematwin.numerics.side_by_side import side_by_side
 from ematwin.numerics.signals import LowPass
 from ematwin.recordings.recording import Recording
 
@@ -44,10 +35,8 @@ class Power:
 
     def of(self, recording: Recording) -> np.ndarray:
         """The power (S,) of an answer of the reference model, formed as this was."""
-        channels = recording.channels
-        if self.by_phases:
-            return np.sum([channels[i] * channels[v] for i, v in _PAIRS], axis=0)
-        return channels["bus_current"] * channels["bus_voltage"]
+        x = recording.channels
+        return _by_phases(x) if self.by_phases else x["bus_current"] * x["bus_voltage"]
 
     def error(self, filtered: np.ndarray, low_pass: LowPass, sample_rate: float) -> float:
         """Standard deviation of the residual of a filtered twin, W."""
@@ -55,11 +44,15 @@ class Power:
         return float(np.sqrt(noise + _TWIN_ERROR**2 * np.mean(filtered**2)))
 
 
+def _by_phases(channels: Mapping[str, np.ndarray]) -> np.ndarray:
+    return np.sum([channels[i] * channels[v] for i, v in _PAIRS], axis=0)
+
+
 def recorded_power(recording: Recording, actuator: BldcActuator) -> Power | None:
     """The electrical power of a recording; None where it does not tell it."""
     channels = recording.channels
     if {*PHASES, *VOLTAGES} <= channels.keys():
-        return Power(np.sum([channels[i] * channels[v] for i, v in _PAIRS], axis=0), by_phases=True)
+        return Power(_by_phases(channels), by_phases=True)
     if "bus_current" not in channels:
         return None
     current = channels["bus_current"]
@@ -114,13 +107,9 @@ class Stretches:
         return found
 
     def compare(
-        self,
-        rows: np.ndarray,
-        target: np.ndarray,
-        weights: np.ndarray,
-        stride: int,
+        self, rows: np.ndarray, target: np.ndarray, weights: np.ndarray, stride: int,
         late: np.ndarray | None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Change rows (B, N K), of every so many samples, to weighted residuals.
 
         ``late`` (B,) is by how many samples the target is ahead of each row; None is not at all.
@@ -140,7 +129,7 @@ class Batch:
     """Candidates of a batch."""
 
     faults: np.ndarray  # (B, 8)
-    constants: np.ndarray | None  # (B, 35), or None if all share them
+    constants: np.ndarray | None  # (B, 32), or None if all share them
     sensor: Candidates  # gains, offsets and delays of the sensors by name, (B,) each
 
     def distinct(self) -> tuple[np.ndarray, np.ndarray]:
@@ -186,67 +175,8 @@ class Batch:
         return np.asarray(gain[:, None] * watts + offset[:, None])
 
 
-class Twin(NamedTuple):
-    """The monitor model of an actuator, as `scores` takes it."""
-
-    constants: Constants
-    step: float  # s
-    substeps: int  # in a sampling interval
-    rectify: bool  # magnitudes are compared
-    looped: bool  # shorted turns are loops
-
-
-def scores(
-    stretches: Stretches,
-    batch: Batch,
-    twin: Twin,
-    kept: int,
-    limits: np.ndarray | None,
-    threads: int,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Costs, responses and power of candidates over stretches, as of `BldcComparison.run`."""
-    from ematwin.models.bldc.batch import monitor_scores
-    from ematwin.numerics.lanes import LANES
-
-    count, parts = len(batch.faults), len(stretches)
-    blocks = -(-count // LANES)
-    faults = _padded(batch.faults, blocks * LANES)
-    each = None if batch.constants is None else _padded(batch.constants, len(faults))
-    within = np.full(len(faults), np.inf)
-    if limits is not None:
-        within[:count] = limits
-        within[count:] = -np.inf  # nobody asks for the padding
-    costs = np.empty((parts, len(faults)))
-    response = np.empty((*costs.shape, kept))
-    power = stretches.power if kept else None
-    watts = np.empty((*costs.shape, 0 if power is None else kept))
-    loops = None
-    if twin.looped:  # their currents are zero at the start: within 0.1 ms they forget it
-        loops = np.zeros((parts, 4))
-        theta_e = twin.constants.pole_pairs * stretches.states[:, 2]
-        loops[:, 3] = np.floor(theta_e / (math.pi / 3.0) - 0.5) % 6.0
-
-    def work_on(task: tuple[slice, slice]) -> None:
-        some, rows = task
-        monitor_scores(
-            faults[rows], stretches.command, stretches.load, stretches.starts[some],
-            stretches.samples, stretches.states[some], twin.constants,
-            None if each is None else each[rows], twin.step, twin.substeps,
-            stretches.taps[some], twin.rectify, stretches.target, stretches.weights,
-            costs[some, rows], response[some, rows],
-            None if power is None else (power.states[some], watts[some, rows]),
-            within[rows], None if loops is None else loops[some],
-        )  # fmt: skip
-
-    side_by_side(work_on, _tasks(parts, blocks, LANES, threads), threads)
-    return costs.sum(axis=0)[:count], _joined(response, count), _joined(watts, count)
-
-
-def _tasks(parts: int, blocks: int, width: int, threads: int) -> list[tuple[slice, slice]]:
-    """Stretches and rows of candidates that are simulated at a time: a share for each thread.
-
-    Many stretches are shared, candidates where there is one.
-    """
+def tasks(parts: int, blocks: int, width: int, threads: int) -> list[tuple[slice, slice]]:
+    """Stretches and rows of candidates that are simulated at a time: a share for each thread."""
     most = 8  # blocks of lanes over a whole recording: an interrupt waits for one task
     if parts > 1:
         each = max(1, -(-parts // max(threads, -(-blocks // most))))
@@ -256,13 +186,13 @@ def _tasks(parts: int, blocks: int, width: int, threads: int) -> list[tuple[slic
     return [(every, slice(n * width, (n + each) * width)) for n in range(0, blocks, each)]
 
 
-def _joined(answers: np.ndarray, count: int) -> np.ndarray:
+def joined(answers: np.ndarray, count: int) -> np.ndarray:
     """The first rows (count, N K) of answers (N, B, K)."""
     parts, _, kept = answers.shape
     return answers[:, :count].transpose(1, 0, 2).reshape(count, parts * kept)
 
 
-def _padded(rows: np.ndarray, count: int) -> np.ndarray:
+def padded(rows: np.ndarray, count: int) -> np.ndarray:
     """The rows, the last one repeated up to ``count``."""
     padded = np.empty((count, rows.shape[1]))
     padded[: len(rows)] = rows
@@ -292,9 +222,8 @@ def initial_state(
 ) -> np.ndarray:
     """State (7,) of the monitor model at a sample.
 
-    Recorded positions and speeds are taken where they are known, speeds of counts as slopes over a
-    millisecond. Else the motor stands where the output is, the output where the command is, and
-    speeds are the slopes of the positions.
+    Speeds of counts are slopes over a millisecond. Where it was not recorded, the motor stands
+    where the output is, the output where the command is, and speeds are slopes of positions.
     """
     ratio, dt = actuator.transmission.ratio, recording.interval
     if recording.motor_speed is None and any(steps_of(recording, actuator)):

@@ -1,7 +1,7 @@
 """Unknowns of a brushless actuator: its faults, in one table.
 
 ESREL 2020 paper, section 6. The magnitudes are normalised to [0, 1]; the laws that turn them into
-physical ones are those that the kernel calls (`ematwin.models.bldc.state`).
+physical ones are those that the kernel compiles (`ematwin.models.bldc.state`).
 """
 
 import cmath
@@ -20,30 +20,48 @@ from ematwin.models.servo import normalised_fault as _fault
 from ematwin.models.unknown import Alias, Contrast, Unknown
 
 
-def _law(name: str, k: Any) -> Any:
-    from ematwin.models.bldc import state  # compiles nothing, but needs numba
-    from ematwin.numerics.compile import plain
+def friction_factor(k: Any) -> Any:
+    """Factor on all dry friction."""
+    return 1.0 + 2.0 * k
 
-    return plain(getattr(state, name))(k)
+
+def backlash_factor(k: Any) -> Any:
+    """Factor on the healthy backlash."""
+    return 1.0 + 99.0 * k
+
+
+def turns_left(k: Any) -> Any:
+    """Share of the turns of a phase that are left."""
+    return 1.0 - k
+
+
+def eccentricity_angle(k: Any) -> Any:
+    """Direction of the eccentricity, rad."""
+    return 2.0 * math.pi * (k - 0.5)
+
+
+def gain_factor(k: Any) -> Any:
+    """Factor on the position gain."""
+    return 0.5 + k
 
 
 UNKNOWNS = (
     _fault("friction", "dynamic dry friction on the motor shaft", "N m",
-           lambda a, k: dry_friction(a) * _law("friction_factor", k)),
+           lambda a, k: dry_friction(a) * friction_factor(k)),
     # the misfit has separate minima for a small, a middling and a large gap
     _fault("backlash", "backlash on the motor shaft", "rad",
-           lambda a, k: a.transmission.backlash * _law("backlash_factor", k), valleys=3),
+           lambda a, k: a.transmission.backlash * backlash_factor(k), valleys=3),
     *(
         _fault(f"short_{x}", f"shorted turns in phase {x}", "turns",
-               lambda a, k: (n := a.motor.turns_per_phase) - n * _law("turns_left", k))
+               lambda a, k: (n := a.motor.turns_per_phase) - n * turns_left(k))
         for x in "abc"
     ),
     _fault("eccentricity", "rotor offset over air gap", "", None),
     _fault("eccentricity_phase", "direction of the eccentricity", "deg",
-           lambda a, k: np.degrees(_law("eccentricity_angle", k)), 0.5,
+           lambda a, k: np.degrees(eccentricity_angle(k)), 0.5,
            direction_of="eccentricity"),
     _fault("gain", "proportional position gain", "1/s",
-           lambda a, k: a.controller.position_gain * _law("gain_factor", k), 0.5),
+           lambda a, k: a.controller.position_gain * gain_factor(k), 0.5),
 )  # fmt: skip
 
 FAULTS = tuple(one.name for one in UNKNOWNS)
@@ -88,12 +106,7 @@ SHORTS = ("short_a", "short_b", "short_c")
 
 
 def aliases(actuator: Any, values: Mapping[str, float]) -> list[Alias]:
-    """Directions in which no channel changes: each fault against the parameter that it multiplies.
-
-    A loop of shorted turns shows by the flux that it takes, mu i_f = G (R i + e) with
-    G = mu^2/(R_f + mu R) and R of one phase: a higher resistance R_f of the contact looks like
-    fewer turns.
-    """
+    """Directions in which no channel changes: faults against the parameters that they multiply."""
     k = {name: values.get(name, fault(name).healthy) for name in FAULTS}
     opposing, aiding = (values.get(place, actuator.value(place)) for place in _EFFICIENCIES)
     found = [
@@ -152,11 +165,7 @@ def fault(name: str) -> Unknown:
 
 
 def other_forms(actuator: BldcActuator, found: Mapping[str, float]) -> tuple[OtherForm, ...]:
-    """Forms that a file leaves out and for which missing turns may be mistaken.
-
-    An offset that is fixed in space starts where `fixed_in_space` says. A loop of shorted turns
-    brakes, which missing turns do not: shares of the turns are tried.
-    """
+    """Forms that a file leaves out and for which missing turns may be mistaken."""
     mistaken = frozenset((*SHORTS, "eccentricity"))
     forms = []
     if actuator.eccentricity is None:

@@ -1,22 +1,14 @@
 """From where angles are counted: no two sensors of an actuator are mounted at the same zero.
 
-The twin counts the motor's angle from where the EMF of phase a rises through zero, and the output's
-from where the motor stands in the middle of the gap. A recording may count from anywhere else:
-
-- the phases that conduct tell the electrical angle. Projected on EMF shapes that are turned by the
-  right angle, three currents give the most of their mean square (`envelope.signed_current`).
-  Commutation takes a while, which looks like an angle to the one side or the other by the sense of
-  rotation: the mean of both is right within 0.3 degrees on recordings of the reference model with
-  all faults, and one alone within 5;
-- motor and output lie half a gap apart at most, to either side, where the motion crosses the gap.
-
-No channel shows the pole at which a rotor stands: the direction of an eccentricity is counted from
-one of them.
+docs/models.md, "Zeros of angles". The twin counts the motor's angle from where the EMF of phase a
+rises through zero, and the output's from where the motor stands in the middle of the gap. The
+phases that conduct tell the electrical angle. Commutation takes a while, which looks like an angle
+to the one side or the other by the sense of rotation: the mean of both is right within 0.3 degrees,
+and one alone within 5.
 """
 
 import math
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -68,10 +60,7 @@ class Zeros:
 
 
 def zeros(recording: Recording, actuator: BldcActuator) -> Zeros | None:
-    """Offset of a recorded motor angle; None where there is none, or it cannot be determined.
-
-    Only a rotor that turned both ways tells it.
-    """
+    """Offset of a recorded motor angle; None where there is none, or it cannot be determined."""
     motor, currents = recording.motor_position, phase_currents(recording)
     if motor is None:
         return None
@@ -142,15 +131,12 @@ def turned(currents: np.ndarray, angle: np.ndarray, current: np.ndarray) -> Turn
     best = _best(currents, angle, nearby, ways)
     if best is None:  # no top nearby: nothing fits
         best = float(nearby[10])
-    share = _share(currents, angle + best) / whole
-    return Turned(math.remainder(best, 2.0 * math.pi), share, len(ways) < 2)
+    (share,) = _shares(currents, angle, np.array([best]))
+    return Turned(math.remainder(best, 2.0 * math.pi), share / whole, len(ways) < 2)
 
 
 def _ways(angle: np.ndarray) -> list[np.ndarray]:
-    """Masks (S,) of where a rotor turned each way, by an electrical turn in all at least.
-
-    Across several samples, and beyond the noise of its sensor: one that trembles does not turn.
-    """
+    """Masks (S,) of where a rotor turned each way, by an electrical turn in all at least."""
     at, across = np.arange(len(angle)), 10  # samples to both sides
     after, before = np.minimum(at + across, len(angle) - 1), np.maximum(at - across, 0)
     moved = angle[after] - angle[before]
@@ -166,44 +152,36 @@ def _best(
 
     None where for one of them it lies at the first or the last step.
     """
-    look = partial(_looked_for, currents, angle, steps, ways)
+
+    def look() -> float | None:
+        found = []
+        for way in ways:
+            best = int(np.argmax(_shares(currents[way], angle[way], steps)))
+            if best in (0, len(steps) - 1):
+                return None
+            found.append(_refined(currents[way], angle[way], float(steps[best])))
+        return sum(found) / len(found)
+
     return _FOUND.of((currents, angle, steps, *ways), look)
 
 
-def _looked_for(
-    currents: np.ndarray, angle: np.ndarray, steps: np.ndarray, ways: list[np.ndarray]
-) -> float | None:
-    found = []
-    for way in ways:
-        shares = [_share(currents[way], angle[way] + step) for step in steps]
-        best = int(np.argmax(shares))
-        if best in (0, len(steps) - 1):
-            return None
-        found.append(_refined(currents[way], angle[way], float(steps[best])))
-    return sum(found) / len(found)
-
-
-def _share(currents: np.ndarray, angle: np.ndarray) -> float:
-    """Mean square current on the EMF shapes at electrical angles (S,)."""
-    return float(np.mean(projected(currents, angle) ** 2))
+def _shares(currents: np.ndarray, angle: np.ndarray, steps: np.ndarray) -> list[float]:
+    """Mean square current on the EMF shapes at electrical angles (S,), each so much further."""
+    return [float(np.mean(projected(currents, angle + step) ** 2)) for step in steps]
 
 
 def _refined(currents: np.ndarray, angle: np.ndarray, zero: float) -> float:
     """The top of a parabola through the mean squares around an angle."""
     near, fine = math.radians(3.0), math.radians(0.25)
     steps = np.arange(-near, near + 0.5 * fine, fine)
-    shares = [_share(currents, angle + zero + step) for step in steps]
-    curved, slope, _ = np.polyfit(steps, shares, 2)
+    curved, slope, _ = np.polyfit(steps, _shares(currents, angle + zero, steps), 2)
     if curved >= 0.0:
         return zero
     return zero + float(np.clip(-slope / (2.0 * curved), -near, near))
 
 
 def _apart(recording: Recording, actuator: BldcActuator, motor: float) -> float:
-    """How far (rad, motor shaft) the output is from the middle of the gap; 0 if that matters not.
-
-    A motion that does not cross the gap leaves open at which side of it the output is.
-    """
+    """Distance (rad, motor shaft) of the output from the middle of the gap; 0 if of no account."""
     output, shown = recording.output_position, recording.motor_position
     if output is None or shown is None:
         return 0.0

@@ -15,7 +15,7 @@ from ematwin.quantities import QUANTITIES, base_units, spelled_out, to_si
 class Unit(NamedTuple):
     """A unit of an FMU: SI = factor value + offset, and powers of the SI base units."""
 
-    powers: tuple[tuple[str, int], ...]
+    powers: dict[str, int]
     factor: float = 1.0
     offset: float = 0.0
 
@@ -43,8 +43,8 @@ class Archive(NamedTuple):
     identifier: str
     interpolates: bool
     step_size: float | None  # s, of its default experiment
-    variables: tuple[tuple[str, Variable], ...]
-    units: tuple[tuple[str, Unit], ...]
+    variables: dict[str, Variable]  # by name
+    units: dict[str, Unit]
 
 
 def archive_at(path: Path) -> Archive:
@@ -93,8 +93,8 @@ def _read(path: Path, changed: int, size: int) -> Archive:
         identifier=found.coSimulation.modelIdentifier,
         interpolates=bool(found.coSimulation.canInterpolateInputs),
         step_size=_number(experiment.stepSize) if experiment else None,
-        variables=tuple((one.name, _variable(one)) for one in found.modelVariables),
-        units=tuple((one.name, _unit(one.baseUnit)) for one in found.unitDefinitions),
+        variables={one.name: _variable(one) for one in found.modelVariables},
+        units={one.name: _unit(one.baseUnit) for one in found.unitDefinitions},
     )
 
 
@@ -125,9 +125,9 @@ def _variable(given: Any) -> Variable:
 
 def _unit(base: Any) -> Unit:
     if base is None:
-        return Unit(())
-    names = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
-    powers = tuple((name, int(getattr(base, name))) for name in names if int(getattr(base, name)))
+        return Unit({})
+    powers = {x: int(getattr(base, x)) for x in ("kg", "m", "s", "A", "K", "mol", "cd", "rad")}
+    powers = {name: power for name, power in powers.items() if power}
     return Unit(powers, float(base.factor), float(base.offset))
 
 
@@ -153,19 +153,15 @@ def scale_of(archive: Archive, variable: Variable, written: str | None, what: st
     A variable to which the FMU gives no unit is in the SI unit of ``written``. `ParameterError` if
     the FMU's unit measures something else, or there is no such unit.
     """
-    known = dict(archive.units).get(variable.unit)
+    known = archive.units.get(variable.unit)
     if known is None:
         return Scale(_si_unit(_powers(written or "", what), written))
-    if written is not None:
-        powers = _powers(written, what)
-        # exporters need not count the radian
-        if {**powers, "rad": 0} != {**dict(known.powers), "rad": 0}:
-            raise ParameterError(
-                f"{what} must have a unit such as {variable.unit!r}, which the FMU gives it; "
-                f"received {written!r}. Correct the unit."
-            )
-    else:
-        powers = dict(known.powers)
+    powers = known.powers if written is None else _powers(written, what)
+    if {**powers, "rad": 0} != {**known.powers, "rad": 0}:  # exporters need not count the radian
+        raise ParameterError(
+            f"{what} must have a unit such as {variable.unit!r}, which the FMU gives it; "
+            f"received {written!r}. Correct the unit."
+        )
     return Scale(_si_unit(powers, written), known.factor, known.offset)
 
 

@@ -157,7 +157,6 @@ class Described:
                 f"{self.archive.path} is not the FMU for which {what} was written: it has changed "
                 "since. Calibrate anew, or remove sha256 from the file."
             )
-        self._variables = dict(self.archive.variables)
         self._places: dict[str, str] = {}  # by variable
         self.channels: dict[str, Used] = {}  # inputs first
         for name, one in declared.inputs:
@@ -197,9 +196,9 @@ class Described:
     ) -> Used:
         """A variable of the FMU and its scale."""
         what = f"{self._what}: {place}"
-        found = self._variables.get(one.variable)
+        found = self.archive.variables.get(one.variable)
         if found is None:
-            close = difflib.get_close_matches(one.variable, self._variables, n=1)
+            close = difflib.get_close_matches(one.variable, self.archive.variables, n=1)
             hint = f" Did you mean {close[0]}?" if close else ""
             raise ParameterError(
                 f"{what} names a variable {one.variable!r}, which {self.archive.path.name} does "

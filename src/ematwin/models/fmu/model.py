@@ -144,17 +144,16 @@ class FmuModel(Model):
         self, actuator: Any, inputs: Recording, candidates: Candidates, count: int
     ) -> dict[str, np.ndarray]:
         """Outputs of each candidate, (B, S) arrays, SI; NaN from where the FMU failed."""
-        described, limit = self.described, self.declared.fmu.time_limit
+        described, declared = self.described, self.declared
         settings = self._settings(actuator, candidates, count)
-        lost = ~np.isfinite(settings).all(axis=1)
-        outputs = list(self.declared.outputs)
-        samples = np.full((count, len(inputs), len(outputs)), np.nan)
-        pool = pool_of(described.archive)
-        if not lost.all():
-            samples[~lost] = pool.run(self._drive(inputs), settings[~lost], limit)
+        sound = np.isfinite(settings).all(axis=1)
+        samples = np.full((count, len(inputs), len(declared.outputs)), np.nan)
+        if sound.any():
+            pool, limit = pool_of(described.archive), declared.fmu.time_limit
+            samples[sound] = pool.run(self._drive(inputs), settings[sound], limit)
         return {
             name: described.channels[name].scale.to_si(samples[:, :, n])
-            for n, name in enumerate(outputs)
+            for n, name in enumerate(declared.outputs)
         }
 
     def simulate(
@@ -225,12 +224,11 @@ def _actuator(text: str, digest: str, table: dict[str, Any]) -> Any:
 def _class_of(model: FmuModel) -> type[FmuActuator]:
     """The class of the parameter sets of one file."""
     fields: dict[str, Any] = {}
-    for name, (lower, upper) in model.described.bounds.items():
+    for name, limits in model.described.bounds.items():
         stated = model.declared.nominal[name]
         _, variable, scale = model.described.settings[f"nominal.{name}"]
-        limits = {"ge": lower, "le": upper}
         drift = None if stated.drift is None else parse_share(stated.drift, f"drift of {name}")
-        more: dict[str, Any] = {k: limit for k, limit in limits.items() if math.isfinite(limit)}
+        more: Any = {k: x for k, x in zip(("ge", "le"), limits, strict=True) if math.isfinite(x)}
         meaning = stated.meaning or variable.meaning
         fields[name] = float, quantity(scale.unit, meaning, drift=drift, **more)
     section = create_model("Nominal", __base__=Section, __doc__="Parameters.", **fields)

@@ -45,8 +45,7 @@ class Worker:
             self._ask(self._setup, 60.0)  # s: licences and large libraries take their time
         known = self._drive is drive
         self._drive = drive
-        found: tuple[np.ndarray, str] = self._ask((None if known else drive, settings), limit)
-        return found
+        return self._ask((None if known else drive, settings), limit)
 
     def _ask(self, task: Any, limit: float) -> Any:
         process: Any = self._process

@@ -1,10 +1,9 @@
 """A recording of a linear axis beside its twin in closed loop: voltage and position error.
 
-The error of the twin comes from the motion, not from the sensors. It repeats with the reference,
-and is larger the lower the frequency: friction that varies along the screw, and drift. So residuals
-are compared by frequency, up to the bandwidth of the position loop, above which the voltage does
-not show forces. Each frequency is weighed by the power that the residual has around it (generalised
-least squares by a smoothed periodogram: Ljung 1999, System Identification, section 7.4).
+The error of the twin repeats with the reference, and is larger the lower the frequency: friction
+that varies along the screw, and drift. So residuals are compared by frequency, up to the bandwidth
+of the position loop. Each frequency is weighed by the power that the residual has around it
+(generalised least squares by a smoothed periodogram: Ljung 1999, System Identification, 7.4).
 """
 
 import copy

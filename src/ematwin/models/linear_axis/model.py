@@ -132,9 +132,7 @@ class LinearAxisModel(Model):
         known = (name for name in COMPARED if name in recording.channels)
         return {name: 0.02 * float(recording.channels[name].std()) or 1.0 for name in known}
 
-    def compare(
-        self, recording: Recording, actuator: Any, *, threads: int | None = None, **settings: Any
-    ) -> Any:
+    def compare(self, recording: Recording, actuator: Any, **settings: Any) -> Any:
         """A recording beside the twin in closed loop."""
         from ematwin.models.linear_axis.comparison import LinearAxisComparison
 
@@ -150,9 +148,7 @@ class LinearAxisModel(Model):
         """The controller gives the voltage that its inputs ask for."""
         return [controller_law(recording, actuator)]
 
-    def excitation(self, recording: Recording, actuator: Any) -> list[str]:
-        """It has to move both ways."""
-        return missing_motion(recording)
+    excitation = staticmethod(missing_motion)
 
     def rate_of(self, actuator: Any) -> float:
         """Sample rate of the controller, Hz."""

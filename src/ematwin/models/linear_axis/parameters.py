@@ -111,15 +111,9 @@ class LinearAxis(ParameterSet):
 def loop_radius(actuator: Any, share: float = 1.0) -> float:
     """Largest magnitude of an eigenvalue of the loop, with a share of its velocity gain.
 
-    The carriage is linear while it moves one way: between samples M dv/dt = g u - F_v v, the
-    voltage u follows the controller's output c with a lag, and c is held. With the states at the
-    samples
-
-        z = (q, v, u, q_-1, q_-2),    c = k_v (k_p (q_ref - q) - (q - q_-2) / 2T)
-
-    the loop is z' = A z, and is stable if all eigenvalues of A lie within the unit circle. Coulomb
-    friction only damps; the less viscous of the two directions decides. Zero-order hold: Franklin,
-    Powell and Workman (1998), Digital Control of Dynamic Systems, section 4.3.
+    The carriage is linear while it moves one way, with the states z = (q, v, u, q_-1, q_-2) at the
+    samples; the less viscous direction decides. Zero-order hold: Franklin, Powell and Workman
+    (1998), Digital Control of Dynamic Systems, section 4.3.
     """
     friction, drive, control = actuator.friction, actuator.drive, actuator.controller
     k_v, k_p, interval = share * control.velocity_gain, control.position_gain, control.sample_time

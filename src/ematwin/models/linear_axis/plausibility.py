@@ -70,11 +70,7 @@ def controller_voltage(recording: Recording, actuator: LinearAxis) -> np.ndarray
 
 
 def controller_law(recording: Recording, actuator: LinearAxis) -> Law:
-    """The voltage is the output of the controller for the recorded positions, within its limit.
-
-    The gain of the position loop is a fault, and the gain of the speed loop may be misstated: both
-    may have any value, and a delay shows by its difference from them.
-    """
+    """The voltage is the output of the controller for the recorded positions, within its limit."""
     channels, control = recording.channels, actuator.controller
     position, voltage = channels["position"], channels["voltage"]
     slopes = (position[2:] - position[:-2]) / (2.0 * control.sample_time)
@@ -119,7 +115,7 @@ def _check_controller(recording: Recording, actuator: LinearAxis) -> list[str]:
     ]
 
 
-def missing_motion(recording: Recording) -> list[str]:
+def missing_motion(recording: Recording, actuator: LinearAxis) -> list[str]:
     """Sentences on directions whose friction does not show; each forbids a verdict."""
     steps = np.diff(recording.channels["reference"])
     travel = float(np.ptp(recording.channels["reference"]))

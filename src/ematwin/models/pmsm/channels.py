@@ -17,10 +17,7 @@ ROTATING_VOLTAGES = ("voltage_d", "voltage_q")
 
 
 def _terminal(letter: str, text: str, ab: float, bc: float) -> Channel:
-    """The measured voltage of a phase, against any point that the three have in common.
-
-    It is (``ab`` v_ab + ``bc`` v_bc)/3 of line voltages.
-    """
+    """The measured voltage of a phase, (``ab`` v_ab + ``bc`` v_bc)/3 of line voltages."""
 
     def of_lines(v_ab: np.ndarray, v_bc: np.ndarray) -> np.ndarray:
         return (ab * v_ab + bc * v_bc) / 3.0
@@ -81,10 +78,7 @@ def phase_values(d: Any, q: Any, angle: Any) -> tuple[Any, Any, Any]:
 def in_rotor_frame(
     recording: Recording, quantity: str, pole_pairs: int
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """d and q (S,) of "current", "voltage" or "terminal_voltage"; None without.
-
-    Recorded as such or by phases; what all phases have in common drops out.
-    """
+    """d and q (S,) of "current", "voltage" or "terminal_voltage"; None without."""
     channels = recording.channels
     rotating, phases = ([f"{quantity}_{x}" for x in letters] for letters in ("dq", "abc"))
     if set(rotating) <= channels.keys():

@@ -1,10 +1,8 @@
-"""How badly candidates explain a recording of a PMSM servo.
+"""How badly candidates explain a recording of a PMSM servo (docs/pmsm.md).
 
-Currents and voltages, commanded or else measured at the terminals, are compared in the frame of the
-drive, where a fault of one phase appears at twice the electrical frequency beside the mean; with
-them the speed of the motor and the following error of the output. All of them pass one low-pass,
-which keeps that frequency, and are thinned as the low-pass allows. Each is weighed by its recorded
-noise and by the error of the twin.
+Its channels pass one low-pass, which keeps twice the electrical frequency, where a fault of one
+phase appears, and are thinned as the low-pass allows. Each is weighed by its recorded noise and by
+the error of the twin.
 """
 
 import copy
@@ -40,15 +38,10 @@ _CAPTIONS = {
     "following_error": ("Following error, on the motor shaft", "rad"),
 }
 COMPARED = tuple(_CAPTIONS)
-_TOGETHER = {"current_q": "current", "current_d": "current", "voltage_q": "voltage",
-             "voltage_d": "voltage"}  # fmt: skip
 
 
 class PmsmComparison(Comparison):
-    """Weighted squares between a batch of candidates and a recording.
-
-    The recording drives the twin with its command and load, from its first positions.
-    """
+    """Weighted squares between a batch of candidates and a recording."""
 
     whitened = True
     model_error, has_reference = Model.model_error, True
@@ -74,6 +67,9 @@ class PmsmComparison(Comparison):
         self.every = max(1, int(1.0 / (3.0 * cutoff * tick)))
         last = float(recording.time[-1] - recording.time[0])
         self._ticks = np.arange(math.floor(last / tick + 1e-6) + 1) * tick
+        self._time = recording.time - recording.time[0]
+        alike = self._time.size == self._ticks.size
+        self._on_each_tick = alike and np.allclose(self._time, self._ticks, atol=1e-9)
         ratio = actuator.transmission.ratio
         load = recording.channels.get("load", np.zeros(len(recording)))
         self.command = self._on_ticks(recording.channels["command"] * ratio)
@@ -82,6 +78,7 @@ class PmsmComparison(Comparison):
         self._measured = only_measured(recording)
         check_moves(signals["current_q"])
         self.start = first_state(recording, actuator, signals)
+        self._rows = [n for n, name in enumerate(COMPARED) if name in signals]
         self._hold()
         self._left: np.ndarray | None = None
         self._set(signals)
@@ -112,37 +109,32 @@ class PmsmComparison(Comparison):
         self._weigh(0.003)  # of the RMS of a channel
 
     def _weigh(self, model_error: float) -> None:
-        """Weigh channels by their noise and by the error of a model, as a share of their RMS.
-
-        The noise follows from the residuals where they are known, else it is white.
-        """
-        signals = self._signals
+        """Weigh channels by their noise and by the error of a model, as a share of their RMS."""
+        power = np.zeros(len(COMPARED))
+        noise, passed = power.copy(), self.low_pass.noise_gain(self.recording.sample_rate)
+        for n in self._rows:
+            power[n] = float(np.mean(self._filtered[COMPARED[n]] ** 2))
+            noise[n] = passed * white_noise(self._signals[COMPARED[n]]) ** 2
+        noise = noise if self._left is None else self._left
+        for pair in (power[:2], power[2:4]):  # both currents have one size, and both voltages
+            pair[:] = pair.sum()
+        error = noise + model_error**2 * power
         self._weights = np.zeros(len(COMPARED))
-        size: dict[str, float] = {}
-        for name, trace in self._filtered.items():
-            group = _TOGETHER.get(name, name)
-            size[group] = size.get(group, 0.0) + float(np.mean(trace**2))
-        passed = self.low_pass.noise_gain(self.recording.sample_rate)
-        for name in self._filtered:
-            noise = passed * white_noise(signals[name]) ** 2
-            if self._left is not None:
-                noise = float(self._left[COMPARED.index(name)])
-            error = noise + model_error**2 * size[_TOGETHER.get(name, name)]
-            self._weights[COMPARED.index(name)] = 1.0 / error if error > 0.0 else 0.0
+        counts = [n for n in self._rows if error[n] > 0.0]
+        self._weights[counts] = 1.0 / error[counts]
         measured = self.thinned(self._filtered)
-        kept = measured.shape[1] * len(signals)
+        kept = measured.shape[1] * len(self._rows)
         self.scale = float(np.sum(self._weights[:, None] * measured**2))
         each = max(1.0, 2.0 * self.low_pass.cutoff * float(self._ticks[-1]))
-        self.independent = each * len(signals)
+        self.independent = each * len(self._rows)
         self.noise = math.sqrt(kept / self.independent)
         self.expected_misfit = math.sqrt(kept / self.scale)
 
     def _on_ticks(self, values: np.ndarray) -> np.ndarray:
         """Values (S,) at the ticks of the current loops."""
-        time = self.recording.time - self.recording.time[0]
-        if time.size == self._ticks.size and np.allclose(time, self._ticks, atol=1e-9):
+        if self._on_each_tick:
             return np.ascontiguousarray(values)
-        return np.interp(self._ticks, time, values)
+        return np.interp(self._ticks, self._time, values)
 
     def thinned(self, traces: Mapping[str, np.ndarray]) -> np.ndarray:
         """Traces (S,) by name as the kernel takes them, (6, kept); zero where there is none."""
@@ -163,11 +155,9 @@ class PmsmComparison(Comparison):
     def reweighed(self, residuals: np.ndarray) -> "PmsmComparison":
         """The same comparison with each channel weighed by its residuals, (K,) in all."""
         other = copy.copy(self)
-        rows = [n for n, name in enumerate(COMPARED) if name in self._signals]
-        lefts = residuals.reshape(len(rows), -1)
         counted = self.independent / residuals.size
         other._left = np.zeros(len(COMPARED))
-        for n, left in zip(rows, lefts, strict=True):
+        for n, left in zip(self._rows, residuals.reshape(len(self._rows), -1), strict=True):
             alike = max(1.0, counted * correlation_time(left))
             weight = self._weights[n]
             other._left[n] = alike * float(np.mean(left**2)) / weight if weight > 0.0 else 0.0
@@ -191,9 +181,9 @@ class PmsmComparison(Comparison):
             substeps, 1,
         )  # fmt: skip
         found = channels_of({n: column[self.before :] for n, column in columns.items()}, actuator)
-        recorded, time = self.recording, self.recording.time - self.recording.time[0]
+        recorded = self.recording
         answer = recorded.changed(**{
-            name: np.interp(time, self._ticks, trace)
+            name: np.interp(self._time, self._ticks, trace)
             for name, trace in found.items()
             if name in recorded.channels
         })  # fmt: skip
@@ -240,9 +230,8 @@ class PmsmComparison(Comparison):
 
     def left_by(self, answers: np.ndarray) -> np.ndarray:
         """Weighted residuals (B, K) of answers (B, 6, kept), channel after channel."""
-        rows = [n for n, name in enumerate(COMPARED) if name in self._signals]
-        left = answers[:, rows] - self._target[rows]
-        left *= np.sqrt(self._weights[rows])[:, None]
+        left = answers[:, self._rows] - self._target[self._rows]
+        left *= np.sqrt(self._weights[self._rows])[:, None]
         return np.asarray(left.reshape(len(answers), -1))
 
     def _constants(self, candidates: Candidates, count: int) -> np.ndarray:
@@ -253,23 +242,18 @@ class PmsmComparison(Comparison):
         full = np.zeros((len(COMPARED), self._ticks.size))
         full[:, 0] = self._target[:, 0]
         _, answer = self.run(self._constants(candidates, count), full, 1, keep=True)
-        time = self.recording.time - self.recording.time[0]
-        found = {}
-        for n, name in enumerate(COMPARED):
-            if name not in self._signals:
-                continue
-            found[name] = answer[:, n].copy()
-            if time.size != self._ticks.size or not np.allclose(time, self._ticks, atol=1e-9):
-                found[name] = np.stack([np.interp(time, self._ticks, row) for row in answer[:, n]])
-        return found
+        found = {COMPARED[n]: answer[:, n].copy() for n in self._rows}
+        if self._on_each_tick:
+            return found
+        return {
+            name: np.stack([np.interp(self._time, self._ticks, row) for row in rows])
+            for name, rows in found.items()
+        }
 
     def run(
         self, constants: np.ndarray, target: np.ndarray, every: int, *, keep: bool
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Costs (B,), not finite where one diverged, and, if kept, answers (B, 7, K).
-
-        ``constants`` (B, 65) are those of the candidates.
-        """
+        """Costs (B,), not finite where one diverged, and, if kept, answers (B, 7, K)."""
         from ematwin.models.pmsm.batch import monitor_scores
         from ematwin.numerics.lanes import LANES
 

@@ -97,22 +97,20 @@ def constants_of(
 def fields_of(actuator: PmsmActuator, candidates: Mapping[str, Any], step: float) -> Constants:
     """The same as numbers, or (B,) arrays where candidates differ."""
     own = actuator.varied(candidates, law.FIXED)
+    motor, drive, control = own.motor, own.drive, own.controller
+    gear, bristles, heat = own.transmission, own.presliding, own.winding_heat
     k = {one.name: one.healthy for one in law.unknowns(actuator)}
-    if "short_resistance" not in candidates:  # its healthy value is a parameter
-        k["short_resistance"] = own.motor.short_resistance
+    k["short_resistance"] = motor.short_resistance  # its healthy value is a parameter
     k.update({name: candidates[name] for name in k if name in candidates})
-    return _constants(own, k, step)
-
-
-def _constants(actuator: PmsmActuator, k: Mapping[str, Any], step: float) -> Constants:
-    motor, drive, control = actuator.motor, actuator.drive, actuator.controller
-    gear, bristles, heat = actuator.transmission, actuator.presliding, actuator.winding_heat
-    loops = [_loop(motor, k[f"short_{x}"], k["short_resistance"], step) for x in "abc"]
+    loops = zip(*(_loop(motor, k[f"short_{x}"], k["short_resistance"], step) for x in "abc"),
+                strict=True)  # fmt: skip
+    (loop_a, loop_b, loop_c), (decay_a, decay_b, decay_c), (loss_a, loss_b, loss_c) = loops
     static = motor.gap_share * k["static_eccentricity"]
     dynamic = motor.gap_share * k["dynamic_eccentricity"]
     static_at = law.direction(k["static_direction"])
     dynamic_at = law.direction(k["dynamic_direction"])
     friction = law.friction_factor(k["friction"])
+    added = law.CONNECTOR * motor.resistance
     return Constants(
         pole_pairs=float(motor.pole_pairs),
         resistance=motor.resistance,
@@ -125,18 +123,11 @@ def _constants(actuator: PmsmActuator, k: Mapping[str, Any], step: float) -> Con
         static_y=static * np.sin(static_at),
         dynamic_x=dynamic * np.cos(dynamic_at),
         dynamic_y=dynamic * np.sin(dynamic_at),
-        added_a=law.CONNECTOR * motor.resistance * k["connector_a"],
-        added_b=law.CONNECTOR * motor.resistance * k["connector_b"],
-        added_c=law.CONNECTOR * motor.resistance * k["connector_c"],
-        loop_a=loops[0][0],
-        loop_b=loops[1][0],
-        loop_c=loops[2][0],
-        decay_a=loops[0][1],
-        decay_b=loops[1][1],
-        decay_c=loops[2][1],
-        loss_a=loops[0][2],
-        loss_b=loops[1][2],
-        loss_c=loops[2][2],
+        added_a=added * k["connector_a"], added_b=added * k["connector_b"],
+        added_c=added * k["connector_c"],
+        loop_a=loop_a, loop_b=loop_b, loop_c=loop_c,
+        decay_a=decay_a, decay_b=decay_b, decay_c=decay_c,
+        loss_a=loss_a, loss_b=loss_b, loss_c=loss_c,
         v_supply=drive.supply_voltage,
         v_leg=drive.supply_voltage * drive.dead_time / control.current_time + drive.device_drop,
         knee=drive.knee_current,
@@ -179,14 +170,11 @@ def _constants(actuator: PmsmActuator, k: Mapping[str, Any], step: float) -> Con
         heating_time=1.0 if heat is None else heat.time_constant,
         load_gain=k["load_gain"],
         load_offset=k["load_offset"] / gear.ratio,
-    )
+    )  # fmt: skip
 
 
 def _loop(motor: Any, k: Any, contact: Any, step: float) -> tuple[Any, Any, Any]:
-    """Conductance (S), decay in a step, and loss resistance (ohm) of a shorted loop.
-
-    Of ``mu`` shorted turns over a contact ``R_f``; docs/pmsm.md, "Shorted turns".
-    """
+    """Conductance (S), decay in a step, and loss resistance (ohm) of a short (docs/pmsm.md)."""
     mu, least = law.shorted_share(np.abs(k)), 1e-9  # monitoring looks a little below zero
     some = np.maximum(mu, least)
     inside = mu * (1.0 - 2.0 * mu / 3.0)

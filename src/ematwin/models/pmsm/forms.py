@@ -73,10 +73,9 @@ def _forms(sheet: Any) -> tuple[Form, ...]:
 class Response:
     """The twin's response less the recording, in standard deviations of noise.
 
-    The reference model reads angles and currents in steps, so that its differences are rough. The
-    monitor model answers, corrected by its difference from the reference at one actuator. Gain and
-    offset of the load cell are fitted to whatever is left, within what is known of them. A
-    recording that begins in motion has the ``size`` 0: the integrals of its loops are not known.
+    The monitor model answers, corrected by the reference, whose own differences are rough, at one
+    actuator. Gain and offset of the load cell are fitted within what is known of them. A recording
+    that begins in motion has the ``size`` 0.
     """
 
     def __init__(self, compared: PmsmComparison, actuator: Any) -> None:

@@ -6,13 +6,12 @@ import numpy as np
 
 from ematwin.models.base import Demand, Equation, Law, Signal, Study, Values
 from ematwin.models.pmsm import channels as recorded
+from ematwin.models.pmsm import unknowns as table
 from ematwin.models.pmsm.parameters import PmsmActuator
 from ematwin.models.pmsm.plausibility import check_phases, check_plausible, laws
 from ematwin.models.pmsm.simulate import simulate
-from ematwin.models.pmsm.unknowns import CONTRASTS, FIXED, aliases, unknowns
-from ematwin.models.servo import ServoModel, little_motion, tracking_signals
-from ematwin.models.unknown import Alias, Contrast, Unknown
-from ematwin.recordings.noise import Noise
+from ematwin.models.servo import ServoModel, little_motion, motion_laws, tracking_signals
+from ematwin.models.unknown import Contrast
 from ematwin.recordings.recording import Recording
 
 
@@ -28,7 +27,8 @@ class PmsmModel(ServoModel):
     default_search = "levenberg-marquardt"
     sample_rate = 10_000.0
     on_request = recorded.ON_REQUEST
-    fixed = FIXED
+    noisy = (*recorded.VOLTAGES, *recorded.TERMINALS)
+    fixed = table.FIXED
     # what healthy recordings may determine, and how far a template may be off
     nominal: ClassVar[dict[str, float]] = {
         "motor.resistance": 1.1,
@@ -62,21 +62,17 @@ class PmsmModel(ServoModel):
         Demand("load", "N*m", ("load",)),
     )
 
-    def unknowns(self, actuator: Any) -> tuple[Unknown, ...]:
-        """Mechanical, electrical and sensor faults; contact of a short, and load."""
-        return unknowns(actuator)
-
-    def aliases(self, actuator: Any, values: Values) -> list[Alias]:
-        """Each fault against the parameter that it multiplies."""
-        return aliases(actuator, values)
+    unknowns = staticmethod(table.unknowns)
+    aliases = staticmethod(table.aliases)
+    simulated = staticmethod(simulate)
 
     def contrasts(self, actuator: Any) -> tuple[Contrast, ...]:
         """What heat may do as well."""
-        return CONTRASTS
+        return table.CONTRASTS
 
     def laws(self, recording: Recording, actuator: Any) -> list[Law]:
         """Phases of a star, the drive's control of the current, sides of the gear, speed."""
-        return laws(self, recording, actuator)
+        return [*laws(recording, actuator), *motion_laws(self, recording, actuator)]
 
     def equations(
         self, recording: Recording, actuator: Any, values: Values | None = None
@@ -96,14 +92,12 @@ class PmsmModel(ServoModel):
         said = "one turn: dynamic eccentricity does not show"
         return little_motion(recording, actuator, 2.0 * np.pi, said)
 
-    def compare(
-        self, recording: Recording, actuator: Any, *, threads: int | None = None, **settings: Any
-    ) -> Any:
+    def compare(self, recording: Recording, actuator: Any, **settings: Any) -> Any:
         """A recording in the rotor's frame, scored while candidates are simulated."""
         from ematwin.models.pmsm.comparison import PmsmComparison
 
         self.check_channels(recording)
-        return PmsmComparison(recording, actuator, threads=threads, **settings)
+        return PmsmComparison(recording, actuator, **settings)
 
     def check_channels(self, recording: Recording) -> None:
         """Command and currents, whole or not at all."""
@@ -115,10 +109,6 @@ class PmsmModel(ServoModel):
         self.check_channels(recording)
         return check_plausible(recording, actuator)
 
-    def simulated(self, *settings: Any) -> tuple[np.ndarray, dict[str, np.ndarray], float]:
-        """The response of the reference model, or of the monitor model."""
-        return simulate(*settings)
-
     def stepped(self, actuator: Any, fidelity: str) -> Any:
         """The reference or the monitor model, sample by sample."""
         from ematwin.models.pmsm.stepped import stepped
@@ -128,16 +118,6 @@ class PmsmModel(ServoModel):
     def rate_of(self, actuator: Any) -> float:
         """Sample rate of the current loops, Hz."""
         return float(1.0 / actuator.controller.current_time)
-
-    def sensed(
-        self, recording: Recording, actuator: Any, values: Values, noise: Noise | None, seed: int
-    ) -> Recording:
-        """With noise of currents and voltages; encoders have none."""
-        if noise is None:
-            return recording
-        return noise.apply(
-            recording, np.random.default_rng(seed), (*recorded.VOLTAGES, *recorded.TERMINALS)
-        )
 
     def summary(self, recording: Recording, actuator: Any) -> dict[str, float]:
         """RMS and peak of the current vector, A, and the largest following error, rad."""

@@ -8,16 +8,27 @@ typical values only.
 
 Gains, rates and limits are settings of the drive, and so are its assumptions on the motor
 (`Controller.flux` and the inductances beside it): they are numbers of a digital controller.
+
+Its sampled loops have to be stable. Each loop is linear between its limits. Its transition over one
+period of its slowest sampler is a matrix, made column by column from the recursion itself: all
+eigenvalues must lie within the unit circle (e.g. Franklin, Powell and Workman 1998, Digital Control
+of Dynamic Systems, chapter 5).
+
+- current: one winding, voltage held for a sample and one sample late;
+- speed: the motor alone, as in the gap, under the speed loop around that current loop;
+- position: motor and output on the gear's spring, under all three.
 """
 
 import math
-from typing import Self
+from typing import Any, Self
 
+import numpy as np
 from pydantic import model_validator
 
+from ematwin.errors import ParameterError
 from ematwin.models.parameter_set import Section, quantity
-from ematwin.models.sections import Presliding, ServoParameters, Steps, WindingHeat
-from ematwin.models.servo import check_stops
+from ematwin.models.sections import Gear, Presliding, ServoParameters, Steps, WindingHeat
+from ematwin.numerics.linear_algebra import largest_share, spectral_radius
 
 _WHOLE = 1e-6  # of a ratio that has to be a whole number
 
@@ -92,7 +103,7 @@ class Controller(Section):
     inductance_q: float = quantity("H", "that the drive decouples with", exact=True, ge=0)
 
 
-class Transmission(Section):
+class Transmission(Gear):
     """Gear and output."""
 
     ratio: float = quantity("", "motor turns for one turn of the output", exact=True, gt=0)
@@ -118,11 +129,6 @@ class Transmission(Section):
     )
     travel_low: float = quantity("rad", "lower end stop of the output")
     travel_high: float = quantity("rad", "upper end stop of the output")
-
-    @model_validator(mode="after")
-    def _travel_is_an_interval(self) -> Self:
-        check_stops(self)
-        return self
 
 
 class PmsmActuator(ServoParameters):
@@ -187,8 +193,6 @@ class PmsmActuator(ServoParameters):
 
     @model_validator(mode="after")
     def _loops_are_stable(self) -> Self:
-        from ematwin.models.pmsm.stability import check_loops
-
         check_loops(self)
         return self
 
@@ -206,3 +210,94 @@ class PmsmActuator(ServoParameters):
         if self.presliding is not None:
             limits.append(self.presliding.longest_step(self.motor.inertia, gear.output_inertia))
         return min(limits)
+
+
+def check_loops(actuator: Any) -> None:
+    """Raise `ParameterError` if a loop is unstable at its sample time; the limit is said."""
+    control = actuator.controller
+    for loop, name in (("current", "current_time"), ("speed", "speed_time"),
+                       ("position", "position_time")):  # fmt: skip
+        own = getattr(control, name)
+
+        def stable(share: float, loop: str = loop, own: float = own) -> bool:
+            return loop_radius(actuator, loop, share * own) <= 1.0 + 1e-9  # of the unit circle
+
+        if stable(1.0):
+            continue
+        limit = own * largest_share(stable)
+        advice = (
+            f"it is stable up to {1e6 * limit:.3g} us; shorten it or lower the gains"
+            if limit > 1e-6 * own  # of a sample time: a limit below is none
+            else "no sample time makes it stable; lower the gains"
+        )
+        raise ParameterError(
+            f"the {loop} loop is unstable at controller.{name} = {1e6 * own:.4g} us: {advice}"
+        )
+
+
+def loop_radius(actuator: Any, loop: str, sample_time: float) -> float:
+    """Largest magnitude of the eigenvalues of a loop over its sample time, s.
+
+    Faster loops keep their times, or take this one where theirs would be longer.
+    """
+    if loop == "current":
+        motor = actuator.motor
+        return max(
+            spectral_radius(_current_loop(actuator, inductance, sample_time, np.eye(3)))
+            for inductance in (motor.inductance_d, motor.inductance_q)
+        )
+    control = actuator.controller
+    current = min(control.current_time, sample_time)
+    speed = min(control.speed_time, sample_time) if loop == "position" else sample_time
+    counts = (max(1, round(speed / current)), max(1, round(sample_time / current)))
+    rigid = loop == "speed"
+    period = sample_time / counts[1]
+    return spectral_radius(_cascade(actuator, period, counts, rigid, np.eye(10)))
+
+
+def _current_loop(actuator: Any, inductance: float, period: float, x: np.ndarray) -> np.ndarray:
+    """Current, integrator and pending voltage after a sample; rows of (3, columns)."""
+    control, resistance = actuator.controller, actuator.motor.resistance
+    current, integral, pending = x
+    voltage = integral - control.current_gain * current
+    integral = integral - control.current_integral * period * current
+    decay = math.exp(-resistance * period / inductance)
+    current = decay * current + (1.0 - decay) / resistance * pending
+    return np.stack([current, integral, voltage])
+
+
+def _cascade(
+    actuator: Any, period: float, counts: tuple[int, int], rigid: bool, x: np.ndarray
+) -> np.ndarray:
+    """All loops over one sample of the slowest; rows of (10, columns)."""
+    motor, control, gear = actuator.motor, actuator.controller, actuator.transmission
+    k_t = 1.5 * motor.pole_pairs * motor.flux
+    inductance, resistance = motor.inductance_q, motor.resistance
+    decay = math.exp(-resistance * period / inductance)
+    current, integral, pending, w_m, th_m, w_o, th_o, total, before, reference = x
+    w_ref = 0.0 * w_m if rigid else -control.position_gain * th_o
+    pieces = 4  # steps of the mechanics
+    dt = period / pieces
+    for n in range(counts[1]):
+        if n % counts[0] == 0:
+            speed_time = counts[0] * period
+            error = w_ref - (th_m - before) / speed_time
+            reference = (control.speed_gain * error + total) / control.torque_constant
+            total = total + control.speed_integral * speed_time * error
+            before = th_m
+        error = reference - current
+        voltage = integral + control.current_gain * error
+        integral = integral + control.current_integral * period * error
+        mean = current
+        current = decay * current + (1.0 - decay) / resistance * pending
+        torque = k_t * 0.5 * (mean + current)
+        pending = voltage
+        for _ in range(pieces):
+            spring = 0.0 if rigid else gear.stiffness * (th_m - th_o) + gear.damping * (w_m - w_o)
+            w_m = w_m + dt / motor.inertia * (torque - spring - motor.viscous_damping * w_m)
+            w_o = w_o + dt / gear.output_inertia * (spring - gear.viscous_damping * w_o)
+            th_m, th_o = th_m + dt * w_m, th_o + dt * w_o
+    if rigid:  # where it stands is of no account
+        th_m, before = th_m - th_m, before - th_m
+        w_o, th_o = 0.0 * w_o, 0.0 * th_o
+    return np.stack([current, integral, pending, w_m, th_m, w_o, th_o, total, before, reference])

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ematwin.errors import RecordError
-from ematwin.models.base import Law, Model
+from ematwin.models.base import Law
 from ematwin.models.plausibility import check_agreement, check_sizes, check_sum
 from ematwin.models.pmsm.channels import (
     PHASES,
@@ -23,7 +23,7 @@ from ematwin.models.pmsm.channels import (
 )
 from ematwin.models.pmsm.comparison import MOVING
 from ematwin.models.pmsm.parameters import PmsmActuator
-from ematwin.models.servo import check_motion, current_laws, motion_laws, star_laws
+from ematwin.models.servo import check_motion, current_laws, star_laws
 from ematwin.recordings.recording import Recording
 
 
@@ -116,8 +116,8 @@ def _check_start(recording: Recording, actuator: PmsmActuator) -> list[str]:
     return []
 
 
-def laws(model: Model, recording: Recording, actuator: Any) -> list[Law]:
-    """Phases of a star, the drive's control of the current, sides of the gear, speed.
+def laws(recording: Recording, actuator: Any) -> list[Law]:
+    """Phases of a star, and the drive's control of the current.
 
     Voltages may have a part that all phases share, so that their sum tells only of a channel that
     explains it.
@@ -126,19 +126,14 @@ def laws(model: Model, recording: Recording, actuator: Any) -> list[Law]:
     if not _against_each_other(recording):
         text = "the terminal voltages do not add up to zero"
         voltages += star_laws(recording, TERMINALS, text, np.inf)
-    return [
-        *current_laws(recording),
-        *voltages,
-        *_rotor_laws(recording, actuator.motor.pole_pairs),
-        *motion_laws(model, recording, actuator),
-    ]
+    rotor = _rotor_laws(recording, actuator.motor.pole_pairs)
+    return [*current_laws(recording), *voltages, *rotor]
 
 
 def _against_each_other(recording: Recording) -> bool:
     """Whether terminals are measured against one of them, which is zero then.
 
-    The other two are line voltages, a sixth of a turn apart, so that they go together; where the
-    zero comes from a dead sensor they are a third of a turn apart and oppose each other.
+    The other two are line voltages, which go together; beside a dead sensor two phases oppose.
     """
     known = [recording.channels[name] for name in TERMINALS if name in recording.channels]
     others = [values for values in known if values.any()]
@@ -148,10 +143,8 @@ def _against_each_other(recording: Recording) -> bool:
 def _rotor_laws(recording: Recording, pole_pairs: int) -> list[Law]:
     """The drive holds the current along the magnets at zero, as it reads current and angle.
 
-    It does so with any fault, of its sensors too: it controls the current as they show it. Each two
-    phases give that current. Where one channel was computed from the other two, two of these laws
-    fail, and one shows which channel is late. A drive that weakens the field breaks all of them,
-    and no channel explains it.
+    It does so with any fault. Each two phases give that current: where one channel was computed
+    from the other two, two of these laws fail, and one shows which channel is late.
     """
     channels = recording.channels
     if not {*PHASES, "motor_position"} <= channels.keys():

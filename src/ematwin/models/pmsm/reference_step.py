@@ -7,7 +7,7 @@ the explicit midpoint rule advances all of them.
 
 from typing import NamedTuple
 
-from ematwin.models.pmsm.mechanics import Motion, advance_with_bristles
+from ematwin.models.pmsm.monitor_step import Motion, advance_with_bristles, leg_error
 from ematwin.numerics.compile import part, step
 from ematwin.numerics.scalar import ROOT_3, clip, fifth, lag, seventh, sincos
 
@@ -92,9 +92,7 @@ def windings(psi_alpha, psi_beta, j_a, j_b, j_c, w_m, theta_m, v_a, v_b, v_c, re
     i_a = t_a + j_a
     i_b = t_b + j_b
     i_c = t_c + j_c
-    w_a = v_a - c.v_leg * clip(i_a / c.knee, -1.0, 1.0)
-    w_b = v_b - c.v_leg * clip(i_b / c.knee, -1.0, 1.0)
-    w_c = v_c - c.v_leg * clip(i_c / c.knee, -1.0, 1.0)
+    w_a, w_b, w_c = v_a - leg_error(i_a, c), v_b - leg_error(i_b, c), v_c - leg_error(i_c, c)
     s_m, c_m = sincos(theta_m)
     e_x = c.static_x + c.dynamic_x * c_m - c.dynamic_y * s_m
     e_y = 0.5 * ROOT_3 * (c.static_y + c.dynamic_x * s_m + c.dynamic_y * c_m)
@@ -133,11 +131,7 @@ def windings(psi_alpha, psi_beta, j_a, j_b, j_c, w_m, theta_m, v_a, v_b, v_c, re
 def leg_errors(now, c):
     """What dead time and devices take from each leg, V."""
     i_a, i_b = phase_currents(now, c)
-    return (
-        c.v_leg * clip(i_a / c.knee, -1.0, 1.0),
-        c.v_leg * clip(i_b / c.knee, -1.0, 1.0),
-        c.v_leg * clip((-i_a - i_b) / c.knee, -1.0, 1.0),
-    )
+    return leg_error(i_a, c), leg_error(i_b, c), leg_error(-i_a - i_b, c)
 
 
 @part

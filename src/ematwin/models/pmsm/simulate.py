@@ -20,10 +20,7 @@ def simulate(
 ) -> tuple[np.ndarray, dict[str, np.ndarray], float]:  # fmt: skip
     """The response to a scenario; arguments as in `ematwin.models.servo.ServoModel.simulated`.
 
-    The drive has held its first position for a while when the scenario begins, under the load of
-    that moment.
-
-    The drive samples: a rate must divide the rate of its current loops.
+    The drive has held its first position for a while when the scenario begins.
     """
     tick, most = actuator.controller.current_time, 20_000_000
     each = 1.0 / (rate * tick)
@@ -90,8 +87,7 @@ def reference_columns(
     """Columns (ceil(K/every),) of the reference model, as its drive reads and commands them.
 
     Command and load (K,) are at the ticks of the current loops, rad and N m on the output, where
-    ``start`` is the angle at rest; ``substeps`` make a tick, ``every`` ticks a sample. Positions
-    are on the motor shaft.
+    ``start`` is the angle at rest; ``substeps`` make a tick, ``every`` ticks a sample.
     """
     from ematwin.models.pmsm.batch import REFERENCE_COLUMNS, reference_trace
 

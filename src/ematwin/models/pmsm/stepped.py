@@ -39,17 +39,11 @@ def stepped(actuator: PmsmActuator, fidelity: str) -> Stepped:
 
     make = _reference if fidelity == "reference" else _monitor
     return Stepped(
-        inputs=("command", "load"),
-        outputs=_OUTPUTS,
-        constants=constants,
-        interval=tick,
-        substeps=substeps,
-        at=(0.0, 0.5),
-        constant_count=_START + 1,
-        starts=(initial_position(actuator),),
-        held=actuator.whole_ticks(SETTLED),
+        inputs=("command", "load"), outputs=_OUTPUTS, constants=constants, interval=tick,
+        substeps=substeps, at=(0.0, 0.5), constant_count=_START + 1,
+        starts=(initial_position(actuator),), held=actuator.whole_ticks(SETTLED),
         **make(actuator, tick, substeps),
-    )
+    )  # fmt: skip
 
 
 @part
@@ -134,15 +128,8 @@ def _reference(actuator: PmsmActuator, tick: float, substeps: int) -> dict[str, 
     def advance(c, x, u):
         own = batch.lane(c, 0)
         load = own.load_gain * (u[1, 0] / ratio) + own.load_offset
-        after = reference_step(
-            batch.read_reference(x, 0),
-            x[applied, 0],
-            x[applied + 1, 0],
-            x[applied + 2, 0],
-            load,
-            own,
-            dt,
-        )
+        v_a, v_b, v_c = x[applied, 0], x[applied + 1, 0], x[applied + 2, 0]
+        after = reference_step(batch.read_reference(x, 0), v_a, v_b, v_c, load, own, dt)
         batch.write_reference(x, 0, after)
 
     return {

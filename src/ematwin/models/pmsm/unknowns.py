@@ -152,11 +152,7 @@ def unknowns(actuator: Any) -> tuple[Unknown, ...]:
 
 
 def aliases(actuator: Any, values: Mapping[str, float]) -> list[Alias]:
-    """Directions in which the response does not change: each fault against its parameter.
-
-    Parameters stay free: a fault cannot take their place on both sides, as turns are not added and
-    gaps do not close. Priors decide along these directions. The contact of a short stays.
-    """
+    """Directions in which the response does not change: each fault against its parameter."""
     k = {one.name: values.get(one.name, one.healthy) for one in UNKNOWNS}
     contact = values.get("short_resistance", float(actuator.motor.short_resistance))
     resistance = values.get("motor.resistance", actuator.motor.resistance)

@@ -6,11 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.models.base import Demand, Model, Signal, Values
+from ematwin.models.base import Demand, Model, Signal
 from ematwin.models.comparison import Candidates, TraceComparison
 from ematwin.models.position_servo import recorded
 from ematwin.models.position_servo.parameters import PositionServo, aliases, unknowns
-from ematwin.models.unknown import Alias, Unknown
 from ematwin.numerics.side_by_side import by_candidate
 from ematwin.recordings.recording import Recording
 
@@ -38,13 +37,8 @@ class PositionServoModel(Model):
         """The position; all else drives the twin."""
         return ("position",)
 
-    def unknowns(self, actuator: Any) -> tuple[Unknown, ...]:
-        """Faults and the zero of the encoder."""
-        return unknowns(actuator)
-
-    def aliases(self, actuator: Any, values: Values) -> list[Alias]:
-        """Faults against the parameters that they multiply."""
-        return aliases()
+    unknowns = staticmethod(unknowns)
+    aliases = staticmethod(aliases)
 
     def noise(self, actuator: Any, recording: Recording) -> dict[str, Any]:
         """Standard deviation of each sample of the position, (S,) rad."""
@@ -64,8 +58,7 @@ class PositionServoModel(Model):
         self, actuator: Any, inputs: Recording, candidates: Candidates, count: int
     ) -> dict[str, np.ndarray]:
         """Position (rad) of each candidate, (B, S) array."""
-        from ematwin.models.position_servo.step import traces
-        from ematwin.models.position_servo.twin import servo_constants
+        from ematwin.models.position_servo.twin import servo_constants, traces
 
         given, motor = inputs.channels, actuator.motor
         servo = actuator.varied(candidates, self.fixed)
@@ -89,9 +82,7 @@ class PositionServoModel(Model):
 
         return stepped(actuator, self.unknown(actuator, "delay").upper, 1.0 / self.sample_rate)
 
-    def compare(
-        self, recording: Recording, actuator: Any, *, threads: int | None = None, **settings: Any
-    ) -> TraceComparison:
+    def compare(self, recording: Recording, actuator: Any, **settings: Any) -> TraceComparison:
         """The stretch of a recording with torque, beside the twin."""
         self.check_channels(recording)
         part = recorded.stretch(recording, actuator)

@@ -9,6 +9,7 @@ the bus the moment at which a goal arrives.
 """
 
 import math
+from collections.abc import Mapping
 from typing import Self
 
 from pydantic import model_validator
@@ -143,7 +144,7 @@ def unknowns(actuator: PositionServo) -> tuple[Unknown, ...]:
     )  # fmt: skip
 
 
-def aliases() -> list[Alias]:
+def aliases(actuator: PositionServo, values: Mapping[str, float]) -> list[Alias]:
     """Faults against the parameters that they multiply."""
     return [
         Alias("controller.gain", {"gain": 1.0}),

@@ -222,8 +222,7 @@ def _would_move(actuator: Any, recording: Recording, at: int, error: float) -> b
 
     An arm that hangs, or has a vertical axis, does not fall where its servo loses the torque.
     """
-    from ematwin.models.position_servo.step import friction
-    from ematwin.models.position_servo.twin import servo_constants
+    from ematwin.models.position_servo.twin import friction, servo_constants
     from ematwin.numerics.compile import plain
 
     table = {one.name: one for one in unknowns(actuator)}

@@ -280,9 +280,8 @@ def test_shapes_along_a_motion_are_those_of_the_naive_windings():
         "emf.rounding": 0.3, "emf.harmonic_5": 0.04, "emf.harmonic_7": -0.02,
         "torque_ripple.share": 0.05, "torque_ripple.cycles": 6, "torque_ripple.phase": 0.4,
     })  # fmt: skip
-    motion = along_motion.Motion(recorded(another_actuator.Structure(), PLAIN, 0.02), actuator)
-    windings = truer.Windings(actuator, Faults.of({}))
-    turned = motion.angles[::40, 0] / actuator.motor.pole_pairs
+    windings, turned = truer.Windings(actuator, Faults.of({})), np.linspace(-1.0, 1.0, 50)
     slow = 2.0 * np.array([windings.kappa(x) for x in turned]) / actuator.motor.emf_constant
-    shapes = motion.shapes(actuator.emf, actuator.torque_ripple)[::40]
+    c = kernel_constants(actuator)._replace(k_e=1.0)
+    shapes = along_motion.emf_along(Faults().vector, turned, c, truer_constants(actuator)).T
     np.testing.assert_allclose(shapes, slow, atol=1e-6)

@@ -146,7 +146,7 @@ def test_costs_within_their_limits_are_the_same_bit_for_bit_and_the_others_infin
 
 
 def varied(count, seed=3):
-    """(B, 35) constants of actuators that differ by up to a tenth; pole pairs are counted."""
+    """(B, 32) constants of actuators that differ by up to a tenth; pole pairs are counted."""
     scale = np.random.default_rng(seed).uniform(0.9, 1.1, (count, len(C)))
     scale[:, C._fields.index("pole_pairs")] = 1.0
     return scale * np.array(C)

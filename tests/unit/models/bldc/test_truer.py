@@ -7,9 +7,9 @@ import ematwin
 from bldc_inputs import HALF, SEVERE, history
 from ematwin.errors import ParameterError
 from ematwin.models.bldc import batch
-from ematwin.models.bldc.bridge import advance_shorted_bridge
 from ematwin.models.bldc.constants import kernel_constants, truer_constants
 from ematwin.models.bldc.faults import Faults
+from ematwin.models.bldc.inverter import advance_shorted_bridge
 from ematwin.models.bldc.loops import advance_current_loop, advance_speed_loop, last_reading
 from ematwin.models.bldc.motor import truer_emf_constants
 from ematwin.models.bldc.parameters import BldcActuator
@@ -116,7 +116,7 @@ def test_rounded_emf_constants_are_those_of_the_naive_version():
     c, truer = kernel_constants(TRUER), truer_constants(TRUER)
     fault = plain(fault_state)(faults.vector, c.half_gap)
     for theta in rng.uniform(-10.0, 10.0, 50):
-        found = plain(truer_emf_constants)(theta, *windings.h, fault, c, truer)
+        found = plain(truer_emf_constants)(theta, windings.h, fault, c, truer)
         assert found == pytest.approx(windings.kappa(theta), abs=1e-10)
 
 
@@ -149,9 +149,10 @@ def test_bridge_with_shorted_turns_solves_the_equations_of_coupled_windings():
         # c is off, and its current flows on through the lower diode
         volts = np.array([c.v_supply, 0.0, -c.v_diode])
         expected = naive.advance_phases(windings, currents, volts, emf, dt)
-        found, _, taken, _, _ = plain(advance_shorted_bridge)(
-            *currents, *emf[:3], 1.0, -1.0, 0.0, (1.0, 1.0, 1.0, *windings.mu), c, dt
+        phases, loops, _, _, taken, _, _ = plain(advance_shorted_bridge)(
+            currents[:3], currents[3:], emf[:3], (1.0, -1.0, 0.0), (1.0,) * 3, windings.mu, c, dt
         )
+        found = [*phases, *loops]
         np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
         mean = 0.5 * (currents + expected)[:3]
         assert taken == pytest.approx(dt * volts @ mean, rel=1e-9)

@@ -7,7 +7,7 @@ import pytest
 
 from ematwin.errors import EmatwinError, InputError, ParameterError, RecordError
 from ematwin.models.pmsm.model import MODEL
-from ematwin.models.pmsm.stability import loop_radius
+from ematwin.models.pmsm.parameters import loop_radius
 from ematwin.models.scenario import Scenario
 from ematwin.models.simulating import simulate
 from pmsm_inputs import ACTUATOR, healthy, reference, smooth_move
