@@ -9,7 +9,7 @@ from ematwin.errors import ParameterError
 from ematwin.estimation.correction import corrected, with_model_error
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.laplace import laplace
-from ematwin.estimation.linearised import linear_at, missed_by, with_secant, with_slopes
+from ematwin.estimation.linearised import linear_at, with_slopes
 from ematwin.estimation.prior import Information
 from ematwin.estimation.problem import Problem
 from naive.toy import BASES, NOISE, SAMPLES, OneChannel, fault, stacked
@@ -45,11 +45,6 @@ class TwoModels(OneChannel):
         other = copy.copy(self)
         other.target = self.recording.y - missed["y"]
         return other
-
-
-class OneModel(TwoModels):
-    def exact(self, values):
-        return None
 
 
 class OnlyTheReferenceHasALoop(TwoModels):
@@ -93,19 +88,6 @@ def test_secants_converge_where_rounds_alone_would_diverge_or_crawl(slope):
     assert not end.unsettled
     assert end.rounds <= 6
     assert end.peak.point[0] == pytest.approx(WEAR, abs=0.01)
-
-
-def test_each_round_takes_one_answer_of_the_reference():
-    comparison = TwoModels()
-    _, end = ended(comparison)
-    assert len(comparison.asked) == end.rounds
-
-
-@pytest.mark.parametrize("comparison", [OneModel(), TwoModels(lost=True)])
-def test_a_peak_stays_where_there_is_no_reference_or_it_diverges(comparison):
-    first, end = ended(comparison)
-    assert end.peak.point == pytest.approx(first.point)
-    assert end.rounds == 0
 
 
 class Edge(TwoModels):
@@ -189,11 +171,6 @@ def test_the_error_of_the_model_is_how_far_minima_move_where_they_are_corrected_
     assert small[0] < 0.5 * error[0]
 
 
-def test_a_twin_without_reference_has_no_error_that_could_be_measured():
-    _, end = ended(OneModel())
-    assert with_model_error(end) is end
-
-
 class Other(TwoModels):
     """Both models lack a part of the recording that is ten times its noise."""
 
@@ -228,23 +205,6 @@ def linearised(comparison, ways=WAYS):
     return problem, *with_slopes(problem, here, ways)
 
 
-def test_it_is_the_reference_where_it_was_asked_and_needs_no_fast_model():
-    comparison = TwoModels(slope=9.0)  # the fast model is useless
-    _, linear, asked = linearised(comparison)
-    assert np.linalg.norm(missed_by(linear, START)) < 1e-9
-    assert np.linalg.norm(missed_by(linear, START + 0.05 * EYE[0])) < 1e-9
-    assert asked == 4
-
-
-def test_both_ends_of_a_secant_are_answered_as_the_reference_does():
-    problem, linear, _ = linearised(Rough())
-    there = np.array([0.3, 0.35])
-    here, other = with_secant(problem, linear, there, np.array([0.1, 0.2]))
-    for one, another in ((here, there), (other, START)):
-        assert np.linalg.norm(missed_by(one, another)) < 1e-9
-    assert np.linalg.norm(missed_by(linear, there)) > 10.0 * NOISE
-
-
 class Shaky(TwoModels):
     """A reference of whose answers each has more or less of one feature, as of an impact."""
 
@@ -261,18 +221,6 @@ def test_what_answers_of_the_reference_scatter_counts_as_noise_and_nothing_else_
     whitened, left = (problem.residuals(points) @ shapes.T for problem in (linear, bare))
     assert np.all(np.abs(whitened[:, 3]) < 0.1 * np.abs(left[:, 3]))
     assert whitened[:, :2] == pytest.approx(left[:, :2], abs=10.0 * NOISE)
-
-
-@pytest.mark.parametrize("start", [[0.0, 0.5], [1.0, 0.0]])
-def test_at_a_bound_both_answers_lie_on_the_other_side(start):
-    problem = Problem([TwoModels()], FAULTS)
-    here = linear_at(problem, np.array(start))
-    linear, asked = with_slopes(problem, here, WAYS)
-    inside = np.clip(np.array(start) + 0.05, 0.0, 1.0)
-    assert asked == 4
-    assert np.linalg.norm(missed_by(linear, inside)) < 0.2 * np.linalg.norm(
-        here.residuals(inside[None])[0] - linear_at(problem, inside).residuals(inside[None])[0]
-    )
 
 
 @pytest.mark.parametrize("lost", [False, True])

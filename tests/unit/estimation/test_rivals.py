@@ -1,7 +1,6 @@
 """What is said where another form of a fault explains a recording as well, or better."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,15 +11,11 @@ from ematwin.estimation.rivals import Rival, hints, objections, qualified
 from ematwin.estimation.verdict import Verdict
 from ematwin.models.base import OtherForm
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.unknowns import fixed_in_space, other_forms
+from ematwin.models.bldc.unknowns import fixed_in_space
 
 PLAIN = BldcActuator.load()
 SHORTS = ("short_a", "short_b", "short_c")
 NAMED = Verdict("fault", ("short_b",), "", "Short b: fault.")
-NONE = Verdict("none", (), "bad fit", "No verdict: bad fit")
-
-
-LOOP = next(one for one in other_forms(PLAIN, {}) if "short_a" in one.names)
 
 
 def rival(rise, present=("eccentricity",)):
@@ -41,15 +36,6 @@ def test_the_offset_of_three_shorts_gives_each_phase_the_same_constant(zeta, phi
     assert math.cos(turned) == pytest.approx(1.0)
     assert [found[name] for name in SHORTS] == [0.0, 0.0, 0.0]
     assert found["friction"] == 0.3
-
-
-def test_forms_that_a_file_has_are_no_rivals():
-    both = PLAIN.changed({"eccentricity.turning_share": 0.0, "shorted_turns.resistance": 0.1})
-    assert len(other_forms(PLAIN, {})) == 2
-    assert other_forms(both, {}) == ()
-    offset, loops = (one.actuator for one in other_forms(PLAIN, {}))
-    assert offset == PLAIN.changed({"eccentricity.turning_share": 0.0})
-    assert loops == PLAIN.changed({"shorted_turns.resistance": 0.1})
 
 
 def test_a_nearer_form_that_says_something_else_forbids_the_verdict():
@@ -76,36 +62,6 @@ def test_a_form_that_is_about_as_near_is_told_and_forbids_nothing(rise):
     )
     assert told.reason == told.sentence.removeprefix("Short b: fault. ")
     assert told.faults == NAMED.faults
-
-
-def test_a_mixture_is_no_other_explanation_of_what_one_fault_explains():
-    mixture = rival(1.0, ("short_a", "short_b", "short_c", "eccentricity"))
-    assert objections([mixture], NAMED) == hints([mixture], NAMED) == []
-    assert qualified([mixture], NAMED) == NAMED
-
-
-def test_a_nearer_form_of_the_same_fault_leaves_its_name():
-    same = Rival(LOOP, ("short_b",), "short b 12 turns", -50.0)
-    assert objections([same], NAMED) == []
-    (said,) = hints([same], NAMED)
-    assert "of another size" in said
-
-
-def test_a_form_without_faults_of_its_own_that_says_the_same_says_nothing():
-    # lanes of another form fit a little better where a rotor all but touches
-    named = Verdict("fault", ("backlash", "eccentricity"), "", "Eccentricity: fault.")
-    same = Rival(LOOP, ("eccentricity",), "eccentricity 0.97", -18.0)
-    assert objections([same], named) == []
-    assert hints([same], named) == []
-    assert qualified([replace(same, rise=0.0)], named) == named
-
-
-def test_without_a_verdict_only_a_far_better_form_is_told():
-    assert hints([rival(-1.0)], NONE) == []
-    (said,) = hints([rival(-50.0)], NONE)
-    assert "far better" in said
-    assert objections([rival(-50.0)], NONE) == []
-    assert qualified([rival(-1.0)], NONE) == NONE
 
 
 def test_a_form_that_explains_a_wrong_load_hardly_better_is_not_told():

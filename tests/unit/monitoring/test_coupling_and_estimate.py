@@ -5,12 +5,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from ematwin.errors import InputError, RecordError
-from ematwin.models.ball_screw.comparison import coupling, decoupled
+from ematwin.errors import RecordError
+from ematwin.models.ball_screw.comparison import coupling
 from ematwin.models.ball_screw.model import MODEL
 from ematwin.models.phases import calm
 from ematwin.monitoring.measure import Bench, check_alike
-from made_up_rig import NOISE, command, motion, rig, simulate_motion
+from made_up_rig import NOISE, command, motion, rig
 from refusals import refusal_of
 
 SET_POINT, INTERVAL = command()
@@ -32,10 +32,6 @@ def share_of(one) -> float:
     return coupling(one.current, one.position_error, CALM)
 
 
-def freed(one) -> np.ndarray:
-    return decoupled(one.current, one.position_error, share_of(one))
-
-
 # Coupling
 
 
@@ -52,25 +48,6 @@ def test_wear_is_no_coupling():
         assert abs(share_of(motion(noise=(1e-6, 1e-6), **changed))) < 60.0, changed
 
 
-def test_the_decoupled_current_does_not_depend_on_the_sign_of_the_share():
-    alone = coupled(0.0)
-    for share in (-300.0, 300.0):
-        one = coupled(share)
-        before = np.diff(one.current - alone.current, 2)
-        after = np.diff(freed(one) - freed(alone), 2)
-        assert np.std(after[CALM[2:]]) < 0.1 * np.std(before[CALM[2:]])
-
-
-def test_a_comparison_measures_the_coupling_and_takes_it_out():
-    one = coupled(300.0)
-    comparison = MODEL.compare(one, rig(), settling_time=1.4)
-    assert comparison.statistics == {"sensor_coupling": share_of(one)}
-    assert [s.name for s in MODEL.monitoring.statistics] == ["sensor_coupling"]
-    np.testing.assert_array_equal(comparison.measured()["current"], freed(one))
-    np.testing.assert_array_equal(comparison.measured()["position_error"], one.position_error)
-    assert comparison.recording is one
-
-
 def test_a_position_does_for_a_position_error():
     one = motion(3, friction=1.2)
     other = one.changed(position=one.set_point - one.position_error, position_error=None)
@@ -79,29 +56,6 @@ def test_a_position_does_for_a_position_error():
     np.testing.assert_allclose(second, first, atol=1e-9)
     assert MODEL.starts(rig(), other)[0] == pytest.approx(MODEL.starts(rig(), one)[0])
     assert MODEL.check(other, rig()) == []
-
-
-def test_the_mean_of_recordings_is_compared_as_one():
-    motions = [motion(n, load=100.0) for n in range(4)]
-    comparisons = [MODEL.compare(one, rig()) for one in motions]
-    mean = comparisons[0].averaged(comparisons[1:])
-    for name, trace in mean.measured().items():
-        np.testing.assert_allclose(trace, np.mean([c.measured()[name] for c in comparisons], 0))
-    residuals = [c.residuals({"load": np.array([100.0])}, 1)[0] for c in comparisons]
-    found = mean.residuals({"load": np.array([100.0])}, 1)[0]
-    np.testing.assert_allclose(found, np.mean(residuals, 0), atol=1e-9)
-    assert mean.recording.position_error[0] == np.mean([m.position_error[0] for m in motions])
-
-
-def test_what_the_twin_misses_is_taken_off_the_recording():
-    comparison = MODEL.compare(motion(1), rig())
-    missed = {"current": np.full(SET_POINT.size, 0.1)}
-    off = comparison.with_missed(missed).residuals({}, 1) - comparison.residuals({}, 1)
-    size = SET_POINT.size
-    np.testing.assert_allclose(off[0, :size], 0.1 / MODEL.noise(rig(), None)["current"])
-    np.testing.assert_array_equal(off[0, size:], 0.0)
-    # the recording itself is as it was
-    assert comparison.with_missed(missed).measured().keys() == comparison.measured().keys()
 
 
 # Values
@@ -146,47 +100,12 @@ def test_the_values_of_a_motion_are_recovered_under_noise(changed):
             assert 0.0 < estimate.standard_errors[name] < 3.0 * most, name
 
 
-def test_an_actuator_that_starts_off_its_place_is_no_fault():
-    one = motion()
-    error = one.position_error.copy()
-    error[0] += 5e-4
-    for name in ("friction", "backlash", "gain"):
-        found = values(one, one.changed(position_error=error), name=name)
-        np.testing.assert_allclose(found[1], found[0], rtol=0.05, atol=5e-5)
-
-
 def test_what_the_twin_explains_leaves_noise_only():
     _, fit = fitted(motion(friction=1.3, load=200.0, backlash=5e-4))
     np.testing.assert_allclose(fit.residuals.std(axis=(0, 2)), NOISE, rtol=0.15)
 
 
-def test_an_estimate_knows_its_motion():
-    one = motion(labels={"run": "7"})
-    bench, fit = fitted(one)
-    (estimate,) = bench.measured(fit).estimates
-    assert estimate.names == ("friction", "backlash", "gain", "load", "initial_error")
-    assert (estimate.kind, estimate.actuator) == ("ball-screw", rig().name)
-    assert (estimate.labels, estimate.source) == ({"run": "7"}, "simulated")
-    assert estimate.statistics == {"sensor_coupling": share_of(one)}
-
-
 # Simulated motions
-
-
-@pytest.mark.parametrize(
-    ("changed", "said"),
-    [
-        ({"friction": 0.0}, r"Fault friction must lie in \[0.05, 6\], received 0"),
-        ({"backlash": -1e-3}, r"Fault backlash must lie in \[0, 0.005\] m, received -0.001"),
-        ({"gain": np.nan}, r"Fault gain must lie in \[0.3, 3\], received nan"),
-        ({"roughness": -0.1}, "Symptom roughness"),
-        ({"load": np.inf}, "Nuisance load must lie in"),
-        ({"wear": 1.0}, "Unknown fault 'wear'"),
-    ],
-)
-def test_an_impossible_motion_is_not_simulated(changed, said):
-    with pytest.raises(InputError, match=said):
-        simulate_motion(rig(), SET_POINT, INTERVAL, **changed)
 
 
 # Motions that do not belong together

@@ -84,13 +84,6 @@ def test_intervals_hold_the_healthy_value_and_bands_hold_healthy_runs(calibratio
     assert np.mean(inside) > 0.75
 
 
-def test_the_load_of_a_motion_is_estimated(calibration):
-    found = detect([motion(load=load) for load in (-150.0, 0.0, 250.0)], calibration)
-    loads = [verdict.standing.covariate.value for verdict in found.motions]
-    assert {str(v.standing.covariate).split()[1] for v in found.motions} == {"N"}
-    np.testing.assert_allclose(np.diff(loads), [150.0, 250.0], atol=50.0)
-
-
 # Faults
 
 
@@ -222,11 +215,6 @@ def test_motions_of_one_run_are_judged_together_by_label(calibration):
     ]  # fmt: skip
     assert "motion" not in found.runs[0].labels
     assert len({v.name for v in found.motions}) == 4
-
-
-def test_motions_without_labels_are_named_by_their_files(calibration):
-    motions = [motion(n).changed(source=f"day{n}.csv") for n in (1, 2)]
-    assert [v.name for v in detect(motions, calibration).runs] == ["day1.csv", "day2.csv"]
 
 
 # Notes

@@ -4,11 +4,8 @@ import numpy as np
 import pytest
 
 from ematwin.models.phases import phases
-from ematwin.monitoring.features import BANDS, Layout, band_levels
 
 INTERVAL = 0.04
-MODEL = ("friction", "backlash", "gain")
-CHANNELS = ("current", "position_error")
 
 
 def out_and_back(way: int = 100, rest: int = 60, shift: float = 0.0) -> np.ndarray:
@@ -35,27 +32,10 @@ def test_a_corner_between_two_samples_is_one_change(shift):
         assert phase.samples.stop - phase.samples.start == 35  # 1.4 s
 
 
-@pytest.mark.parametrize("shift", [0.0, 0.5])
-@pytest.mark.parametrize("scale", [1e-3, 1.0, -1.0])
-def test_phases_follow_each_other_without_a_gap(shift, scale):
-    set_point = scale * out_and_back(shift=shift)
-    found = phases(set_point, INTERVAL, 1.4)
-    edges = [phase.samples.start for phase in found] + [set_point.size]
-    assert edges[0] == 0
-    assert [phase.samples.stop for phase in found] == edges[1:]
-
-
 def test_phases_that_come_again_are_numbered():
     twice = np.r_[out_and_back(), out_and_back()]
     names = [phase.name for phase in phases(twice, INTERVAL, 1.4) if phase.steady]
     assert names == ["out", "rest", "back", "out 2", "rest 2", "back 2"]
-
-
-def test_a_stretch_too_short_to_settle_is_all_transient():
-    found = phases(out_and_back(rest=40), INTERVAL, 1.4)
-    (rest,) = [phase for phase in found if phase.name == "rest"]
-    assert not rest.steady
-    assert rest.samples.stop - rest.samples.start == pytest.approx(40, abs=1)
 
 
 @pytest.mark.parametrize("period", [20, 50, 100, 200, 400, 2000])
@@ -67,68 +47,4 @@ def test_a_sine_is_cut_into_equal_parts(period):
     assert {phase.samples.stop - phase.samples.start for phase in found} == {40}
 
 
-def test_a_ramp_of_limited_acceleration_keeps_its_phases():
-    speed = np.interp(np.arange(300), [0, 10, 90, 100, 200, 210, 290, 300], [0, 1, 1, 0] * 2)
-    speed[200:] *= -1.0
-    found = phases(np.cumsum(speed) * 1e-3, INTERVAL, 1.4)
-    assert [phase.name for phase in found if phase.steady] == ["out", "rest", "back"]
-    assert found[-1].samples == slice(291, 300)  # the last ramp is no part of steady motion
-
-
 # Features
-
-
-def layout() -> Layout:
-    return Layout.of(
-        phases(out_and_back(), INTERVAL, 1.4), MODEL, CHANNELS, {"position_error": "error"}
-    )
-
-
-def values(current: np.ndarray, error: np.ndarray, layout: Layout) -> dict[str, float]:
-    magnitudes = {"friction": 1.1, "backlash": 2e-4, "gain": 0.9, "load": 100.0}
-    found = layout.values(magnitudes, [current, error])
-    return dict(zip(layout.names, found, strict=True))
-
-
-def test_any_channels_and_any_faults_have_features():
-    """A sine has no steady phases, and so no bands."""
-    sine = np.sin(np.linspace(0.0, 20.0, 400))
-    found = Layout.of(phases(sine, INTERVAL, 0.1), ["wear"], ["voltage", "speed", "torque"])
-    assert found.kinds == ("model",) + ("mean",) * (3 * 8 * 4)
-    assert found.names[:2] == ("wear", "voltage part 1, part 1, transient")
-    seen = found.values({"wear": 0.2}, [np.ones(400), 2.0 * sine, np.zeros(400)])
-    assert seen.shape == (len(found.names),)
-    assert seen[0] == 0.2
-    np.testing.assert_allclose(seen[1:33], 1.0)
-    np.testing.assert_array_equal(seen[-32:], 0.0)
-
-
-def test_means_say_where_a_residual_lies():
-    current = np.zeros(260)
-    current[105:130] = 0.5  # while the rest settles
-    seen = values(current, np.full(260, 1e-3), layout())
-    assert seen["current mean, out, steady"] == 0.0
-    assert [seen[f"current part {n}, rest, transient"] for n in (2, 3)] == [0.5, 0.5]
-    assert seen["current mean, rest, steady"] == 0.0
-    assert seen["error mean, back, steady"] == pytest.approx(1e-3)
-    assert [seen[name] for name in MODEL] == [1.1, 2e-4, 0.9]
-
-
-@pytest.mark.parametrize("band", range(len(BANDS) - 1))
-def test_a_swing_shows_in_its_own_band(band):
-    nyquist_share = 0.5 * (BANDS[band] + BANDS[band + 1])
-    swing = np.sin(np.pi * nyquist_share * np.arange(100) + 0.3)
-    levels = band_levels(swing)
-    assert int(np.argmax(levels)) == band
-    # ten times the amplitude is a step of ln 10, in each band
-    np.testing.assert_allclose(
-        np.array(band_levels(10.0 * swing)) - levels, np.log(10.0), rtol=1e-6
-    )
-
-
-def test_noise_of_every_length_has_the_level_of_its_standard_deviation():
-    random = np.random.default_rng(1)
-    for size in (24, 60, 200):
-        levels = [band_levels(0.3 * random.normal(size=size)) for _ in range(400)]
-        power = np.exp(2.0 * np.array(levels)).mean(0)
-        np.testing.assert_allclose(np.sqrt(power[1:]), 0.3, rtol=0.1)
