@@ -93,6 +93,14 @@ def test_bootstrap_covers_the_mean_about_as_often_as_it_says():
     assert 0.90 <= np.mean((found[:, 4] <= 3.0) & (found[:, 5] >= 3.0)) <= 0.98
 
 
+def test_spread_of_one_run_has_no_interval_and_of_none_no_middle():
+    one, none, same = spreads([np.array([2.0]), np.array([]), np.array([1.0, 1.0])])
+    assert one[0] == 2.0
+    assert np.isnan(one[4:]).all()
+    assert np.isnan(none).all()
+    assert same[4:].tolist() == [1.0] * 4
+
+
 def test_failed_runs_count_against_success_and_have_no_error():
     of = [spec(run=n) for n in range(4)]
     good = vector(friction=0.25)

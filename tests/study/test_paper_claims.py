@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from synthetic import settings_of, study
+from synthetic import done, settings_of, spec, study
 
 from ematwin.benchmarking.analysis import analyse
 from ematwin.benchmarking.statistics import performance_coefficients
@@ -48,10 +48,37 @@ def test_claims_are_decided_from_the_numbers(script):
     assert found["GWO errs by more than 4 % on High Z"] == "does not hold"
 
 
+def test_an_order_of_means_is_decided_only_where_their_intervals_tell(script):
+    err = {"ga": 0.10, "pso": 0.10, "de": 0.11, "gwo": 0.20, "da": 0.30, "woa": 0.101}
+    rng = np.random.default_rng(2)
+    runs = []
+    for case in PAPER_CASES:
+        for algorithm, size in err.items():
+            for run in range(8):
+                of = spec(case, algorithm, run)
+                found = np.array(of.faults)
+                found[4] += size * rng.uniform(0.8, 1.2)  # short_c, healthy in every case
+                runs.append(done(of, found))
+    said = verdicts(script, runs)
+    assert said["WOA is the best on High Gain"] == "cannot be told"
+    assert said["PSO has the lowest mean Err% for low faults"] == "cannot be told"
+    assert said["DA is poor on High Z (among the two worst)"] == "holds"
+    assert said["WOA is poor on High Z (among the two worst)"] == "does not hold"
+
+
 def test_nothing_is_claimed_with_too_few_runs_or_of_another_study(script):
     assert set(verdicts(script, study(2)).values()) == {"cannot be told"}
     assert verdicts(script, study(1, algorithms=("random",))) == {}
     assert verdicts(script, study(1, cases=("mine",))) == {}
+
+
+def test_claims_are_judged_with_the_forms_as_published(script):
+    published = ("ga-holland", "pso-inertia", "de-rand", "gwo", "da", "woa")
+    found = script.PaperStudy(analyse(study(1, algorithms=(*published, "pso", "cma"))))
+    assert tuple(found.forms.values()) == published
+    assert found.coefficients.sum(axis=1) == pytest.approx(500.0)
+    own = script.PaperStudy(analyse(study(1, algorithms=("ga", "gwo", "cma"))))
+    assert own.forms == {"ga": "ga", "gwo": "gwo"}
 
 
 def test_the_script_runs(tmp_path):

@@ -1,6 +1,7 @@
 """The store of a study over both databases; damage; stores of earlier versions."""
 
 import ctypes
+import math
 import random
 import shutil
 import signal
@@ -16,7 +17,7 @@ from synthetic import small_plan, some_run
 from ematwin.benchmarking.database import Database
 from ematwin.benchmarking.execute import execute
 from ematwin.benchmarking.plan import Plan
-from ematwin.benchmarking.run import StoredRun
+from ematwin.benchmarking.run import RunResult, StoredRun
 from ematwin.benchmarking.store import LEASE, Store, metadata, open_store
 from ematwin.benchmarking.subject import cases_of
 from ematwin.errors import EmatwinError, FileError
@@ -51,6 +52,14 @@ def test_a_run_comes_back_as_it_was(store, specs):
     assert back == one
     del back.spec.__dict__["id"]
     assert back.spec.id == one.spec.id
+
+
+def test_nan_comes_back_as_nan(store, specs):
+    store.save([StoredRun(specs[0], RunResult(specs[0].id, "failed", stopped="why \0 'so'"))])
+    (back,) = store.runs()
+    assert math.isnan(back.result.cost)
+    assert math.isnan(back.result.err)
+    assert back.result.history == b""
 
 
 def test_a_done_run_is_never_overwritten(store, specs):
