@@ -11,12 +11,10 @@ from ematwin.fleet.learning import learn
 from ematwin.fleet.life import (
     Life,
     Requirement,
-    _rise,
     job_left,
     life_left,
     paths,
     process_of,
-    sooner,
 )
 from ematwin.fleet.metrics import (
     alpha_lambda,
@@ -77,15 +75,6 @@ def test_an_unknown_process_is_refused():
         life_left("x", known(), LIMIT, 0.0, "magic")
 
 
-def test_the_sooner_of_two_lives_is_shorter_than_both():
-    a = Life("a", np.array([1.0, 5.0, 3.0]), 0.0)
-    b = Life("b", np.array([2.0, 1.0, 1.0]), 0.0)
-    both = sooner([a, b])
-    assert both.draws.tolist() == [1.0, 1.0, 1.0]
-    assert both.name == "b"
-    assert sooner([]) is None
-
-
 def test_intervals_of_forecasts_from_a_few_estimates_hold_what_follows():
     held = []
     for seed in range(20):  # wear by powers of time and by exponentials
@@ -135,17 +124,6 @@ def test_an_actuator_does_its_job_until_its_twin_does_not():
     assert life.median == pytest.approx(1.0, rel=0.15)  # from 0.05 to 0.25 at 0.2 a year
     with pytest.raises(InputError, match="measures one of"):
         replace(required, measure="beauty").value(actuator, {})
-
-
-def test_rise_time_is_that_of_a_first_order_lag():
-    time = np.linspace(0.0, 1.0, 100_001)
-    for step in (0.2, -0.2):
-        output = step * -np.expm1(-time / 0.05)
-        assert _rise(time, np.full(time.size, step), output) == pytest.approx(
-            0.05 * np.log(9.0), abs=1e-4
-        )
-    assert _rise(time, np.full(time.size, 0.2), 0.1 * time) == np.inf  # goes half of the way
-    assert _rise(time, np.full(time.size, 0.2), 0.0 * time) == np.inf
 
 
 END = 10.0
