@@ -15,8 +15,8 @@ from ematwin.optimizers import (
     ParticleSwarm,
     Whale,
 )
-from ematwin.optimizers.differential_evolution import others
-from ematwin.optimizers.genetic_operators import Polynomial, SimulatedBinary, Tournament
+from ematwin.optimizers.differential_evolution import bounced_back, others
+from ematwin.optimizers.genetic_operators import Polynomial, Roulette, SimulatedBinary, Tournament
 from ematwin.optimizers.particle_swarm import Coefficients, Global, GrowingRing, Ring
 from naive import optimizers_naive as naive
 
@@ -136,6 +136,30 @@ def test_dragonflies_move_one_after_another(seed):
     assert ((places == lower) | (places == upper)).any(axis=0).all()
 
 
+def test_the_enemy_of_dragonflies_is_strictly_inside_the_box():
+    flies = Dragonfly(Box([0.0], [1.0]), population=3, iterations=10)
+    start(flies, [[0.0], [0.5], [0.2]], [9.0, 2.0, 3.0], [[0.0]])
+    assert flies.enemy.tolist() == [0.2]
+    assert flies.food.tolist() == [0.5]
+
+
+def test_a_particle_stops_at_a_bound_and_loses_that_speed():
+    swarm = ParticleSwarm(
+        Box([0.0, 0.0], [1.0, 1.0]),
+        population=1,
+        iterations=10,
+        coefficients=Coefficients(1.0, 0.0, 0.0),
+        crazy=0.0,
+    )
+    start(swarm, [[0.6, 0.1]], [1.0], [[1.0, 0.3]])  # a speed of (0.2, 0.1)
+    swarm.rng = Scripted(*[0.0] * 4)
+    for place in ([0.8, 0.2], [1.0, 0.3], [1.0, 0.4]):
+        assert swarm.ask()[0] == pytest.approx(place)
+        swarm.tell(swarm.ask(), np.array([1.0]))
+    swarm.coefficients = Coefficients(-1.0, 0.0, 0.0)  # back, with what speed there is
+    assert swarm.ask()[0] == pytest.approx([1.0, 0.3])
+
+
 @pytest.mark.parametrize(("topology", "beside"), [(Global(), [0, 0]), (Ring(1), [17, 0])])
 def test_craziness_puts_the_worst_particles_beside_their_neighbours_best_point(topology, beside):
     swarm = ParticleSwarm(
@@ -160,6 +184,21 @@ def test_donors_are_different_and_not_the_parent(picks):
             assert len(set(column.tolist())) == picks + 1
         seen |= {tuple(column) for column in drawn.T.tolist()}
     assert len(seen) == math.perm(6, picks + 1)  # every choice is possible
+
+
+def test_mutants_outside_the_box_bounce_back():
+    box = Box([0.0, 0.0], [1.0, 1.0])
+    mutants, bases = np.array([[-0.4, 0.5], [0.3, 1.6]]), np.array([[0.2, 0.2], [0.3, 0.4]])
+    bounced = bounced_back(Scripted(0.5), box, mutants, bases)
+    assert bounced == pytest.approx(np.array([[0.1, 0.5], [0.3, 0.7]]))
+
+
+def test_the_best_of_each_tournament_wins_and_everyone_is_drawn():
+    costs = np.array([3.0, 1.0, 2.0, 0.0])
+    won = Tournament(2).select(np.random.default_rng(0), costs, 4)
+    assert (won == 3).sum() == 2  # drawn twice in four pairs, it wins each time
+    everyone = Tournament(1).select(np.random.default_rng(0), costs, 4)
+    assert sorted(everyone.tolist()) == [0, 1, 2, 3]
 
 
 def test_children_of_real_parents_lie_on_the_line_through_them_when_crossed_whole():
@@ -215,3 +254,9 @@ def test_polynomial_mutation_stays_in_the_box_and_moves_one_variable_on_average(
 def test_impossible_settings_are_refused(make):
     with pytest.raises(InputError):
         make()
+
+
+def test_a_roulette_of_equals_or_of_none_finite_draws_all_alike():
+    for costs in (np.full(4, 2.0), np.full(4, np.inf)):
+        drawn = Roulette().select(np.random.default_rng(1), costs, 8_000)
+        assert np.bincount(drawn) / 8_000 == pytest.approx([0.25] * 4, abs=0.02)
