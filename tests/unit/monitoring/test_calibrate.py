@@ -145,6 +145,28 @@ def test_files_do_for_recordings(three, tmp_path):
         calibrate([1.5])
 
 
+def test_all_runs_teach_and_each_is_judged_by_the_others():
+    report = calibrate(healthy_runs(4))
+    assert report.learnt == ["1", "2", "3", "4"]
+    calibration = report.calibration
+    tested = calibration.tested
+    assert tested.shape == (16, len(calibration.layout.names))
+    # judged by the others, a run lies further out than judged with itself among them
+    own = calibration.population.scores(calibration.healthy.features, calibration.healthy.covariate)
+    assert (tested**2).mean() > 1.2 * (own**2).mean()
+
+
+def test_left_out_bands_are_those_of_a_run_that_comes_later(three):
+    """A share of a run's own noise in the discrepancy would make its bands look quieter."""
+    motions, calibration = healthy_runs(3, motions=1), three.calibration
+    bands = [n for n, kind in enumerate(calibration.layout.kinds) if kind == "band"]
+    later = calibration.measure(healthy_runs(20, first=201, motions=1)).features[:, bands].mean()
+    with_own = calibration.measure(motions).features[:, bands].mean()
+    without = calibration.healthy.features[:, bands].mean()
+    assert with_own < later - 0.1
+    assert abs(without - later) < 0.6 * abs(with_own - later)
+
+
 # All runs teach and test
 
 

@@ -5,12 +5,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from ematwin.errors import RecordError
-from ematwin.models.ball_screw.comparison import coupling
+from ematwin.errors import InputError, RecordError
+from ematwin.models.ball_screw.comparison import coupling, decoupled
 from ematwin.models.ball_screw.model import MODEL
 from ematwin.models.phases import calm
 from ematwin.monitoring.measure import Bench, check_alike
-from made_up_rig import NOISE, command, motion, rig
+from made_up_rig import NOISE, command, motion, rig, simulate_motion
 from refusals import refusal_of
 
 SET_POINT, INTERVAL = command()
@@ -32,6 +32,10 @@ def share_of(one) -> float:
     return coupling(one.current, one.position_error, CALM)
 
 
+def freed(one) -> np.ndarray:
+    return decoupled(one.current, one.position_error, share_of(one))
+
+
 # Coupling
 
 
@@ -46,6 +50,25 @@ def test_wear_is_no_coupling():
     """What the actuator does slowly is not what sensors share at once."""
     for changed in ({}, {"friction": 1.5}, {"backlash": 1e-3}, {"load": 300.0}):
         assert abs(share_of(motion(noise=(1e-6, 1e-6), **changed))) < 60.0, changed
+
+
+def test_the_decoupled_current_does_not_depend_on_the_sign_of_the_share():
+    alone = coupled(0.0)
+    for share in (-300.0, 300.0):
+        one = coupled(share)
+        before = np.diff(one.current - alone.current, 2)
+        after = np.diff(freed(one) - freed(alone), 2)
+        assert np.std(after[CALM[2:]]) < 0.1 * np.std(before[CALM[2:]])
+
+
+def test_a_comparison_measures_the_coupling_and_takes_it_out():
+    one = coupled(300.0)
+    comparison = MODEL.compare(one, rig(), settling_time=1.4)
+    assert comparison.statistics == {"sensor_coupling": share_of(one)}
+    assert [s.name for s in MODEL.monitoring.statistics] == ["sensor_coupling"]
+    np.testing.assert_array_equal(comparison.measured()["current"], freed(one))
+    np.testing.assert_array_equal(comparison.measured()["position_error"], one.position_error)
+    assert comparison.recording is one
 
 
 def test_a_position_does_for_a_position_error():
@@ -103,6 +126,22 @@ def test_the_values_of_a_motion_are_recovered_under_noise(changed):
 def test_what_the_twin_explains_leaves_noise_only():
     _, fit = fitted(motion(friction=1.3, load=200.0, backlash=5e-4))
     np.testing.assert_allclose(fit.residuals.std(axis=(0, 2)), NOISE, rtol=0.15)
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"friction": 0.0}, r"Fault friction must lie in \[0.05, 6\], received 0"),
+        ({"backlash": -1e-3}, r"Fault backlash must lie in \[0, 0.005\] m, received -0.001"),
+        ({"gain": np.nan}, r"Fault gain must lie in \[0.3, 3\], received nan"),
+        ({"roughness": -0.1}, "Symptom roughness"),
+        ({"load": np.inf}, "Nuisance load must lie in"),
+        ({"wear": 1.0}, "Unknown fault 'wear'"),
+    ],
+)
+def test_an_impossible_motion_is_not_simulated(changed, said):
+    with pytest.raises(InputError, match=said):
+        simulate_motion(rig(), SET_POINT, INTERVAL, **changed)
 
 
 # Simulated motions

@@ -84,6 +84,13 @@ def test_intervals_hold_the_healthy_value_and_bands_hold_healthy_runs(calibratio
     assert np.mean(inside) > 0.75
 
 
+def test_the_load_of_a_motion_is_estimated(calibration):
+    found = detect([motion(load=load) for load in (-150.0, 0.0, 250.0)], calibration)
+    loads = [verdict.standing.covariate.value for verdict in found.motions]
+    assert {str(v.standing.covariate).split()[1] for v in found.motions} == {"N"}
+    np.testing.assert_allclose(np.diff(loads), [150.0, 250.0], atol=50.0)
+
+
 # Faults
 
 

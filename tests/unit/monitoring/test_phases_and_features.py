@@ -4,8 +4,15 @@ import numpy as np
 import pytest
 
 from ematwin.models.phases import phases
+from ematwin.monitoring.features import BANDS, Layout, band_levels
 
 INTERVAL = 0.04
+
+
+MODEL = ("friction", "backlash", "gain")
+
+
+CHANNELS = ("current", "position_error")
 
 
 def out_and_back(way: int = 100, rest: int = 60, shift: float = 0.0) -> np.ndarray:
@@ -45,6 +52,49 @@ def test_a_sine_is_cut_into_equal_parts(period):
     assert [phase.name for phase in found] == [f"part {n}" for n in range(1, 9)]
     assert not any(phase.steady for phase in found)
     assert {phase.samples.stop - phase.samples.start for phase in found} == {40}
+
+
+def layout() -> Layout:
+    return Layout.of(
+        phases(out_and_back(), INTERVAL, 1.4), MODEL, CHANNELS, {"position_error": "error"}
+    )
+
+
+def values(current: np.ndarray, error: np.ndarray, layout: Layout) -> dict[str, float]:
+    magnitudes = {"friction": 1.1, "backlash": 2e-4, "gain": 0.9, "load": 100.0}
+    found = layout.values(magnitudes, [current, error])
+    return dict(zip(layout.names, found, strict=True))
+
+
+def test_means_say_where_a_residual_lies():
+    current = np.zeros(260)
+    current[105:130] = 0.5  # while the rest settles
+    seen = values(current, np.full(260, 1e-3), layout())
+    assert seen["current mean, out, steady"] == 0.0
+    assert [seen[f"current part {n}, rest, transient"] for n in (2, 3)] == [0.5, 0.5]
+    assert seen["current mean, rest, steady"] == 0.0
+    assert seen["error mean, back, steady"] == pytest.approx(1e-3)
+    assert [seen[name] for name in MODEL] == [1.1, 2e-4, 0.9]
+
+
+@pytest.mark.parametrize("band", range(len(BANDS) - 1))
+def test_a_swing_shows_in_its_own_band(band):
+    nyquist_share = 0.5 * (BANDS[band] + BANDS[band + 1])
+    swing = np.sin(np.pi * nyquist_share * np.arange(100) + 0.3)
+    levels = band_levels(swing)
+    assert int(np.argmax(levels)) == band
+    # ten times the amplitude is a step of ln 10, in each band
+    np.testing.assert_allclose(
+        np.array(band_levels(10.0 * swing)) - levels, np.log(10.0), rtol=1e-6
+    )
+
+
+def test_noise_of_every_length_has_the_level_of_its_standard_deviation():
+    random = np.random.default_rng(1)
+    for size in (24, 60, 200):
+        levels = [band_levels(0.3 * random.normal(size=size)) for _ in range(400)]
+        power = np.exp(2.0 * np.array(levels)).mean(0)
+        np.testing.assert_allclose(np.sqrt(power[1:]), 0.3, rtol=0.1)
 
 
 # Features

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ematwin.errors import InputError
+from ematwin.errors import InputError, RecordError
 from ematwin.models.ball_screw.model import MODEL
 from ematwin.models.ball_screw.parameters import FIXED, BallScrew
 from ematwin.models.ball_screw.step import (
@@ -17,7 +17,7 @@ from ematwin.models.ball_screw.step import (
     drive_torque,
     falling_friction,
 )
-from ematwin.models.ball_screw.twin import ball_screw_constants, candidate_traces
+from ematwin.models.ball_screw.twin import ball_screw_constants, candidate_traces, steps_of
 from ematwin.recordings.recording import Recording
 from made_up_rig import out_and_back
 from naive import ball_screw as naive
@@ -202,3 +202,11 @@ def test_a_loop_that_runs_away_ends_in_nan_and_not_in_a_crash():
     current, error = traces(gain=1e200)
     assert np.isnan(current[-1])
     assert np.isnan(error[-1])
+
+
+def test_an_interval_that_is_no_whole_number_of_steps_is_refused():
+    assert steps_of(ACTUATOR, 0.04) == (10, 10)
+    assert steps_of(ACTUATOR, 0.1) == (10, 25)
+    with pytest.raises(RecordError, match=r"not a whole number of steps of 0\.004 s") as caught:
+        steps_of(ACTUATOR, 0.0333)
+    assert "\n" not in str(caught.value)
