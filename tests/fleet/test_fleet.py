@@ -183,6 +183,13 @@ def test_alarms_rise_with_the_life_that_is_left(fleet):
     assert step(0.1, soon, policy=Policy(look=0.25)) == "act"  # the next look would be too late
 
 
+def test_an_actuator_that_nobody_records_raises_no_alarm(fleet):
+    one, unknown = state(fleet, 0.0, slope=0.1), fleet["EMA-01"].unknown("friction")
+    later = judge(one, None, one.time + 1.0, Policy(), unknown=unknown, count=6)
+    assert later.step == "none"
+    assert "+0.0 % of its range" in later.why
+
+
 def test_alarms_neither_chatter_nor_come_back_within_a_year(fleet):
     unknown, one = fleet["EMA-01"].unknown("friction"), state(fleet, 0.0215)
 
@@ -304,6 +311,14 @@ def test_a_serial_number_leads_nowhere_else(tmp_path):
         assert store.rows(serial)["serial_number"].to_pylist() == [serial]
     assert all(path.parent.parent == tmp_path / "fleet" / "rows"
                for path in tmp_path.rglob("*.parquet"))  # fmt: skip
+
+
+def test_the_latest_judgement_of_a_recording_counts(tmp_path):
+    store = FleetStore(tmp_path)
+    for twin in ("old", "new"):
+        row = row_of("A", END, content="c", motion=0, twin=twin, kind="k", grade="healthy")
+        store.add([row])
+    assert store.rows()["twin"].to_pylist() == ["new"]
 
 
 def test_a_file_that_was_judged_while_it_was_written_counts_once(tmp_path):

@@ -15,6 +15,7 @@ from ematwin.fleet.life import (
     life_left,
     paths,
     process_of,
+    sooner,
 )
 from ematwin.fleet.metrics import (
     alpha_lambda,
@@ -73,6 +74,15 @@ def test_what_is_beyond_its_limit_has_no_life_left_and_what_rests_lives_on():
 def test_an_unknown_process_is_refused():
     with pytest.raises(InputError, match="wiener or gamma, received 'magic'"):
         life_left("x", known(), LIMIT, 0.0, "magic")
+
+
+def test_the_sooner_of_two_lives_is_shorter_than_both():
+    a = Life("a", np.array([1.0, 5.0, 3.0]), 0.0)
+    b = Life("b", np.array([2.0, 1.0, 1.0]), 0.0)
+    both = sooner([a, b])
+    assert both.draws.tolist() == [1.0, 1.0, 1.0]
+    assert both.name == "b"
+    assert sooner([]) is None
 
 
 def test_intervals_of_forecasts_from_a_few_estimates_hold_what_follows():

@@ -205,3 +205,15 @@ def test_another_answer_that_explains_the_recording_as_well_is_told(calibrated) 
     assert found.sets.minima == pytest.approx((0.5, 0.5), abs=0.1)
     assert found.sets.probabilities["gap"] > CERTAIN
     assert found.intervals["gap"].low < 0.2 < 0.8 < found.intervals["gap"].high
+
+
+def test_the_better_of_two_valleys_is_the_answer_wherever_the_search_ended() -> None:
+    found = assessed(point=(0.4, 1.0 - GAP), others=((0.4, GAP),), worse=2.0)
+    assert found.values["gap"] == pytest.approx(GAP, abs=2e-3)
+    assert found.others == ()  # the other one is far worse
+
+
+def test_a_valley_that_is_far_worse_is_not_gone_into() -> None:
+    beside = assessed(others=((1.9, 0.9),))
+    assert beside.others == ()
+    assert beside.evaluations == assessed().evaluations

@@ -11,6 +11,7 @@ from ematwin import BldcActuator, simulate
 from ematwin.errors import ParameterError
 from ematwin.estimation.baseline import (
     Baseline,
+    baseline_of,
     with_all_free,
 )
 from ematwin.estimation.prior import Prior
@@ -102,6 +103,13 @@ def test_a_baseline_of_a_newer_ematwin_is_refused() -> None:
         "The baseline of mine.toml was written by a newer ematwin (format 99, this one knows 1). "
         "Update ematwin."
     )
+
+
+def test_a_damaged_file_is_named(tmp_path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text(tomli_w.dumps({"baseline": broken(mean=[])}), encoding="utf-8")
+    with pytest.raises(ParameterError, match=r"mine\.toml is damaged"):
+        baseline_of(file, ACTUATOR)
 
 
 # Tolerances and drifts

@@ -146,6 +146,17 @@ def test_dents_of_a_rough_misfit_do_not_hold_the_peak() -> None:
         assert 0.7 < np.median(stated / errors) < 1.1
 
 
+def test_a_held_unknown_stays_and_still_widens_the_others(regressed) -> None:
+    problem, basis, y, prior, free = regressed
+    start = np.array([0.0, 1.6, 0.0])
+    peak = laplace(problem, start, Descent(held=["m"], least_noise=NOISE))
+    assert peak.point[1] == pytest.approx(1.6)
+    assert np.allclose(peak.covariance, free.covariance)
+    # the middle of the distribution is where it would go
+    mean, _ = regression(basis, y, prior, problem.names, NOISE)
+    assert np.allclose(mean_of(peak), mean, atol=1e-7)
+
+
 def aliased(rough: float, prior: Prior, **more):
     """Two faults and a pivot that does what 0.8 of the first and -0.3 of the second do."""
     unknowns = [fault("a"), fault("b"), parameter("m")]
@@ -228,6 +239,14 @@ def test_a_bound_lets_data_tell_a_pivot() -> None:
     assert expected[0] == pytest.approx(0.0, abs=1e-6)
     assert expected[2] > 1.0
     assert np.allclose(coordinates(problem, peak.point), expected, atol=1e-3)
+
+
+def test_a_direction_without_information_is_wide_and_the_others_are_exact() -> None:
+    found = inverse(np.diag([4.0, 0.0]))
+    assert found[0, 0] == pytest.approx(0.25)
+    assert found[1, 1] > 1e6
+    known = np.array([[3.0, 1.0], [1.0, 2.0]])
+    assert np.allclose(inverse(known), np.linalg.inv(known))
 
 
 def test_a_sound_matrix_on_which_divide_and_conquer_fails_is_inverted(monkeypatch) -> None:  # type: ignore[no-untyped-def]

@@ -70,6 +70,15 @@ def test_a_condition_is_what_samples_of_the_joint_distribution_show() -> None:
     assert found.covariance[0, 0] == pytest.approx(left.var(), rel=0.02)
 
 
+def test_a_condition_on_one_value_keeps_the_others_correlated() -> None:
+    x = np.random.default_rng(2).multivariate_normal(MEAN, COVARIANCE, 400_000)
+    near = x[np.abs(x[:, 1] - 1.2) < 0.02][:, [0, 2]]
+    found = PRIOR.given({"mass": 1.2})
+    assert found.names == ("slope", "offset")
+    assert np.allclose(found.mean, near.mean(axis=0), atol=0.03)
+    assert np.allclose(found.covariance, np.cov(near.T), atol=0.02)
+
+
 def test_holding_costs_what_the_full_problem_costs_there() -> None:
     full = Problem([Line(1.0), Line(2.0)], [SLOPE, MASS, OFFSET], prior=PRIOR).with_noise(0.3)
     held = {"mass": 3.0, "slope": -0.5}

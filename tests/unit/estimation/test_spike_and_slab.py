@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ematwin.estimation.spike_and_slab import FaultSets, fault_sets
+from ematwin.estimation.spike_and_slab import FaultSet, FaultSets, fault_sets
 from ematwin.models.chart import Chart
 from ematwin.models.unknown import Alias, Unknown
 
@@ -175,6 +175,24 @@ def test_a_fault_that_nothing_is_known_of_is_as_likely_as_not_and_anywhere():
         np.quantile(found.given("a").of("a"), [0.1, 0.9]), [0.1, 0.9], atol=0.05
     )
     assert found.presence("b") > 0.95
+
+
+def test_a_set_that_is_next_to_impossible_has_no_draws():
+    mean, errors = np.array([0.3, 0.4]), np.array([0.001, 0.002])
+    found = fault_sets(Chart([fault("a"), fault("b")]), mean, np.diag(errors**2))
+    for name, error in zip("ab", errors, strict=True):
+        assert found.given(name).of(name).std() == pytest.approx(error, rel=0.05)
+
+
+def test_a_fault_whose_sets_are_all_impossible_answers_as_if_it_were_absent():
+    faults = (fault("a"), fault("b"))
+    sets = [
+        FaultSet(frozenset(name), share, np.full((10, 2), value))
+        for name, share, value in (("a", 1.0, 0.4), ("b", 0.0, 0.7))
+    ]
+    found = FaultSets(faults, tuple(sets))
+    assert found.probabilities == {"a": 1.0, "b": 0.0}
+    assert found.given("b").of("b").mean() == found.given("a").of("b").mean()
 
 
 def test_what_an_unknown_multiplies_moves_with_it_and_healthy_stays():

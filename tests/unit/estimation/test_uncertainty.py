@@ -208,6 +208,14 @@ def test_faults_that_make_up_for_one_another_are_named():
     assert walk.interval == pytest.approx((0.5 - reach, 0.5 + reach), abs=0.15 * reach)
 
 
+def test_profile_of_a_logarithmic_fault_is_in_its_own_values():
+    toy = Toy(lambda v: stacked(np.log(v["wear"])), wear=2.0)
+    wear = fault("wear", healthy=1.0, lower=0.25, upper=4.0, logarithmic=True)
+    found = run(Profiles(), question(toy, (wear,), (2.0,)))
+    reach = np.exp(1.96 * ERROR)
+    assert found.intervals["wear"] == pytest.approx((2.0 / reach, 2.0 * reach), rel=3e-3)
+
+
 @pytest.mark.parametrize("dips", [0.0, 0.7])
 def test_where_profiles_cross_dips_no_interval_is_shorter_than_that_of_laplace(dips):
     def features(values):
@@ -222,6 +230,25 @@ def test_where_profiles_cross_dips_no_interval_is_shorter_than_that_of_laplace(d
     assert not found.walks["gap"].rough
     assert high - low == pytest.approx((8.0 if dips else 3.9) * ERROR, rel=0.1)
     assert any("rough along" in doubt and "gap" in doubt for doubt in found.doubts) == bool(dips)
+
+
+def test_a_step_of_the_misfit_ends_the_interval():
+    def features(values):
+        return stacked(values["wear"] - 0.2 * (values["wear"] < 0.5 - ERROR))
+
+    low, high = run(Profiles(), question(Toy(features, wear=0.5), LINEAR[:1], (0.5,))).intervals[
+        "wear"
+    ]
+    assert low == pytest.approx(0.5 - ERROR, abs=0.2 * ERROR)
+    assert high == pytest.approx(0.5 + 1.96 * ERROR, abs=0.4 * ERROR)
+
+
+def test_a_profile_holds_the_answer_that_the_search_gave():
+    toy = Toy(lambda v: stacked(v["wear"], v["gap"]), wear=0.5, gap=0.5)
+    case = question(toy, LINEAR[:2], (0.5, 0.5))
+    case.assessed.values["gap"] = 0.5 + 3.0 * ERROR
+    ends = run(Profiles(), case).intervals["gap"]
+    assert ends == pytest.approx((0.5 - 1.96 * ERROR, 0.5 + 3.0 * ERROR), abs=0.2 * ERROR)
 
 
 def test_chains_that_have_not_arrived_are_said_to_be_so(asked):

@@ -6,6 +6,7 @@ import pytest
 from ematwin import BldcActuator, Faults
 from ematwin.errors import InputError
 from ematwin.models.bldc.unknowns import fault
+from ematwin.models.registry import model_of
 from ematwin.models.unknown import Unknown
 
 ACTUATOR = BldcActuator.load()
@@ -55,3 +56,10 @@ def test_impossible_unknowns_are_refused() -> None:
         Unknown("x", "", "", 0.5, 0.0, 1.0, logarithmic=True)
     with pytest.raises(InputError, match="positive spread"):
         Unknown("x", "", "", 0.5, 0.0, 1.0, spread=0.0)
+
+
+def test_a_name_that_there_is_not_is_refused_with_the_closest() -> None:
+    model = model_of("bldc")
+    for name, close in (("fricton", "friction"), ("motor.resistence", "motor.resistance")):
+        with pytest.raises(InputError, match=f"Did you mean {close}"):
+            model.unknown(ACTUATOR, name)

@@ -60,6 +60,18 @@ def test_scores_are_trace_then_filter_then_misfit(rectify):
         assert costs[n] == pytest.approx(expected, rel=1e-7)
 
 
+def test_a_diverged_candidate_costs_infinity_and_spoils_no_other():
+    k = random_faults(2 * LANES)
+    clean = scoring(k)[0]
+    sick = k.copy()
+    next_block = LANES + 8
+    sick[5, 0], sick[next_block, 5], sick[next_block + 1] = np.nan, np.inf, np.nan
+    costs, _, _ = scoring(sick)
+    bad = np.isin(np.arange(len(k)), [5, next_block, next_block + 1])
+    assert np.isposinf(costs[bad]).all()
+    np.testing.assert_array_equal(costs[~bad], clean[~bad])
+
+
 # Limits
 
 

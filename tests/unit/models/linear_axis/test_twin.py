@@ -108,6 +108,11 @@ def test_the_limit_is_where_small_motions_begin_to_grow():
     assert last[1] > 1.0
 
 
+def test_a_slow_controller_is_refused_as_well():
+    with pytest.raises(ParameterError, match="unstable with controller"):
+        AXIS.changed({"controller.sample_time": 0.02})
+
+
 def test_a_repeated_reference_counts_once():
     one = np.r_[np.linspace(0.0, 1.0, 500), np.linspace(1.0, 0.0, 500)]
     assert repeats(np.tile(one, 4)) == pytest.approx(4.0, rel=0.01)
