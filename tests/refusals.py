@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from commands import Answer
+from commands import Answer, inside
+from ematwin.cli import main
 from ematwin.errors import EmatwinError
 
 
@@ -35,3 +36,10 @@ def contents(folder: Path) -> dict[str, bytes | None]:
         str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None
         for path in folder.rglob("*")
     }
+
+
+def untouched(folder: Path, *words: object, said: str) -> None:
+    """A command in a folder is refused, and leaves it as it was."""
+    before = contents(folder)
+    refused(inside(main, "ematwin", *words, folder=folder), said)
+    assert contents(folder) == before

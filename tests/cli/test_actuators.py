@@ -1,6 +1,5 @@
 """``ematwin actuators`` and ``ematwin scenarios``: what is shipped, with units and sources."""
 
-import json
 import math
 import re
 import tomllib
@@ -39,12 +38,6 @@ def test_one_set_is_shown_with_the_unit_and_source_of_every_value(ematwin, done)
     assert speed["unit"] == "rad/s"
 
 
-def test_a_file_is_shown_like_a_shipped_set(ematwin, tmp_path):
-    path = tmp_path / "mine.toml"
-    path.write_bytes(shipped_actuators()["servo48"].read_bytes())
-    assert ematwin("actuators", "mine.toml").out == ematwin("actuators", "servo48").out
-
-
 def test_shipped_scenarios_are_listed(ematwin, done):
     lines = ematwin("scenarios").out.splitlines()
     names = [line.split()[0] for line in lines]
@@ -57,16 +50,6 @@ def test_shipped_scenarios_are_listed(ematwin, done):
     assert len(set(names)) == len(names)
     told = done("scenarios", "--json").told
     assert told["default"]["duration"] == 0.5
-
-
-def test_faults_and_channels_of_a_kind_are_shown(ematwin, done):
-    told = done("actuators", "rm1605", "--json").told
-    assert told["kind"] == "ball-screw"
-    assert told["channels"]["set_point"]["unit"] == "m"
-    assert told["unknowns"]["friction"]["role"] == "fault"
-    text = ematwin("actuators", "servo48").out
-    assert "eccentricity_phase" in text
-    assert "motor shaft angle" in text
 
 
 def test_the_tolerance_of_each_parameter_is_shown(ematwin, tmp_path):
@@ -97,19 +80,6 @@ def test_a_template_is_written_to_be_made_ones_own(ematwin, tmp_path, name):
     content = tomllib.loads(text)
     before = tomllib.loads(shipped_actuators()[name].read_text(encoding="utf-8"))
     assert {**content, "kind": before.get("kind", "bldc")} == {"kind": "bldc", **before}
-
-
-def test_a_template_of_a_file_keeps_its_tolerances_and_may_replace_it(ematwin, tmp_path):
-    known = BldcActuator.load("servo48").with_tolerances({"motor.resistance": "2 %"})
-    known.save(tmp_path / "mine.toml")
-    told = json.loads(
-        ematwin("actuators", "mine.toml", "--out", "mine.toml", "--force", "--json").out
-    )
-    assert told["out"] == "mine.toml"
-    assert told["parameters"]["motor.resistance"]["tolerance"] == 0.02
-    text = (tmp_path / "mine.toml").read_text(encoding="utf-8")
-    assert "# resistance, phase to phase; tolerance 2 %; drift 35 %\n" in text
-    assert BldcActuator.load(tmp_path / "mine.toml") == known
 
 
 def test_a_template_that_cannot_be_written_is_refused(ematwin, tmp_path):

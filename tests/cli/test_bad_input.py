@@ -11,9 +11,7 @@ import numpy as np
 import pytest
 
 import ematwin as library
-from commands import inside
-from ematwin.cli import main
-from refusals import contents, refused
+from refusals import refused, untouched
 
 OUT = ("--out", "rec.parquet")
 
@@ -109,13 +107,6 @@ CASES = [
 def test_simulate_refuses_in_one_sentence(files, arguments, said):
     more = [] if "--out" in arguments else OUT
     untouched(files, "simulate", "--model", "monitor", *more, "--json", *arguments, said=said)
-
-
-def untouched(folder: Path, *words: str, said: str) -> None:
-    """A command in a folder is refused, and leaves it as it was."""
-    before = contents(folder)
-    refused(inside(main, "ematwin", *words, folder=folder), said)
-    assert contents(folder) == before
 
 
 @pytest.mark.parametrize(

@@ -60,9 +60,7 @@ def test_what_identify_leaves_is_taken_from_its_answer(ematwin, tmp_path: Path) 
         (["--learn"], "--learn proposes tests of the healthy actuator and takes no --exact"),
     ],
 )
-def test_wrong_input_gets_one_sentence(
-    ematwin, tmp_path: Path, options: list[str], said: str
-) -> None:
+def test_wrong_input_gets_one_sentence(ematwin, tmp_path, options, said):
     answer = ematwin("design", *QUICK, "--out", "test.toml", *options)
     refused(answer, said)
     assert not (tmp_path / "test.toml").exists()

@@ -43,12 +43,7 @@ def interval(answer: str, fault: str) -> tuple[float, float]:
     return float(found[1]), float(found[2])
 
 
-def recorded(
-    actuator: ematwin.BldcActuator,
-    seed: int,
-    faults: dict[str, float] | None = None,
-    rate: float = 20_000.0,
-) -> ematwin.Recording:
+def recorded(actuator, seed, faults=None, rate=20_000.0):
     """What the sensors of an actuator give on half of the default command."""
     return ematwin.simulate(
         "reference", HALF, faults, actuator, noise=NOISE, seed=seed, sample_rate=rate

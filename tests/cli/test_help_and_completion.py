@@ -41,17 +41,6 @@ def test_help_shows_every_character_of_every_text(ematwin, command):
     assert [text for text in texts(command.callback) if words(text) not in shown] == []
 
 
-def test_units_in_brackets_survive_in_the_help(ematwin):
-    assert 'i_a="Phase A [A]"' in ematwin("identify", "--help", COLUMNS="200").out
-
-
-def test_the_list_of_commands_has_their_whole_sentences(ematwin):
-    shown = words(ematwin("--help").out)
-    for command in app.registered_commands:
-        assert words(texts(command.callback)[0]) in shown
-    assert "..." not in shown.partition("Commands:")[2]
-
-
 def completed(*line: str) -> list[str]:
     """What bash is offered for the last word of a command line."""
     asked = {
@@ -68,12 +57,6 @@ def test_bash_completes_the_names_of_commands():
     assert sorted(completed("")) == sorted(COMMANDS + GROUPS)
     assert completed("ca") == ["calibrate"]
     assert completed("zzz") == []
-
-
-def test_bash_completes_options():
-    assert completed("identify", "--res") == ["--resample-to"]
-    assert {"--column", "--json", "--gaps"} <= set(completed("identify", "rec.csv", "--"))
-    assert completed("--ver") == ["--version"]
 
 
 @pytest.mark.parametrize(
@@ -98,10 +81,6 @@ def test_bash_completes_options():
 def test_bash_completes_names(line, offered):
     assert offered <= set(completed(*line))
     assert all(name.startswith(line[-1]) for name in completed(*line))
-
-
-def test_a_path_is_left_to_the_shell():
-    assert set(completed("identify", "rec")) <= {"rec"}
 
 
 def test_a_broken_package_does_not_disturb_the_prompt(tmp_path, monkeypatch):

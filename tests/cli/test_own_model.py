@@ -46,18 +46,8 @@ def recorded(done) -> Callable:
 
     def write(path: str, seed: int, **faults: float) -> None:
         given = [f"--fault={name}={value}" for name, value in faults.items()]
-        done(
-            "simulate",
-            "--actuator",
-            "dcg25",
-            *given,
-            "--noise",
-            SENSOR,
-            "--seed",
-            seed,
-            "--out",
-            path,
-        )
+        options = ("--actuator", "dcg25", "--noise", SENSOR, "--seed", seed, "--out", path)
+        done("simulate", *options, *given)
 
     return write
 
@@ -107,18 +97,10 @@ def test_a_bench_file_in_other_units_is_read_through_a_map(done, recorded, tmp_p
 
 def test_a_parameter_is_searched_by_its_place(ematwin, done, recorded):
     recorded("healthy.parquet", 1)
-    told = done(
-        "identify",
-        "healthy.parquet",
-        "--actuator",
-        "dcg25",
-        "--only",
-        "motor.inertia,motor.torque_constant",
-        "--json",
-    ).told
+    asked = ("identify", "healthy.parquet", "--actuator", "dcg25", "--only")
+    told = done(*asked, "motor.inertia,motor.torque_constant", "--json").told
     assert told["faults"]["motor.inertia"] == pytest.approx(1.08e-6, rel=0.05)
-    said = ematwin("identify", "healthy.parquet", "--actuator", "dcg25", "--only", "steps.twin").err
-    assert "chosen, not measured" in said
+    assert "chosen, not measured" in ematwin(*asked, "steps.twin").err
 
 
 def test_calibrate_learns_the_actuator_and_detect_judges_it(done, recorded, healthy, tmp_path):
@@ -128,17 +110,9 @@ def test_calibrate_learns_the_actuator_and_detect_judges_it(done, recorded, heal
     recorded("good.parquet", 20, friction=1.008)
     recorded("dry.parquet", 21, friction=1.5)
     recorded("loose.parquet", 22, backlash=3.0)
-    judged = done(
-        "detect",
-        "good.parquet",
-        "dry.parquet",
-        "loose.parquet",
-        "--actuator",
-        "arm.toml",
-        "--report",
-        "later.html",
-        "--json",
-    ).told["verdicts"]
+    later = ("good.parquet", "dry.parquet", "loose.parquet")
+    options = ("--actuator", "arm.toml", "--report", "later.html", "--json")
+    judged = done("detect", *later, *options).told["verdicts"]
     good, dry, loose = judged
     assert [one["grade"] for one in judged] == ["healthy", "fault", "fault"]
     assert not good["alarm"]
@@ -153,24 +127,9 @@ def test_calibrate_learns_the_actuator_and_detect_judges_it(done, recorded, heal
 
 
 def test_compare_runs_a_study_of_it_and_report_makes_its_page(done, tmp_path):
-    told = done(
-        "compare",
-        "--actuator",
-        "dcg25",
-        "--algorithms",
-        "multistart,pso",
-        "--runs",
-        1,
-        "--population",
-        16,
-        "--iterations",
-        6,
-        "--workers",
-        1,
-        "--store",
-        "study.db",
-        "--json",
-    ).told
+    size = ["--runs", "1", "--population", "16", "--iterations", "6", "--workers", "1"]
+    asked = ("--actuator", "dcg25", "--algorithms", "multistart,pso", "--store", "study.db")
+    told = done("compare", *asked, *size, "--json").told
     assert told["counts"] == {"done": 2 * 8}
     assert "wrote" in done("report", "study.db", "--out", "study").out
 
@@ -198,9 +157,7 @@ def test_a_load_that_the_kind_does_not_take_is_refused(ematwin, tmp_path):
     assert "leave the load out" in said
 
 
-def test_a_broken_kind_beside_it_is_refused_alone(
-    ematwin, done, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_broken_kind_beside_it_is_refused_alone(ematwin, done, tmp_path, monkeypatch):
     broken = tmp_path / "broken-1.dist-info"
     broken.mkdir()
     (broken / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 1\n")

@@ -133,20 +133,6 @@ def test_the_example_refuses_what_it_cannot_use(tables, tmp_path):
     assert "position" in lacking.err
 
 
-def test_the_example_says_which_column_or_servo_it_does_not_know(tables, capsys):
-    runs = ematwin.read(tables[0], actuator="sts3215", split=True)
-    example = runpy.run_path(str(EXAMPLE))
-    with pytest.raises(InputError, match="no column 'day'"):
-        example["groups"](runs, "day")
-    assert len(example["groups"](runs, "run")) == len(runs)
-    runs[0].labels["servo"] = "XL430"
-    assert example["template_of"](runs) == "xl430"
-    assert not capsys.readouterr().err
-    runs[0].labels["servo"] = "MG996"
-    assert example["template_of"](runs) == "sts3215"
-    assert "holds 'MG996'" in capsys.readouterr().err
-
-
 def test_the_example_shows_what_was_judged_before_ctrl_c(tables, twin, monkeypatch, capsys):
     done = ematwin.identify(ematwin.read(tables[1], actuator="sts3215", split=True)[:1], twin)
     main = runpy.run_path(str(EXAMPLE))["main"]

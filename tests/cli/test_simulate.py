@@ -79,12 +79,6 @@ def test_files_of_the_users_own_are_taken(ematwin, tmp_path):
     assert told["samples"] == 6001
 
 
-def test_without_a_terminal_there_is_no_progress_and_no_colour(ematwin):
-    answer = ematwin("simulate", "--model", "monitor", "--fault", "friction=0.5")
-    assert answer.err == ""
-    assert "\x1b" not in answer.out
-
-
 def test_help_and_version_are_at_hand(ematwin):
     for arguments in ([], ["--help"], ["-h"]):
         answer = ematwin(*arguments)

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import ematwin as library
-from ematwin.cli.options import print_notes, print_table, progress_bar
+from ematwin.cli.options import print_table, progress_bar
 from ematwin.cli.wording import SENTENCES, for_shell
 from ematwin.report.page import Row, Table
 
@@ -14,6 +14,8 @@ IDENTIFY = {
     "gaps": "--gaps", "map_file": "--map", "column": "--column", "resample_to": "--resample-to",
     "seed": "--seed", "hold": "--hold", "json": "--json", "only": "--only",
 }  # fmt: skip
+
+
 SIMULATE = {"sample_rate": "--sample-rate", "step": "--step", "seed": "--seed", "model": "--model"}
 
 
@@ -52,16 +54,6 @@ def test_a_sentence_that_is_said_otherwise_is_one_of_the_library(sentence):
     pieces = ("".join(path.read_text().split()) for path in sources if path.name != "wording.py")
     wanted = "".join(sentence.split())
     assert any(wanted in text.replace('""', "").replace('"f"', "") for text in pieces)
-
-
-def test_options_of_the_running_command_are_found(monkeypatch, capsys):
-    monkeypatch.setattr("sys.argv", ["ematwin", "identify", "rec.csv"])
-    print_notes("Warning", ['It has gaps; give gaps="mask".', "So it is."])
-    assert (
-        capsys.readouterr().out == "Warning: It has gaps; give --gaps mask.\nWarning: So it is.\n"
-    )
-    monkeypatch.setattr("sys.argv", ["pytest"])
-    assert for_shell('gaps="mask"') == 'gaps="mask"'
 
 
 @pytest.fixture(scope="module")

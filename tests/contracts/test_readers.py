@@ -195,9 +195,7 @@ class TestMatlab73(ReaderContract):
         write_matlab73(path, {"run": channels})
 
 
-def with_units(
-    channels: dict[str, np.ndarray], units: dict[str, str]
-) -> tuple[np.ndarray, dict[str, tuple[np.ndarray, str]]]:
+def with_units(channels, units):
     named = {name: (values, units[name]) for name, values in channels.items() if name != "time"}
     return channels["time"], named
 

@@ -45,12 +45,8 @@ GROUPS = {"ematwin.models", "ematwin.optimizers", "ematwin.readers"}
 
 @pytest.mark.parametrize("name", [name for name, found in BLOCKS.items() if found])
 def test_every_block_of_a_page_runs_or_is_read_by_its_parser(
-    name: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    registrations: None,
-) -> None:
+    name, tmp_path, monkeypatch, capsys, registrations
+):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "200")  # a terminal wide enough for what a page shows
     names = GIVEN[name]() if name in GIVEN else {}
@@ -289,25 +285,8 @@ def test_every_extra_that_a_page_installs_exists() -> None:
     ],
 )
 def test_a_command_that_does_not_exist_is_found_without_running_it(
-    command: str,
-    said: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    command, said, monkeypatch, capsys
+):
     block = Block("page.md", 1, "indented", f"{command}\n", {"not run": "hours"})
     with pytest.raises(AssertionError, match=said):
         Shell(monkeypatch, capsys).check(block)
-
-
-def test_a_command_of_another_program_has_to_be_marked(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    block = Block("page.md", 1, "console", "$ pip install ematwin\n", {})
-    with pytest.raises(AssertionError, match="say why this is not run"):
-        _commands(block, {}, Shell(monkeypatch, capsys))
-
-
-def test_numbers_of_an_answer_may_differ_by_what_processors_round() -> None:
-    assert _says("a Friction +50 % (0.0449 N m) b", "Friction +50 % (0.045 N m)")
-    assert not _says("Friction +50 % (0.0449 N m)", "Friction +40 % (0.0449 N m)")
-    assert not _says("Friction +50 % (0.0449 N m)", "Backlash +50 % (0.0449 N m)")

@@ -18,7 +18,7 @@ from ematwin.errors import EmatwinError, FileError, InputError
 from ematwin.fleet.alarms import Before, Policy, judge
 from ematwin.fleet.life import Life
 from ematwin.fleet.serve import FleetServer
-from ematwin.fleet.simulated import LIMITS, SimulatedFleet
+from ematwin.fleet.simulated import SimulatedFleet
 from ematwin.fleet.store import SET_ASIDE, FleetStore, row_of, years
 
 END = datetime(2026, 1, 1, tzinfo=UTC)
@@ -37,14 +37,6 @@ def fleet(filled):
     return Fleet(filled, now=END)
 
 
-def test_every_estimate_of_the_simulated_fleet_is_there(fleet):
-    assert [one.serial_number for one in fleet] == MADE.serial_numbers()
-    assert fleet["EMA-01"].magnitudes == tuple(
-        name for name in fleet["EMA-01"].twin.model.healthy(fleet["EMA-01"].twin.actuator)
-        if name in LIMITS
-    )  # fmt: skip
-
-
 def test_the_truth_lies_within_the_intervals_of_trends(fleet):
     held = []
     for unit in fleet:
@@ -55,14 +47,6 @@ def test_the_truth_lies_within_the_intervals_of_trends(fleet):
             day = round((one.time - years(MADE.start)) * 365.25)
             held.append(abs(level - truth.level[name][min(day, MADE.days - 1)]) < 2.0 * error)
     assert sum(held) >= 0.85 * len(held)
-
-
-def test_rows_without_a_verdict_are_kept_and_are_no_state(fleet):
-    unit = fleet["EMA-01"]
-    without = [row for row in unit.rows if row["grade"] == "none"]
-    unit_series = unit.series("friction")
-    assert all(row["reason"] for row in without)
-    assert unit_series.time.size == len(unit.rows) - len(without)
 
 
 def test_an_actuator_whose_last_recording_has_no_verdict_says_why(tmp_path):
@@ -162,15 +146,6 @@ def test_an_overhauled_actuator_is_as_new_before_its_next_recording(alarmed):
 def test_an_overhaul_that_is_to_come_is_refused(alarmed):
     with pytest.raises(InputError, match="received 2126-05-01 00:00, which is to come"):
         Fleet(alarmed[0], now=END)[alarmed[1]].overhaul("2126-05-01")
-
-
-def test_life_is_counted_anew_each_hour(filled, monkeypatch):
-    fleet = Fleet(filled)
-    before = fleet["EMA-01"]
-    hour = Mock(wraps=datetime, now=lambda zone: datetime.now(zone) + timedelta(hours=1))
-    monkeypatch.setattr("ematwin.fleet.fleet.datetime", hour)
-    fleet.refresh()
-    assert fleet["EMA-01"] is not before
 
 
 def state(fleet, level, slope=0.0, error=0.003):

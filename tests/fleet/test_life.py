@@ -11,7 +11,6 @@ from ematwin.fleet.learning import learn
 from ematwin.fleet.life import (
     Life,
     Requirement,
-    _rise,
     job_left,
     life_left,
     paths,
@@ -136,17 +135,6 @@ def test_an_actuator_does_its_job_until_its_twin_does_not():
     assert life.median == pytest.approx(1.0, rel=0.15)  # from 0.05 to 0.25 at 0.2 a year
     with pytest.raises(InputError, match="measures one of"):
         replace(required, measure="beauty").value(actuator, {})
-
-
-def test_rise_time_is_that_of_a_first_order_lag():
-    time = np.linspace(0.0, 1.0, 100_001)
-    for step in (0.2, -0.2):
-        output = step * -np.expm1(-time / 0.05)
-        assert _rise(time, np.full(time.size, step), output) == pytest.approx(
-            0.05 * np.log(9.0), abs=1e-4
-        )
-    assert _rise(time, np.full(time.size, 0.2), 0.1 * time) == np.inf  # goes half of the way
-    assert _rise(time, np.full(time.size, 0.2), 0.0 * time) == np.inf
 
 
 END = 10.0

@@ -189,14 +189,3 @@ def test_the_command_says_what_each_needs_and_ends_with_a_code(recordings, tmp_p
     wrong = ematwin(*arguments, "--fail-on", "panic")
     assert wrong.code == 2
     assert "--fail-on takes fault, watch, plan or act, received 'panic'" in wrong.err
-
-
-def test_files_that_have_not_changed_are_not_read_again(tmp_path, monkeypatch):
-    path = tmp_path / "a.csv"
-    path.write_text("1")
-    first = hash_of(path)
-    with monkeypatch.context() as other:
-        other.setattr("pathlib.Path.open", None)
-        assert hash_of(path) == first
-    path.write_text("12")
-    assert hash_of(path) != first

@@ -100,7 +100,7 @@ def test_what_cannot_be_told_from_gets_no_verdict(known) -> None:
 
 def test_phase_voltages_tell_the_scale_of_torques_and_the_gain_of_a_current_sensor(
     known_by_voltages,
-) -> None:
+):
     """What currents alone leave open: the scale that all torques share, and 2 % of a sensor."""
     true, known = bench.actuator_off(4), known_by_voltages
     inertia = known.actuator.value("motor.inertia") / true.value("motor.inertia")

@@ -13,7 +13,6 @@ from synthetic import done, failed, spec, study, vector
 from ematwin.benchmarking.analysis import analyse
 from ematwin.benchmarking.convergence import (
     TARGETS,
-    bands,
     evaluations_to_target,
 )
 from ematwin.benchmarking.run import pack, unpack
@@ -22,13 +21,12 @@ from ematwin.benchmarking.statistics import (
     compare_ranks,
     diagnose,
     effect_sizes,
-    matrix,
     performance_coefficients,
     spreads,
     summarise,
     vargha_delaney,
 )
-from ematwin.benchmarking.table import collect, thinned
+from ematwin.benchmarking.table import collect
 from ematwin.errors import InputError
 from ematwin.models.bldc.faults import PAPER_CASES
 
@@ -64,17 +62,6 @@ def test_the_table_does_not_depend_on_the_order_of_the_runs():
     assert set(rows["id"]) == {
         r.spec.id for r in runs if (r.spec.case, r.spec.algorithm) == ("High Z", "de")
     }
-
-
-def test_thinning_keeps_first_and_last_and_never_gains():
-    raw = np.random.default_rng(6).exponential(1.0, 1000)
-    evaluations, cost = thinned(pack(range(1, 1001), raw), most=20)
-    assert len(cost) <= 20
-    assert (evaluations[0], evaluations[-1]) == (1, 1000)
-    assert np.array_equal(cost, np.minimum.accumulate(raw)[evaluations - 1])
-    known = thinned(pack([1, 2, 3, 4], [math.inf, math.nan, 5.0, 6.0]))
-    assert [part.tolist() for part in known] == [[3, 4], [5.0, 5.0]]
-    assert len(thinned(b"")[0]) == 0
 
 
 def test_no_runs_and_runs_of_different_studies_are_refused():
@@ -135,17 +122,6 @@ def test_coefficient_of_a_worked_example():
     assert np.isnan(performance_coefficients(np.ones(2), np.zeros(2))).all()
 
 
-def test_coefficients_by_evaluations_do_not_depend_on_seconds():
-    cells = analyse(study(runs=2)).cells
-    errors = matrix(cells, "err_mean").to_numpy()
-    share = errors / errors.sum(axis=1, keepdims=True)  # all spend the same here
-    found = matrix(cells, "performance_coefficient_by_evaluations").to_numpy()
-    assert found == pytest.approx(100.0 * (1.0 - share))
-    seconds = matrix(cells, "performance_coefficient").to_numpy()
-    assert seconds.sum(axis=1) == pytest.approx(500.0)
-    assert not np.allclose(found, seconds)
-
-
 # Ranks and tests
 
 
@@ -172,13 +148,6 @@ def test_corrected_pairs_are_those_of_scikit_posthocs():
         expected = theirs["abcd".index(pair.first), "abcd".index(pair.second)]
         assert pair.p_holm == pytest.approx(expected)
         assert found.differ(pair.second, pair.first) == (expected < 0.05)
-
-
-def test_a_case_without_a_result_is_left_out_by_name():
-    found = compare_ranks(table_of(np.array([[1.0, 2.0], [np.nan, 1.0], [1.0, 3.0]])), NO_EFFECTS)
-    assert (found.blocks, found.left_out) == (["case 0", "case 2"], ["case 1"])
-    assert any("case 1" in note for note in found.notes)
-    assert math.isnan(found.friedman)
 
 
 @pytest.mark.parametrize(
@@ -282,15 +251,6 @@ def test_a_failed_run_meets_no_target_and_a_study_of_failures_has_none():
     _, none = evaluations_to_target(collect([failed(spec())]))
     assert none["reached"].tolist() == [0.0] * 3
     assert np.isinf(none["expected"]).all()
-
-
-def test_band_is_the_quartiles_of_the_runs():
-    table = collect([
-        done(spec(run=n), vector(), history=pack([10, 100], [10.0 + n, 1.0 + n])) for n in range(5)
-    ])  # fmt: skip
-    band = bands(table)
-    assert band[["q1", "median", "q3"]].iloc[0].tolist() == [11.0, 12.0, 13.0]
-    assert band[["q1", "median", "q3"]].iloc[-1].tolist() == [2.0, 3.0, 4.0]
 
 
 # Diagnosis

@@ -47,14 +47,6 @@ def worn():
     ]
 
 
-def test_columns_have_the_names_and_the_size_of_the_kind(worn):
-    table = collect(worn)
-    assert table.subject.names == ("friction", "backlash", "gain", "load", "initial_error")
-    assert {"injected_load", "found_initial_error"} <= set(table.frame)
-    assert not {"injected_short_a", "found_roughness"} & set(table.frame)
-    assert table.settings["sensor noise"] == "of a usual rig"
-
-
 def test_faults_are_diagnosed_by_shares_of_their_ranges(worn):
     (found,) = diagnose(collect(worn)).itertuples()
     assert (found.faults, found.missed, found.exact) == (3, 2, 1)

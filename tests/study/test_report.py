@@ -9,11 +9,9 @@ import pandas as pd
 import pytest
 from synthetic import done, failed, settings_of, spec, study, vector
 
-from ematwin.benchmarking import page
 from ematwin.benchmarking.analysis import analyse
-from ematwin.benchmarking.page import number, write_report
+from ematwin.benchmarking.page import write_report
 from ematwin.benchmarking.store import Store
-from ematwin.errors import FileError
 from ematwin.plots.study import MOST_CASES, plot_study
 
 FILES = {
@@ -76,16 +74,6 @@ def test_a_report_is_the_same_whatever_the_order_of_runs_and_replaces_only_its_o
         assert (tmp_path / name).read_bytes() == (report / name).read_bytes(), name
 
 
-def test_a_report_that_fails_leaves_nothing(small, tmp_path, monkeypatch):
-    def full_disk(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(page, "study_page", full_disk)
-    with pytest.raises(FileError, match="No space left"):
-        write_report(small, tmp_path / "report")
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.parametrize(
     "runs",
     [
@@ -103,13 +91,6 @@ def test_a_report_of_little_is_written_all_the_same(runs, tmp_path):
     assert "What can and cannot be concluded" in text
     many = len(analysis.table.cases) > MOST_CASES
     assert ("The first 12 of 14 cases are drawn" in text) == many
-
-
-def test_numbers_keep_their_digits():
-    assert [number(value) for value in (4.0, 0.6, 100.0, 1234.5, 0.0, 99.95)] == [
-        "4.00", "0.600", "100", "1234", "0", "100",
-    ]  # fmt: skip
-    assert number(float("nan")) == "–"
 
 
 @pytest.fixture

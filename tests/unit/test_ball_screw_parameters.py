@@ -14,13 +14,12 @@ import pytest
 import tomli_w
 
 import ematwin
-from ematwin.errors import FileError, ParameterError
+from ematwin.errors import ParameterError
 from ematwin.estimation.baseline import Baseline
 from ematwin.models.ball_screw.model import MODEL
 from ematwin.models.ball_screw.parameters import BallScrew
-from ematwin.models.ball_screw.twin import ball_screw_constants
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.registry import load_actuator, model_in, models, shipped_actuators
+from ematwin.models.registry import load_actuator, model_in, shipped_actuators
 from ematwin.monitoring.calibration import FORMAT, Calibration
 from ematwin.monitoring.population import HealthyRuns, Signature
 from ematwin.monitoring.population_calibration import PopulationCalibration
@@ -43,18 +42,6 @@ def written(tmp_path: Path, old: str = "", new: str = "") -> Path:
 # Values
 
 
-def test_the_kernel_gets_the_parameters_on_the_motor_shaft():
-    actuator = BallScrew.load()
-    c = ball_screw_constants(actuator, {}, 1, 1)
-    assert c.per_radian * 2.0 * math.pi == pytest.approx(actuator.screw.lead)
-    assert c.half_gap * c.per_radian * 2.0 == pytest.approx(actuator.screw.backlash)
-    # a force on a way is a torque on an angle: one turn does the work of one lead
-    assert c.friction * 2.0 * math.pi == pytest.approx(2500.0 * 5e-3)
-    assert c.w_fading * c.per_radian == pytest.approx(0.045)
-    assert c.c_opposing == pytest.approx(1.0 / 0.6 - 1.0)
-    assert c.c_aiding == pytest.approx(0.1)
-
-
 @pytest.mark.parametrize(
     ("change", "longest"),
     [
@@ -72,38 +59,6 @@ def test_a_step_that_does_not_resolve_lag_and_sampling_is_refused(change, longes
 
 
 # Unknowns
-
-
-def test_the_unknowns_are_one_table():
-    actuator = BallScrew.load()
-    table = {one.name: one for one in MODEL.unknowns(actuator)}
-    roles = {name: one.role for name, one in table.items()}
-    assert roles == {
-        "friction": "fault", "backlash": "fault", "gain": "fault", "load": "nuisance",
-        "initial_error": "nuisance", "roughness": "symptom",
-    }  # fmt: skip
-    assert table["backlash"].healthy == actuator.screw.backlash
-    assert table["load"].upper == 2.0 * actuator.screw.friction_force
-    told = table["backlash"].physical_value(actuator, 4e-4)
-    assert (told.value, told.unit) == (pytest.approx(0.4), "mm")
-
-
-def test_a_healthy_backlash_beyond_the_usual_leaves_room_for_more():
-    loose = BallScrew.load().changed({"screw.backlash": 8e-3})
-    assert MODEL.unknown(loose, "backlash").upper > 8e-3
-
-
-def test_tolerances_are_two_standard_deviations_of_what_a_template_may_be_off():
-    """Those of the priors of calibration; nothing else has one, and what is exact is fixed."""
-    actuator = BallScrew.load()
-    for place, *_ in actuator.parameters():
-        factor = MODEL.nominal.get(place)
-        usual = None if factor is None else pytest.approx(min(factor**2 - 1.0, 2.0))
-        assert actuator.tolerance(place) == usual, place
-        assert actuator.drift(place) is None
-    for place in MODEL.fixed:
-        with pytest.raises(ParameterError, match="leave its tolerance out"):
-            actuator.with_tolerances({place: 0.1})
 
 
 # Scenarios
@@ -165,24 +120,6 @@ def test_what_a_ball_screw_cannot_simulate_is_refused(options, said):
 
 
 # Kinds
-
-
-def test_every_kind_has_a_default_among_its_shipped_sets():
-    kinds = [model.parameters for model in models().values()]
-    for kind in kinds:
-        assert kind.default in kind.shipped()
-    names = [name for kind in kinds for name in kind.shipped()]
-    assert len(set(names)) == len(names)
-    assert list(shipped_actuators()) == names
-
-
-@pytest.mark.parametrize("name", ["servo48", "rm1605"])
-def test_a_set_is_loaded_as_the_kind_that_it_is(name):
-    actuator = load_actuator(name)
-    assert actuator.kind == model_in(name).kind == model_in(shipped_actuators()[name]).kind
-    assert type(actuator) is models()[actuator.kind].parameters
-    assert load_actuator(actuator) is actuator
-    assert load_actuator(shipped_actuators()[name]) == actuator
 
 
 def test_a_file_that_names_no_kind_or_a_former_one_is_brushless(tmp_path):
@@ -249,47 +186,12 @@ def calibration() -> Calibration:
     )
 
 
-def test_a_saved_calibration_comes_back(tmp_path, calibration):
-    path = tmp_path / "mine.toml"
-    calibration.save(path, {"screw.friction_force": "calibrated on runs 1, 2"})
-    again = Calibration.load(path)
-    assert again.actuator.fingerprint == calibration.actuator.fingerprint
-    assert again.actuator.name == calibration.actuator.name
-    assert again.facts == calibration.facts
-    for name in ("interval", "settling_time", "channels", "scale", "covariate_range"):
-        assert getattr(again, name) == getattr(calibration, name)
-    for part in ("population", "reported"):
-        for name, values in vars(getattr(calibration, part)).items():
-            np.testing.assert_allclose(getattr(getattr(again, part), name), values, rtol=1e-6)
-    for name in ("command", "discrepancy"):
-        np.testing.assert_allclose(getattr(again, name), getattr(calibration, name), rtol=1e-8)
-    (signature,) = again.signatures
-    assert (signature.fault, signature.source) == ("lubrication", "9 motions")
-    np.testing.assert_allclose(
-        signature.coefficients, calibration.signatures[0].coefficients, rtol=1e-8
-    )
-    assert again.layout == calibration.layout
-    assert [file.name for file in tmp_path.iterdir()] == ["mine.toml"]
-
-
 def test_saving_what_was_loaded_changes_nothing(tmp_path, calibration):
     first, second = tmp_path / "first.toml", tmp_path / "second.toml"
     calibration.save(first, {})
     again = Calibration.load(first)
     again.save(second)
     assert first.read_bytes() == second.read_bytes()
-
-
-def test_a_calibration_is_an_actuator_too(tmp_path, calibration):
-    """With the source of what was fitted."""
-    path = tmp_path / "mine.toml"
-    calibration.save(path, {"screw.friction_force": "calibrated on runs 1, 2"})
-    assert model_in(path).kind == "ball-screw"
-    actuator = load_actuator(path)
-    sources = {place: source for place, *_, source in actuator.parameters()}
-    assert sources["screw.friction_force"] == "calibrated on runs 1, 2"
-    assert sources["screw.lead"] == "RM1605: 16 mm diameter, 5 mm lead"
-    assert actuator.fingerprint == calibration.actuator.fingerprint
 
 
 def test_a_calibration_keeps_the_tolerances_of_its_actuator(tmp_path, calibration):
@@ -345,24 +247,18 @@ def _shorter(*keys: str) -> Callable[[dict], None]:
 
 DAMAGES = {
     "no command": lambda table: table["calibration"].pop("command"),
-    "shorter command": _shorter("calibration", "command"),
     "one channel of two": _shorter("calibration", "channels"),
     "another magnitude": _set("calibration", "magnitudes", 0, "wear"),
-    "another quantity": _set("calibration", "quantities", 0, "wear"),
     "no healthy runs": lambda table: table["calibration"].pop("healthy"),
     "a run too few": _shorter("calibration", "healthy", "runs"),
     "ragged features": lambda t: t["calibration"]["healthy"]["features"][1].pop(),
-    "an error too few": _shorter("calibration", "healthy", "errors"),
     "discrepancy of two rows": _shorter("calibration", "discrepancy"),
     "text for a number": _set("calibration", "interval", "often"),
     "NaN": _set("calibration", "healthy", "covariate", 0, math.nan),
-    "no time": _set("calibration", "interval", 0.0),
     "half a statistic": _shorter("calibration", "healthy", "statistics", "sensor_coupling"),
-    "no scale": lambda table: table["calibration"].pop("scale"),
     "negative settling time": _set("calibration", "settling_time", -1.0),
     "interval next to nothing": _set("calibration", "interval", 1e-320),
     "signature of two rows": lambda table: table["signature"][0]["coefficients"].pop(),
-    "signature without a fault": lambda table: table["signature"][0].pop("fault"),
     "format of text": _set("calibration", "format", "one"),
 }
 
@@ -376,14 +272,6 @@ def test_a_calibration_of_a_newer_format_asks_for_an_update(tmp_path, calibratio
     text = changed(tmp_path, calibration, _set("calibration", "format", FORMAT + 1))
     assert f"format {FORMAT + 1}, this one knows {FORMAT}" in text
     assert "Update ematwin" in text
-
-
-def test_a_template_is_no_calibration(tmp_path):
-    assert "no calibration; make one with ematwin calibrate" in refusal(
-        lambda: Calibration.load(written(tmp_path))
-    )
-    with pytest.raises(FileError, match="Cannot read the calibration file"):
-        Calibration.load(tmp_path / "none.toml")
 
 
 def test_a_calibration_whose_kind_was_changed_is_refused(tmp_path, calibration):

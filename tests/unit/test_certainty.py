@@ -31,43 +31,6 @@ def row(**changed):
     return made | changed
 
 
-def test_the_same_seed_draws_the_same_truth_whatever_is_simulated():
-    one, other = (populations.drawn("mixture", "drifted", f, 5) for f in ("monitor", "reference"))
-    assert one.faults == other.faults
-    assert one.others == other.others
-
-
-def test_parameters_spread_as_widely_as_the_prior_says():
-    drawn = [
-        populations._values(
-            populations.Known(populations.SHEET, populations._baseline("drifted")),
-            np.random.default_rng(n),
-        )[1]
-        for n in range(300)
-    ]
-    healthy = populations.SHEET.motor.resistance
-    spread = np.std([np.log(one["motor.resistance"] / healthy) for one in drawn])
-    # learnt to 1 %, and a drift of 35 % with 95 %
-    assert spread == pytest.approx(np.hypot(0.01, np.log1p(0.35) / 2.0), rel=0.12)
-
-
-def test_the_twin_with_the_true_sensors_answers_as_recorded():
-    from ematwin.estimation.baseline import with_all_free
-    from ematwin.estimation.problem import Problem
-    from ematwin.models.registry import model_of
-
-    drawn = populations.drawn("mixture", "drifted", "monitor", 4)
-    actuator = drawn.known.actuator
-    problem = Problem.of(drawn.recording, actuator, threads=1)
-    full = with_all_free(model_of(actuator), actuator, problem, drawn.known.baseline)
-    true = drawn.faults | drawn.others
-    nominal = true | {"load_offset": 0.0, "current_offset": 0.0, "skew": 0.0}
-    points = np.array([[values[name] for name in full.names] for values in (true, nominal)])
-    data = full.split(full.residuals(points)).data
-    right, wrong = (full.relative_misfit(float(one @ one)) for one in data)
-    assert right < 0.01 < wrong
-
-
 def test_an_interval_holds_a_direction_a_turn_further():
     turned = row()
     turned["intervals"]["eccentricity_phase"] = [0.9, 1.1]

@@ -1,8 +1,6 @@
 """README, docs and examples: examples run, what is linked is there. tests/docs runs blocks."""
 
-import os
 import re
-import subprocess
 import tomllib
 from importlib.metadata import metadata
 from pathlib import Path
@@ -69,13 +67,3 @@ def test_the_readme_gives_install_and_tests_as_its_two_commands():
     ]
     (extra,) = re.findall(r'"\.\[(\w+)\]"', test)
     assert extra in extras
-
-
-def test_the_check_script_is_sound_bash_and_calls_the_commands_of_the_readme():
-    script = PROJECT / ".ci" / "run"
-    assert os.access(script, os.X_OK)
-    subprocess.run(["bash", "-n", script], check=True)
-    text = script.read_text(encoding="utf-8")
-    assert "readme_command 1" in text
-    assert "readme_command 2" in text
-    assert "set -euo pipefail" in text

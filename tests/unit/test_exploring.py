@@ -142,23 +142,15 @@ QUESTION = {"ask": "answer", "values": {"friction": 1.5}, "channel": "voltage", 
     [
         {"ask": "exit"},
         {"ask": ["setup"]},
-        {"ask": None},
         {"values": None},
-        {"values": [1.0]},
         {"values": {"friction": math.nan}},
-        {"values": {"friction": math.inf}},
         {"values": {"friction": 4.1}},
         {"values": {"friction": "1.5"}},
-        {"values": {"friction": True}},
         {"values": {"friction": 10**400}},
-        {"values": {"friction": [1.5]}},
-        {"values": {"carriage.mass": 1.0}},
         {"values": {"x" * 10_000: 1.0}},
-        {"channel": "time"},
         {"channel": 3},
         {"channel": "/etc/passwd"},
         {"fitted": "yes"},
-        {"fitted": 1},
         {"ask": "profile", "along": "motor.inertia"},
         {"ask": "profile", "along": {}},
     ],
@@ -179,24 +171,6 @@ def test_what_is_no_question_is_answered_with_one_sentence(explorer, question):
 def _as_arguments(question):
     rest = {name: value for name, value in question.items() if name != "ask"}
     return {"what": question["ask"], **rest}
-
-
-def test_a_verdict_under_way_tells_how_far_it_is(explorer, monkeypatch):
-    told = []
-    still_wanted = explorer._still_wanted
-
-    def told_too(*reported):
-        still_wanted(*reported)
-        told.append(answered(explorer, {"ask": "progress"}))
-
-    assert answered(explorer, {"ask": "progress"}) == {"evaluations": 0, "most": 0}
-    monkeypatch.setattr(explorer, "_still_wanted", told_too)
-    done = answered(explorer, {"ask": "verdict"})["evaluations"]
-    shares = [one["evaluations"] for one in told]
-    assert shares == sorted(shares)
-    assert 0 < shares[-1] <= done
-    assert all(one["evaluations"] <= one["most"] for one in told)
-    assert answered(explorer, {"ask": "progress"}) == {"evaluations": 0, "most": 0}
 
 
 def test_a_search_ends_when_nobody_waits_any_more(explorer):

@@ -16,7 +16,6 @@ from ematwin.models.bldc.faults import (
     error_percent,
     error_percent_wrapped,
 )
-from ematwin.models.bldc.parameters import BldcActuator
 from naive import signals as naive_signals
 
 vectors = st.lists(st.floats(0.0, 1.0), min_size=8, max_size=8).map(np.array)
@@ -47,24 +46,11 @@ def test_no_faults_are_the_healthy_vector_of_the_paper():
     assert tuple(Faults().as_dict()) == FAULTS
 
 
-@given(vectors)
-def test_faults_come_back_from_vector_and_mapping(vector):
-    faults = Faults.of(vector)
-    np.testing.assert_array_equal(faults.vector, vector)
-    assert Faults.of(faults.as_dict()) == faults
-    assert Faults.of(faults) is faults
-
-
 @pytest.mark.parametrize("value", [-0.01, 1.01, math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_value_outside_zero_to_one_is_refused_with_its_name(name, value):
     with pytest.raises(InputError, match=rf"{name} must lie in \[0, 1\], received"):
         Faults(**{name: value})
-
-
-def test_an_unknown_fault_is_refused_with_the_nearest_name():
-    with pytest.raises(InputError, match="Did you mean backlash"):
-        Faults.of({"backlsh": 0.1})
 
 
 def test_a_vector_of_another_length_is_refused():
@@ -94,13 +80,6 @@ def test_physical_values_are_those_of_the_paper_and_the_default_actuator(
         row = physical(**{name: k})[name]
         assert row.value == pytest.approx(at_zero + k * (at_one - at_zero))
         assert row.unit == unit
-
-
-def test_physical_values_follow_the_actuator():
-    doubled = BldcActuator.load().changed({"transmission.backlash": 0.01})
-    rows = {row.name: row for row in Faults(backlash=1.0).physical(doubled)}
-    assert rows["backlash"].value == pytest.approx(1.0)
-    assert rows["backlash"].healthy == pytest.approx(0.01)
 
 
 def test_printing_marks_what_is_not_healthy_and_gives_its_unit():

@@ -15,18 +15,6 @@ def rights(path: Path) -> int:
     return path.stat().st_mode & 0o777
 
 
-@pytest.mark.parametrize("durable", [True, False])
-def test_a_file_takes_its_place_when_the_block_ends_well(tmp_path, durable):
-    path = tmp_path / "a.txt"
-    with written_whole(path, durable=durable) as draft:
-        draft.write_text("new")
-        assert not path.exists()
-        assert draft.parent == path.parent
-        assert draft.suffix == ".txt"
-    assert path.read_text() == "new"
-    assert list(tmp_path.iterdir()) == [path]
-
-
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
 def test_an_older_file_survives_a_block_that_fails(tmp_path, error):
     path = tmp_path / "a.txt"
@@ -63,20 +51,6 @@ def test_a_file_keeps_its_rights_gets_the_usual_ones_or_is_private(tmp_path):
         draft.write_text("secret")
         assert rights(draft) == 0o600
     assert rights(path) == 0o600
-
-
-def test_a_missing_folder_is_told_in_a_sentence(tmp_path):
-    with pytest.raises(FileError, match=r"Cannot write .*none.a\.txt: .* Choose a folder"):
-        write_text(tmp_path / "none" / "a.txt", "x")
-
-
-def test_a_new_folder_appears_when_the_block_ends_well(tmp_path):
-    folder = tmp_path / "deep" / "report"
-    with folder_written_whole(folder) as draft:
-        (draft / "a.txt").write_text("a")
-        assert not folder.exists()
-    assert [path.name for path in folder.iterdir()] == ["a.txt"]
-    assert list(folder.parent.iterdir()) == [folder]
 
 
 def test_in_a_folder_that_is_there_only_files_of_the_same_name_are_replaced(tmp_path):

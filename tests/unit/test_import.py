@@ -76,14 +76,6 @@ def test_every_public_name_can_be_had_and_is_listed():
         _ = ematwin.simulat
 
 
-def test_the_version_is_that_of_the_installed_package():
-    import importlib.metadata
-
-    import ematwin
-
-    assert ematwin.__version__ == importlib.metadata.version("ematwin")
-
-
 def test_it_simulates_writes_and_reads_without_any_extra(tmp_path):
     code = """
 import sys

@@ -2,7 +2,6 @@
 
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
@@ -22,7 +21,7 @@ from ematwin.report.experiments import (
     identifiability_page,
 )
 from ematwin.report.identification import identification_page
-from ematwin.report.page import Row, Section, Table, columns_in_words, listed, render
+from ematwin.report.page import Row, Section, Table, render
 from ematwin.report.recordings import comparison_page
 from synthetic_detection import detection
 
@@ -53,9 +52,7 @@ def pages() -> dict[str, str]:
 
 
 @pytest.fixture(scope="module")
-def seen(
-    pages: dict[str, str], tmp_path_factory: pytest.TempPathFactory
-) -> dict[str, dict[int, dict[str, Any]]]:
+def seen(pages, tmp_path_factory):
     """What each page looks like at each width."""
     folder = tmp_path_factory.mktemp("seen")
     paths = [folder / f"{name}.html" for name in pages]
@@ -69,9 +66,7 @@ def seen(
     ["identify, profile", "identify, posterior", "simulate", "detect", "compare", "calibrate",
      "learn", "identifiability", "design", "discriminate"],
 )  # fmt: skip
-def test_nothing_is_cut_or_wrong_at_any_width(
-    pages: dict[str, str], seen: dict[str, dict[int, dict[str, Any]]], name: str
-) -> None:
+def test_nothing_is_cut_or_wrong_at_any_width(pages, seen, name):
     assert seen[name].keys() == set(WIDTHS)
     for width, told in seen[name].items():
         assert told["figures"] >= 1, width
@@ -118,17 +113,6 @@ def test_a_figure_the_small_bundle_cannot_draw_takes_the_whole_one() -> None:
 def test_what_a_figure_says_cannot_end_its_script() -> None:
     figure = go.Figure(go.Scatter(x=[1], y=[1], name="</script><b>"))
     assert "</script><b>" not in render("t", "l", [Section(figure=figure)])
-
-
-def test_plain_values_are_told_in_words() -> None:
-    assert listed({"white": 0.02, "bits": 12, "offset": None}) == (
-        "white: 0.02; bits: 12; offset: none"
-    )
-    told = columns_in_words(
-        {"command": {"channel": "Soll", "unit": "deg", "unit_from": "name", "sign": -1},
-         "current_c": {"derived": "-(current_a + current_b)"}}
-    )  # fmt: skip
-    assert told == "command: “Soll” in deg, sign -1; current_c: -(current_a + current_b)"
 
 
 def test_results_write_their_own_page(tmp_path: Path) -> None:

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from ematwin.errors import FileError, ParameterError
-from ematwin.models.bldc.constants import kernel_constants
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.unknowns import FIXED
 from ematwin.models.parameter_set import quantity
@@ -51,12 +50,6 @@ def test_shipped_values_are_converted_to_si():
     assert actuator.transmission.travel_high == pytest.approx(30 * 3.141592653589793 / 180)
     assert actuator.steps.reference == pytest.approx(1e-6)
     assert actuator.motor.pole_pairs == 2
-
-
-@pytest.mark.parametrize("leaf", ["value", "unit", "source"])
-def test_a_value_without_its_value_unit_or_source_is_refused(tmp_path, leaf):
-    text = refusal(edited(tmp_path, "motor.resistance", **{leaf: None}))
-    assert "motor.resistance" in text
 
 
 @pytest.mark.parametrize(
@@ -143,17 +136,6 @@ def test_an_absurdly_short_step_is_refused(tmp_path):
     assert "received 1e-12 s" in refusal(edited(tmp_path, "steps.monitor", value=1e-6))
 
 
-def test_the_longest_step_is_that_of_the_fastest_mode():
-    actuator = BldcActuator.load()
-    motor, control = actuator.motor, actuator.controller
-    assert actuator.largest_stable_step("monitor") == pytest.approx(
-        2.1 * motor.inertia / (control.speed_gain + motor.viscous_damping)
-    )
-    assert actuator.largest_stable_step("reference") < actuator.largest_stable_step("monitor")
-    stiffer = actuator.changed({"transmission.contact_stiffness": 1e6, "steps.reference": 1e-7})
-    assert stiffer.largest_stable_step("reference") < actuator.largest_stable_step("reference")
-
-
 def test_a_file_that_is_not_toml_is_refused(tmp_path):
     path = tmp_path / "broken.toml"
     path.write_text("motor = [", encoding="utf-8")
@@ -188,18 +170,6 @@ def test_equal_values_have_one_fingerprint_whatever_their_unit(tmp_path):
     assert other.fingerprint != BldcActuator.load().fingerprint
 
 
-def test_kernels_get_phase_values_on_the_motor_shaft():
-    actuator = BldcActuator.load()
-    c = kernel_constants(actuator)
-    assert c.resistance == actuator.motor.resistance / 2
-    assert c.inductance == actuator.motor.inductance / 2
-    assert c.k_e == actuator.motor.emf_constant / 2
-    assert c.half_gap == actuator.transmission.backlash / 2
-    assert c.travel_high == pytest.approx(actuator.transmission.travel_high * 500)
-    assert c.c_opposing == pytest.approx(1 / 0.9 - 1)
-    assert c.c_aiding == pytest.approx(1 - 0.85)
-
-
 # Tolerances and drift
 
 
@@ -226,14 +196,6 @@ def test_only_what_can_be_searched_has_a_tolerance_or_drifts():
             actuator.with_tolerances({place: "5 %"})
 
 
-@pytest.mark.parametrize("place", ["motor.resistence", "motor", "moter.resistance", ""])
-def test_the_tolerance_of_no_parameter_is_refused(place):
-    actuator = BldcActuator.load()
-    for ask in (actuator.tolerance, actuator.drift, lambda p: actuator.with_tolerances({p: 0.1})):
-        with pytest.raises(ParameterError, match="is not a parameter of an actuator"):
-            ask(place)
-
-
 @pytest.mark.parametrize(
     "given",
     [0, 0.0, -0.05, "0 %", "-5 %", "201 %", 2.01, 5, 10**400, "5 V", "5", "%", "", "much", True,
@@ -245,17 +207,6 @@ def test_an_impossible_tolerance_is_refused(tmp_path, given):
     assert f"received {given!r}; correct it." in text
     with pytest.raises(ParameterError, match=r"motor\.resistance must be above 0 %"):
         BldcActuator.load().with_tolerances({"motor.resistance": given})
-
-
-def test_a_variant_with_tolerances_leaves_the_original_alone():
-    actuator = BldcActuator.load()
-    known = actuator.with_tolerances({"motor.resistance": "2 %", "transmission.backlash": 0.2})
-    again = known.with_tolerances({"motor.resistance": 0.03})
-    assert [one.tolerance("motor.resistance") for one in (actuator, known, again)] == [
-        0.1, 0.02, 0.03
-    ]  # fmt: skip
-    assert again.tolerance("transmission.backlash") == 0.2
-    assert known.motor == actuator.motor
 
 
 def test_tolerances_survive_whatever_is_made_of_an_actuator(tmp_path):
@@ -355,12 +306,6 @@ WRONG = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("old", "new", "said"), WRONG.values(), ids=WRONG)
-def test_one_problem_is_one_sentence(tmp_path, old, new, said):
-    path = file_with(tmp_path, (old, new))
-    assert refusal(path) == f"{path}: {said}"
-
-
 def test_all_problems_are_listed_in_the_order_of_the_file(tmp_path):
     path = file_with(
         tmp_path, *((old, new) for old, new, _ in reversed(WRONG.values())),
@@ -374,19 +319,6 @@ def test_all_problems_are_listed_in_the_order_of_the_file(tmp_path):
     listed = [*unknown, *(said for _, _, said in WRONG.values())]
     said = " ".join(f"({n}) {text}" for n, text in enumerate(listed, start=1))
     assert refusal(path) == f"{path} needs 10 corrections: {said}"
-
-
-def test_several_problems_of_one_parameter_are_all_listed(tmp_path):
-    path = edited(
-        tmp_path, "motor.resistance", value=-1, unit="ohm", source="", tolerance=0, colour="red"
-    )
-    text = refusal(path)
-    assert "needs 4 corrections" in text
-    for said in (
-        "motor.resistance.colour is not a name", "must name the source",
-        "The tolerance of motor.resistance", "motor.resistance must be greater than 0, received -1",
-    ):  # fmt: skip
-        assert said in text
 
 
 @pytest.mark.parametrize(

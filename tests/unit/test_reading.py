@@ -172,15 +172,6 @@ def test_several_files_give_a_list_in_their_order(tmp_path: Path) -> None:
     assert len(read(paths[:1])) == 1
 
 
-def test_a_recording_that_is_not_split_keeps_its_fast_columns_unread(tmp_path: Path) -> None:
-    """Only a table that is to be split is searched for labels."""
-    columns = {**bench_channels(0.01), "note": ["dry"] * 200}
-    found = read(saved(tmp_path / "bench.parquet", columns))
-    assert found.labels == {}
-    (found,) = read(tmp_path / "bench.parquet", split=True)
-    assert found.labels == {"note": "dry"}
-
-
 def test_labels_stand_in_text_channels_of_other_formats(tmp_path: Path) -> None:
     columns = bench_channels(0.01)
     time = columns["time"]
@@ -284,9 +275,7 @@ def test_a_file_that_does_not_say_when_it_began_leaves_it_open(tmp_path: Path) -
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
 @pytest.mark.parametrize("zone", [None, UTC])
-def test_start_labels_units_and_provenance_survive_their_file(
-    tmp_path: Path, suffix: str, zone: Any
-) -> None:
+def test_start_labels_units_and_provenance_survive_their_file(tmp_path, suffix, zone):
     made = phases(1, run="7", condition="größer")
     made.start = BEGAN.replace(tzinfo=zone)
     made.provenance["by"] = ["hand"]
@@ -306,25 +295,6 @@ def test_start_labels_units_and_provenance_survive_their_file(
 
 
 # One pipeline
-
-
-def test_a_motion_is_cleaned_as_a_record_is(tmp_path: Path) -> None:
-    """Jitter evened, saturation said, another rate: what only records had in 0.1."""
-    rng = np.random.default_rng(0)
-    time = np.arange(2000) / 100.0
-    columns = {
-        "time": time + rng.uniform(-1e-3, 1e-3, time.size),
-        "set_point": 0.1 * np.sin(time),
-        "error": 1e-3 * np.sin(time),
-        "current": np.minimum(1.0 + np.abs(np.sin(time)) + 0.01 * rng.normal(size=2000), 1.5),
-    }
-    path = saved(tmp_path / "motion.parquet", columns)
-    found = read(path, actuator="rm1605", resample_to=25.0)
-    assert found.sample_rate == pytest.approx(25.0)
-    assert "uneven times" in found.provenance["changed"][0]
-    assert found.provenance["saturated_samples"]["current"] > 100
-    inside = slice(20, -20)
-    np.testing.assert_allclose(found.set_point[inside], 0.1 * np.sin(found.time)[inside], atol=1e-4)
 
 
 def test_a_position_of_another_rate_gives_its_error(tmp_path: Path) -> None:

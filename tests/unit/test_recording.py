@@ -124,14 +124,6 @@ def test_the_equivalent_current_stands_in_for_the_phases():
     assert phase_currents(record) is None
 
 
-def test_a_part_of_a_record_keeps_both_ends():
-    part = Recording(**columns()).between(0.01, 0.02)
-    assert part.time[0] == pytest.approx(0.01)
-    assert part.time[-1] == pytest.approx(0.02)
-    with pytest.raises(RecordError, match="fewer than two samples between 1 and 2 s"):
-        Recording(**columns()).between(1.0, 2.0)
-
-
 finite = st.floats(allow_nan=False, allow_infinity=False, width=64)
 json_values = st.recursive(
     st.none() | st.booleans() | st.integers(-(2**53), 2**53) | finite | st.text(max_size=20),
@@ -183,15 +175,6 @@ def test_a_written_file_says_its_units_to_other_programs(tmp_path):
     first, header = (tmp_path / "record.csv").read_text().splitlines()[:2]
     assert json.loads(first.removeprefix("# ematwin "))["units"]["current_a"] == "A"
     assert header.replace('"', "") == "time,command,current_a,current_b,current_c"
-
-
-def test_writing_replaces_a_file_whole_and_keeps_its_permissions(tmp_path):
-    path = tmp_path / "record.csv"
-    path.write_text("old")
-    path.chmod(0o600)
-    ematwin.write(Recording(**columns()), path)
-    assert path.stat().st_mode & 0o777 == 0o600
-    assert len(ematwin.read(path)) == N
 
 
 def test_what_cannot_be_written_leaves_nothing(tmp_path):

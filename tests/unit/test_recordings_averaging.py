@@ -6,7 +6,6 @@ import pytest
 import ematwin
 from ematwin import Recording
 from ematwin.models.registry import load_actuator, model_of
-from ematwin.recordings.sampling import averaged
 
 MODEL = model_of(load_actuator("servo48"))
 
@@ -18,32 +17,6 @@ def recording(rate: float, samples: int) -> Recording:
         units={"command": "rad"}, labels={"run": "1"}, source="a.csv",
         provenance={"changed": ["something else"]},
     )  # fmt: skip
-
-
-def test_currents_become_means_over_the_longer_interval_and_the_rest_keeps_every_so_many() -> None:
-    found = averaged(recording(100e3, 13), 20e3, {"current_a"})
-    np.testing.assert_allclose(found.time, 3.0 + np.array([0, 5, 10]) / 100e3)
-    np.testing.assert_array_equal(found.command, [0.0, 5.0, 10.0])
-    squares = np.arange(13.0) ** 2
-    np.testing.assert_allclose(
-        found.channels["current_a"], [0.0, squares[1:6].mean(), squares[6:11].mean()]
-    )
-    assert found.units == {"command": "rad"}
-    assert (found.labels, found.source) == ({"run": "1"}, "a.csv")
-    assert found.provenance["changed"] == [
-        "something else",
-        "samples were averaged from 100000 to 20000 Hz, as many as are compared",
-    ]
-
-
-@pytest.mark.parametrize("rate", [1e3, 20e3, 39.9e3])
-def test_a_recording_that_has_no_double_of_the_rate_stays_itself(rate: float) -> None:
-    one = recording(rate, 50)
-    assert averaged(one, 20e3, {"current_a"}) is one
-
-
-def test_a_rate_that_is_no_multiple_stays_above() -> None:
-    assert averaged(recording(50e3, 101), 20e3, set()).sample_rate == pytest.approx(25e3)
 
 
 def test_fast_currents_are_averaged_to_those_of_a_slower_simulation() -> None:

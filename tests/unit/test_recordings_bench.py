@@ -6,8 +6,6 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 import scipy.io
 from asammdf import MDF
@@ -160,34 +158,6 @@ def test_hdf5_tables_matrices_and_lying_vectors(tmp_path: Path) -> None:
         ematwin.read(path, {"i_a": "currents[0]", "i_b": "currents[1]", "load": "short"})
 
 
-def test_parquet_clock_times_count_from_the_first(tmp_path: Path) -> None:
-    path = tmp_path / "run.parquet"
-    stamps = clock_times()
-    columns = {"time": stamps, "command": CHANNELS["command"], "current": CHANNELS["current_a"]}
-    pq.write_table(pa.table(columns), path, row_group_size=300)
-    record = ematwin.read(path)
-    np.testing.assert_allclose(record.time, TIME, atol=1e-9)
-
-
-def test_parquet_text_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "run.parquet"
-    pq.write_table(pa.table({"time": [0.0, 1.0], "command": ["a", "b"], "i": [0.0, 1.0]}), path)
-    with pytest.raises(RecordError, match=r"command .* must hold numbers"):
-        ematwin.read(path)
-
-
-def test_a_jittered_record_is_evened_and_lowered_in_one_call(tmp_path: Path) -> None:
-    path = tmp_path / "run.mat"
-    rng = np.random.default_rng(5)
-    time = TIME + rng.uniform(-1e-5, 1e-5, TIME.size)
-    scipy.io.savemat(path, {**CHANNELS, "time": time})
-    record = ematwin.read(path, resample_to="5 kHz")
-    assert record.sample_rate == pytest.approx(5000)
-    changed = record.provenance["changed"]
-    assert "uneven times" in changed[0]
-    assert "the rate was lowered" in changed[1]
-
-
 @pytest.mark.parametrize(
     ("suffix", "module", "package"),
     [
@@ -197,9 +167,7 @@ def test_a_jittered_record_is_evened_and_lowered_in_one_call(tmp_path: Path) -> 
         (".h5", "h5py", "h5py"),
     ],
 )
-def test_a_missing_library_names_the_command(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str, module: str, package: str
-) -> None:
+def test_a_missing_library_names_the_command(tmp_path, monkeypatch, suffix, module, package):
     path = tmp_path / f"run{suffix}"
     path.write_bytes(b"anything")
     monkeypatch.setitem(sys.modules, module, None)
@@ -241,15 +209,6 @@ def test_absurd_values_are_refused(tmp_path: Path) -> None:
     scipy.io.savemat(path, {**CHANNELS, "current_b": np.where(TIME[7] == TIME, 1e200, 0.0)})
     with pytest.raises(RecordError, match=r"current_b .* reaches 1e\+200 A at sample 7"):
         ematwin.read(path)
-
-
-def test_reading_loads_no_library_that_it_does_not_need() -> None:
-    code = (
-        "import sys, ematwin; ematwin.read\n"
-        "loaded = {'asammdf', 'nptdms', 'pymatreader', 'h5py', 'pandas', 'pyarrow', 'pint'}\n"
-        "assert not loaded & set(sys.modules), loaded & set(sys.modules)\n"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_a_plugged_in_reader_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

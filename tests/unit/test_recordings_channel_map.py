@@ -213,17 +213,6 @@ def test_a_missing_channel_is_named(bench: Path, columns: dict[str, str], said: 
         ematwin.read(bench, columns)
 
 
-def test_an_ambiguous_channel_is_refused(tmp_path: Path) -> None:
-    with h5py.File(tmp_path / "two.h5", "w") as file:
-        for group in "xy":
-            file[f"{group}/ia"] = np.arange(10.0)
-        file["time"] = file["command"] = file["i_b"] = np.arange(10.0)
-    with pytest.raises(RecordError, match=r"2 channels named 'ia'.*'x/ia', 'y/ia'"):
-        ematwin.read(tmp_path / "two.h5", {"i_a": "ia", "i_b": "i_b"})
-    record = ematwin.read(tmp_path / "two.h5", {"i_a": "x/ia", "i_b": "i_b"})
-    assert len(record) == 10
-
-
 def test_a_wrapped_angle_is_counted_on(tmp_path: Path) -> None:
     channels = bench_channels(0.01)
     angle = 300.0 * channels["time"] + 1.0
@@ -251,14 +240,3 @@ def test_the_map_is_followed_where_the_file_states_another_unit(bench: Path) -> 
     assert record.provenance["warnings"] == [
         "The map gives current_a in mA, the file in A; the map was followed."
     ]
-
-
-def test_a_map_is_for_the_channels_of_a_kind() -> None:
-    screw = channels_of("rm1605")
-    assert list(ChannelMap.of({"demand": "x"}, screw).columns) == ["set_point"]
-    with pytest.raises(InputError, match="no column 'demand'"):
-        of({"demand": "x"})
-    with pytest.raises(InputError, match="three phases"):
-        ChannelMap.of({"phase_order": "acb"}, screw)
-    with pytest.raises(InputError, match="no column 'current_a'"):
-        ChannelMap.of(of({"i_a": "x"}), screw)

@@ -158,9 +158,7 @@ def test_placeholders_and_empty_fields_are_holes(tmp_path: Path) -> None:
         ("23:59:59.900", None),  # over midnight
     ],
 )
-def test_clock_times_count_from_the_first(
-    tmp_path: Path, name: str, clock: str, start: datetime | None
-) -> None:
+def test_clock_times_count_from_the_first(tmp_path, name, clock, start):
     first, _, rest = clock.partition("900")
     later = {"00:59": "01:00", "59:59": "00:00"}[first[-6:-1]]
     following = first[:-6].replace("23:", "00:") if start is None else first[:-6]
@@ -202,12 +200,6 @@ def test_quoted_decimal_commas(tmp_path: Path) -> None:
     assert read(path).command.tolist() == [1.5, -1.5, 0.5]
 
 
-def test_given_options_are_not_guessed(tmp_path: Path) -> None:
-    content = "1,2,3\n4,5,6\n" + HEADER + "\n" + table()
-    record = record_of(tmp_path, content, delimiter=",", decimal=".", skip_rows=2)
-    assert any("2 lines" in said for said in record.provenance["assumed"])
-
-
 def test_options_of_csv_are_refused_for_others(tmp_path: Path) -> None:
     path = tmp_path / "x.parquet"
     write(record_of(tmp_path, HEADER + "\n" + table()), path)
@@ -226,26 +218,13 @@ def test_options_of_csv_are_refused_for_others(tmp_path: Path) -> None:
         ("time,command,current\n0,on,1\n1,off,2\n", RecordError, "holds text"),
     ],
 )
-def test_what_cannot_be_read_is_refused(
-    tmp_path: Path, content: str, error: type[Exception], said: str
-) -> None:
+def test_what_cannot_be_read_is_refused(tmp_path, content, error, said):
     path = tmp_path / "bad.csv"
     path.write_text(content)
     with pytest.raises(error, match=said) as caught:
         read(path)
     assert "\n" not in str(caught.value)
     assert "bad.csv" in str(caught.value)
-
-
-def test_our_own_truncated_files_are_refused(tmp_path: Path) -> None:
-    for name in ("own.csv", "own.parquet"):
-        path = tmp_path / name
-        write(Recording(**CHANNELS), path)
-        whole = path.read_bytes()
-        for share in (0.001, 0.3, 0.7, 0.999):
-            path.write_bytes(whole[: int(share * len(whole))])
-            with pytest.raises((FileError, RecordError), match=name):
-                read(path)
 
 
 def test_a_newer_format_and_another_unit_are_refused(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 import ematwin
-from ematwin.errors import InputError, RecordError
+from ematwin.errors import RecordError
 from ematwin.recordings.recording import Recording
 from ematwin.testing.reader_contract import bench_channels
 
@@ -72,11 +72,6 @@ def test_holes_are_masked_when_asked(tmp_path: Path) -> None:
     assert "masked" in record.provenance["warnings"][0]
     ematwin.write(record, tmp_path / "own.parquet")  # the provenance is plain values
     assert ematwin.read(tmp_path / "own.parquet").provenance == record.provenance
-
-
-def test_the_policy_is_checked_before_the_file_is_read(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="gaps must be refuse, longest, mask"):
-        ematwin.read(tmp_path / "none.csv", gaps="ignore")  # type: ignore[arg-type]
 
 
 def with_current(values: np.ndarray, **entry: Any) -> Recording:

@@ -63,12 +63,6 @@ def saved(path: Path, columns: dict[str, Any]) -> Path:
     return path
 
 
-def same(found: Recording, wanted: Recording) -> None:
-    np.testing.assert_allclose(found.time, wanted.time, atol=1e-9)
-    for name in ("set_point", "position_error", "current"):
-        np.testing.assert_allclose(getattr(found, name), getattr(wanted, name), atol=1e-12)
-
-
 def refused(path: Path, **options: Any) -> str:
     text = refusal(lambda: read_motions(path, **options))
     assert path.name in text
@@ -76,14 +70,6 @@ def refused(path: Path, **options: Any) -> str:
 
 
 # Where motions begin
-
-
-@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
-def test_a_motion_begins_where_time_falls_back(tmp_path, suffix):
-    found = read_motions(saved(tmp_path / f"bench{suffix}", table()))
-    assert [motion.labels for motion in found] == [{"run": "a"}] * 2
-    for motion, wanted in zip(found, MOTIONS[:2], strict=True):
-        same(motion, wanted)
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
@@ -159,24 +145,7 @@ def test_labels_of_a_csv_are_taken_as_they_are_written(tmp_path):
     assert motion.labels == {"day": "07", "state": "too dry"}
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "cp1252", "utf-16"])
-def test_labels_of_a_csv_may_hold_other_letters(tmp_path, encoding):
-    path = tmp_path / "bench.csv"
-    rows = [
-        f"Öl größer;{t:.2f};{s:.6f};0.001;{1 + s:.6f}" for t, s in zip(TIME, SET_POINT, strict=True)
-    ]
-    text = "\n".join(["Zustand;time;set_point;error;current", *rows, ""])
-    path.write_bytes(text.encode(encoding))
-    (motion,) = read_motions(path)
-    assert motion.labels == {"Zustand": "Öl größer"}
-
-
 # Channels and units
-
-
-def test_the_error_goes_before_the_position(tmp_path):
-    path = saved(tmp_path / "bench.parquet", table(position=np.zeros(2 * SAMPLES)))
-    same(read_motions(path)[0], MOTIONS[0])
 
 
 @pytest.mark.parametrize("name", ["time", "set_point", "position_error", "current"])

@@ -65,91 +65,81 @@ def refused(record: Recording, said: str) -> None:
     assert "\n" not in str(caught.value)
 
 
-def test_time_in_milliseconds(record: Recording) -> None:
-    stripped = record.changed(motor_speed=None, output_speed=None)
-    refused(stripped.changed(time=record.time * 1e3), '20 Hz.*"ms" .the rate would be 20000 Hz')
-    refused(stripped.changed(time=record.time * 1e6), '0.02 Hz.*"us"')
-    refused(stripped.changed(time=record.time * 1e-3), "2e.07 Hz.*read as ms or us")
+def without_speeds(record: Recording) -> Recording:
+    return record.changed(motor_speed=None, output_speed=None)
 
 
-def test_time_against_speed_tells_the_unit_of_time(record: Recording) -> None:
-    refused(record.changed(time=record.time * 1e3), "time looks like ms read as s")
-    refused(record.changed(time=record.time * 1e6), "time looks like us read as s")
-    refused(record.changed(time=record.time * 1e-3), "time looks like s read as ms")
+def only_command(record: Recording) -> Recording:
+    return without_speeds(record).changed(motor_position=None, output_position=None)
 
 
-def test_sampling_too_slow_for_the_low_pass(record: Recording) -> None:
-    slow = record.changed(**{name: values[::20] for name, values in record.columns()})
-    refused(slow, "1000 Hz; the comparison needs at least 2000 Hz")
+def thinned(record: Recording) -> Recording:
+    return record.changed(**{name: values[::20] for name, values in record.columns()})
 
 
-def test_too_short(record: Recording) -> None:
-    refused(record.between(0.0, 0.015), "too short: 301 samples in 0.015 s")
-
-
-def test_constant(record: Recording) -> None:
-    still = np.zeros(len(record))
+def resting(record: Recording) -> Recording:
     noise = np.random.default_rng(0).normal(0, 0.01, (3, len(record)))
-    resting = phases(record, *noise).changed(command=still + 0.1, load=None)
-    refused(resting, "constant: command 0.1 rad")
-    refused(phases(record, still, still, still), "zero throughout")
+    return phases(record, *noise).changed(command=np.full(len(record), 0.1), load=None)
+
+
+def scaled(name: str, factor: float, **more: None):
+    """The recording with one channel so many times as large."""
+    return lambda r: r.changed(**{name: factor * getattr(r, name)}, **more)
+
+
+WRONG = {
+    "time in ms": (lambda r: without_speeds(r).changed(time=1e3 * r.time),
+                   '20 Hz.*"ms" .the rate would be 20000 Hz'),
+    "time in us": (lambda r: without_speeds(r).changed(time=1e6 * r.time), '0.02 Hz.*"us"'),
+    "time in ks": (lambda r: without_speeds(r).changed(time=1e-3 * r.time),
+                   "2e.07 Hz.*read as ms or us"),
+    "ms beside speeds": (scaled("time", 1e3), "time looks like ms read as s"),
+    "us beside speeds": (scaled("time", 1e6), "time looks like us read as s"),
+    "ks beside speeds": (scaled("time", 1e-3), "time looks like s read as ms"),
+    "too slow": (thinned, "1000 Hz; the comparison needs at least 2000 Hz"),
+    "too short": (lambda r: r.between(0.0, 0.015), "too short: 301 samples in 0.015 s"),
+    "at rest": (resting, "constant: command 0.1 rad"),
+    "no current": (lambda r: phases(r, *np.zeros((3, len(r)))), "zero throughout"),
+    "mA": (lambda r: phases(r, *(1e3 * phase_currents(r).T)), "looks like mA"),
+    "uA": (lambda r: phases(r, *(1e6 * phase_currents(r).T)), "Check its unit and scale"),
+    "command in degrees": (
+        lambda r: only_command(r).changed(command=0.3 * DEGREES * np.sin(20 * r.time)),
+        "looks like degrees"),
+    "command in degrees beside a position": (
+        lambda r: without_speeds(r).changed(command=DEGREES * r.command, motor_position=None),
+        "command looks like degrees"),
+    "output in degrees": (scaled("output_position", DEGREES, output_speed=None),
+                          "output_position looks like degrees"),
+    "motor in degrees": (scaled("motor_position", DEGREES), "motor_position looks like degrees"),
+    "command of the motor": (scaled("command", 500), "command looks like an angle of the mot"),
+    "output of the motor": (scaled("output_position", 500, output_speed=None),
+                            "output_position looks like an angle of the motor side"),
+    "rpm": (scaled("motor_speed", 30 / np.pi), "motor_speed looks like"),
+    "degrees per second": (scaled("output_speed", DEGREES), "degrees per second"),
+    "turned speed": (scaled("motor_speed", -1), "wrong sign"),
+    "beyond the end stops": (
+        lambda r: r.changed(motor_position=None, output_position=None, command=r.command + 1.0),
+        "beyond the end stops.*offset"),
+    "wrapped": (lambda r: r.changed(motor_position=r.motor_position % (2 * np.pi),
+                                    motor_speed=None), "unwrap = true"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("wrong", "said"), WRONG.values(), ids=WRONG)
+def test_a_mistake_of_unit_or_wiring_is_named(record: Recording, wrong, said: str) -> None:
+    refused(wrong(record), said)
+
+
+def test_an_output_of_the_wrong_sign() -> None:
+    slow = ematwin.simulate("reference", "ramp")
+    turned = slow.changed(output_position=-slow.output_position, output_speed=None)
+    refused(turned, "wrong sign")
 
 
 def test_a_current_that_stays_while_the_command_moves_is_doubtful(record: Recording) -> None:
     noise = np.random.default_rng(0).normal(0, 0.01, len(record))
     quiet = phases(record, noise, -noise, 0 * noise).changed(motor_position=None)
     assert "command moves, but the current" in check_plausible(quiet, ACTUATOR)[0]
-
-
-def test_current_in_milliamperes(record: Recording) -> None:
-    assert phase_currents(record) is not None
-    refused(phases(record, *(1e3 * phase_currents(record).T)), "looks like mA")
-    refused(phases(record, *(1e6 * phase_currents(record).T)), "Check its unit and scale")
-
-
-def test_command_and_position_in_degrees(record: Recording) -> None:
-    only = record.changed(motor_position=None, motor_speed=None, output_speed=None)
-    bare = only.changed(output_position=None)
-    refused(bare.changed(command=0.3 * DEGREES * np.sin(20 * record.time)), "looks like degrees")
-    refused(only.changed(command=record.command * DEGREES), "command looks like degrees")
-    refused(
-        record.changed(output_position=record.output_position * DEGREES, output_speed=None),
-        "output_position looks like degrees",
-    )
-    refused(
-        record.changed(motor_position=record.motor_position * DEGREES),
-        "motor_position looks like degrees",
-    )
-
-
-def test_the_other_side_of_the_gear(record: Recording) -> None:
-    refused(record.changed(command=500 * record.command), "command looks like an angle of the mot")
-    refused(
-        record.changed(output_position=500 * record.output_position, output_speed=None),
-        "output_position looks like an angle of the motor side",
-    )
-
-
-def test_speed_in_rpm(record: Recording) -> None:
-    refused(record.changed(motor_speed=record.motor_speed * 30 / np.pi), "motor_speed looks like")
-    refused(record.changed(output_speed=record.output_speed * DEGREES), "degrees per second")
-
-
-def test_a_position_of_the_wrong_sign(record: Recording) -> None:
-    refused(record.changed(motor_speed=-record.motor_speed), "wrong sign")
-    slow = ematwin.simulate("reference", "ramp")
-    turned = slow.changed(output_position=-slow.output_position, output_speed=None)
-    refused(turned, "wrong sign")
-
-
-def test_beyond_the_end_stops(record: Recording) -> None:
-    bare = record.changed(motor_position=None, output_position=None)
-    refused(bare.changed(command=record.command + 1.0), "beyond the end stops.*offset")
-
-
-def test_a_wrapped_motor_angle(record: Recording) -> None:
-    wrapped = record.changed(motor_position=record.motor_position % (2 * np.pi), motor_speed=None)
-    refused(wrapped, "unwrap = true")
 
 
 @pytest.mark.parametrize("name", PHASES)

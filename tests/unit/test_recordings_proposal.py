@@ -1,6 +1,5 @@
 """Which channel is which, proposed: right where the file tells, a question where it does not."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import h5py
@@ -15,10 +14,9 @@ from nptdms import ChannelObject, TdmsWriter
 import bench_files
 import ematwin
 from ematwin.errors import RecordError
-from ematwin.models.proposing import in_other_units, propose_map
-from ematwin.models.registry import model_of
+from ematwin.models.proposing import propose_map
 from ematwin.recordings.proposal import Proposal
-from ematwin.recordings.survey import extremes, survey
+from ematwin.recordings.survey import survey
 from ematwin.testing.reader_contract import bench_channels
 
 CHANNELS = bench_channels()
@@ -100,9 +98,7 @@ def test_degrees_beyond_the_end_stops_cannot_be_radians(tmp_path: Path) -> None:
         (["links/Sollwert [deg]", "rechts/Sollwert [deg]"], "equally likely to be command"),
     ],
 )
-def test_two_channels_that_are_equally_likely_are_asked_for(
-    tmp_path: Path, names: Sequence[str], asked: str
-) -> None:
+def test_two_channels_that_are_equally_likely_are_asked_for(tmp_path, names, asked):
     path = ugly(
         tmp_path / "bench.csv",
         {"Zeit [s]": TIME, **dict.fromkeys(names, DEGREES), "Strom U [A]": A, "Strom V [A]": B},
@@ -187,7 +183,7 @@ def write_hdf5(path: Path) -> None:
         ("h5", write_hdf5),
     ],
 )  # fmt: skip
-def test_every_format_is_surveyed_and_mapped(tmp_path: Path, ending: str, write) -> None:  # type: ignore[no-untyped-def]
+def test_every_format_is_surveyed_and_mapped(tmp_path, ending, write):
     path = tmp_path / f"run.{ending}"
     write(path)
     found = survey(path)
@@ -269,17 +265,6 @@ def test_what_may_be_something_else_is_no_load_and_no_voltage(tmp_path: Path) ->
     assert any("the motor's own torque" in one.sentence for one in proposal.questions)
 
 
-def test_thinning_keeps_every_spike() -> None:
-    values = np.sin(np.linspace(0.0, 30.0, 100_003))
-    values[54_321], values[777] = 9.0, -9.0
-    values[2000:2400] = np.nan
-    kept = extremes(values, 500)
-    assert len(kept) <= 504
-    assert {0, 777, 54_321, len(values) - 1} <= set(kept.tolist())
-    assert np.all(np.diff(kept) > 0)
-    np.testing.assert_array_equal(extremes(values[:100], 500), np.arange(100))
-
-
 def test_a_map_takes_what_reading_takes(tmp_path: Path) -> None:
     """The plainest name wins in both, and the map says what would do as well."""
     names = {"time": TIME, "command_deg": DEGREES, "cmd": COMMAND, "current": A}
@@ -301,23 +286,9 @@ def test_a_refusal_names_the_channel_that_is_likely_meant(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("unit", "is_complete"), [(" [mm]", True), ("", False)]
 )  # position stands in for the position error, which the recording holds
-def test_a_position_in_place_of_its_error_is_mapped(
-    tmp_path: Path, unit: str, is_complete: bool
-) -> None:
+def test_a_position_in_place_of_its_error_is_mapped(tmp_path, unit, is_complete):
     wave = 100.0 * np.sin(20.0 * TIME)
     names = {"t [s]": TIME, f"demand{unit}": wave, f"position{unit}": 0.9 * wave, "I [A]": A}
     proposal = propose_map(ugly(tmp_path / "axis.csv", names), "rm1605")
     assert proposal.is_complete == is_complete
     assert set(proposal.entries) == {"time", "set_point", "position", "current"}
-
-
-def test_a_bare_table_of_a_position_is_tried_in_no_other_units() -> None:
-    """The error is derived from the position, which the recording no longer holds."""
-    actuator = ematwin.load_actuator("rm1605")
-    table = {name: 0.1 * np.sin(20.0 * TIME) for name in ("set_point", "position", "current")}
-    recording = ematwin.read(pd.DataFrame({"time": TIME, **table}), actuator=actuator)
-    assert list(in_other_units(recording, model_of(actuator), actuator)) == []
-    table["position_error"] = table.pop("position")
-    recording = ematwin.read(pd.DataFrame({"time": TIME, **table}), actuator=actuator)
-    units = [one for one, _ in in_other_units(recording, model_of(actuator), actuator)]
-    assert {"set_point": "mm", "position_error": "mm"} in units

@@ -10,8 +10,7 @@ import pytest
 import ematwin
 from ematwin.errors import RecordError
 from ematwin.models.registry import model_of
-from ematwin.recordings.channel import Channel
-from ematwin.recordings.read import assumptions, read_file
+from ematwin.recordings.read import assumptions
 
 TIME = np.arange(200) / 100.0
 WAVE = np.sin(3.0 * TIME)
@@ -136,20 +135,3 @@ def test_a_letter_of_a_series_is_no_ampere() -> None:
 def test_a_unit_of_another_kind_behind_a_needed_name_is_refused() -> None:
     with pytest.raises(RecordError, match=r"command .*'command_kg'.* kind rad; received 'kg'"):
         ematwin.read(pd.DataFrame({"time": TIME, "command_kg": WAVE, "current": WAVE}))
-
-
-def test_the_pipeline_takes_any_channels() -> None:
-    """A kind of somebody else's: its channels are all that reading knows of it."""
-    channels = (
-        Channel("voltage", "V", "commanded voltage", ("u",)),
-        Channel("speed", "rad/s", "motor speed"),
-    )
-    needs = ((("voltage",),), (("speed",),))
-    columns = pd.DataFrame({"t": TIME, "u_mV": 1e3 * WAVE, "speed_rpm": WAVE})
-    (found,) = read_file(columns, channels, needs=needs, inputs=["voltage"])
-    np.testing.assert_allclose(found.voltage, WAVE)
-    np.testing.assert_allclose(found.speed, WAVE * np.pi / 30.0)
-    assert found.units == {"voltage": "V", "speed": "rad/s"}
-    with pytest.raises(RecordError, match="no channel for torque"):
-        read_file(columns, (*channels, Channel("torque", "N*m", "torque")),
-                  needs=(*needs, (("torque",),)))  # fmt: skip

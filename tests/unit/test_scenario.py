@@ -42,10 +42,6 @@ def test_a_ramp_rises_at_its_rate_and_is_held(rate, start, length):
     assert got == pytest.approx([rate * min(max(t - start, 0.0), length) for t in T], abs=1e-9)
 
 
-def test_a_ramp_without_a_stop_goes_on():
-    assert Ramp(rate=0.5, start=1.0).at(T)[-1] == pytest.approx(0.5)
-
-
 @given(amplitude=number, frequency=st.floats(0.1, 50), phase=number, start=st.floats(0, 2))
 def test_a_sine_is_its_formula_from_its_start_on(amplitude, frequency, phase, start):
     got = Sine(amplitude=amplitude, frequency=frequency, phase=phase, start=start).at(T)

@@ -15,7 +15,6 @@ from ematwin.models.reading import read
 from ematwin.models.reading import write as write_public
 from ematwin.recordings.formats.base import open_file
 from ematwin.recordings.recording import Recording
-from ematwin.recordings.tables import no_formula, without_apostrophe
 from ematwin.testing.reader_contract import bench_channels
 
 SUFFIXES = (".parquet", ".csv")
@@ -99,9 +98,7 @@ def test_the_damage_is_named(tmp_path: Path, recording: Recording, suffix: str) 
         ("ematwin", "ematwim", "has lost its"),
     ],
 )
-def test_changed_metadata_are_named(
-    tmp_path: Path, recording: Recording, suffix: str, old: str, new: str, said: str
-) -> None:
+def test_changed_metadata_are_named(tmp_path, recording, suffix, old, new, said):
     path = tmp_path / f"rec{suffix}"
     write_public(recording, path)
     if suffix == ".csv":
@@ -113,58 +110,6 @@ def test_changed_metadata_are_named(
         pq.write_table(table.replace_schema_metadata(changed), path)
     with pytest.raises(FileError, match=said):
         read(path)
-
-
-def test_a_first_line_of_which_little_is_left_is_recognised(
-    tmp_path: Path, recording: Recording
-) -> None:
-    path = tmp_path / "rec.csv"
-    write_public(recording, path)
-    whole = path.read_bytes()
-    for start in (0, 9, 60):
-        path.write_bytes(whole[:start] + b"\x19\xc173" * 20 + whole[start + 80 :])
-        with pytest.raises(FileError, match=r"changed since ematwin wrote it"):
-            read(path)
-
-
-def test_pages_of_parquet_have_checksums(tmp_path: Path, recording: Recording) -> None:
-    path = tmp_path / "rec.parquet"
-    write_public(recording, path)
-    place = pq.ParquetFile(path).metadata.row_group(0).column(1)
-    content = bytearray(path.read_bytes())
-    start = place.dictionary_page_offset or place.data_page_offset
-    content[start + place.total_compressed_size - 3] ^= 16
-    path.write_bytes(content)
-    with pytest.raises(OSError, match="CRC checksum"):
-        pq.read_table(path, columns=[place.path_in_schema], page_checksum_verification=True)
-
-
-def test_files_of_others_are_read_as_before(tmp_path: Path) -> None:
-    path = tmp_path / "bench.parquet"
-    channels = bench_channels()
-    pq.write_table(pa.table(channels), path)
-    assert np.array_equal(read(path).current_a, channels["current_a"])
-
-
-def test_files_without_checksums_are_read_as_before() -> None:
-    folder = Path(__file__).parents[1] / "data" / "0.1"
-    for name in ("record.parquet", "record.csv"):
-        with open_file(folder / name) as file:
-            assert "checksum" not in file.metadata
-            assert len(file.read(["command"])["command"])
-
-
-@pytest.mark.parametrize("text", ["=1+1", "+cmd|' /C calc'!A0", "-2+3", "@SUM(A1)", "\tx", "\r=1"])
-def test_no_text_starts_a_formula(text: str) -> None:
-    assert no_formula(text) == f"'{text}"
-    assert without_apostrophe(no_formula(text)) == text
-    assert without_apostrophe(no_formula(no_formula(text))) == no_formula(text)
-
-
-@pytest.mark.parametrize("text", ["-1.5", "+2", "1e-3", "-.5e+7", "-", "--", "a=b", "'quoted", ""])
-def test_numbers_and_plain_texts_stay(text: str) -> None:
-    assert no_formula(text) == text
-    assert without_apostrophe(text) == text
 
 
 def test_labels_that_look_like_formulas_come_back(tmp_path: Path) -> None:

@@ -1,8 +1,6 @@
 """Results in a notebook and in pandas: tables, HTML that is escaped, figures, bars."""
 
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -16,8 +14,8 @@ from ematwin.errors import InputError, MissingExtraError, RecordError
 from ematwin.estimation.identification import Identification
 from ematwin.monitoring.detection import Detection
 from ematwin.recordings.survey import survey
-from ematwin.showing import bars, markup
-from ematwin.showing.text import apart, plain, with_interval
+from ematwin.showing import markup
+from ematwin.showing.text import with_interval
 from ematwin.testing.reader_contract import bench_channels
 
 BENCH = bench_channels()
@@ -59,16 +57,6 @@ def test_an_interval_never_excludes_its_own_value() -> None:
         low, high = (float(end) for end in between.split(" to "))
         assert low <= float(number) <= high
         assert not number.startswith("-0.0") or float(number) < 0.0
-
-
-@pytest.mark.parametrize(("value", "said"), [(6.8e3, "6800"), (1e-5, "1e-5"), (-0.0, "0")])
-def test_a_number_has_no_power_of_ten_where_it_is_read_without(value, said) -> None:
-    assert plain(value) == said
-
-
-def test_what_is_less_than_a_limit_is_not_rounded_to_it() -> None:
-    assert apart(179.96, 180.0) == ("179.96", "180")
-    assert apart(12.3456, 180.0) == ("12.3", "180")
 
 
 class Tags(HTMLParser):
@@ -214,15 +202,6 @@ def test_a_measured_recording_shows_no_truth(found: Identification) -> None:
     assert "true (simulated)" not in [trace.name for trace in drawn.data]
 
 
-def test_the_fit_needs_the_recording(found: Identification, record: ematwin.Recording) -> None:
-    from dataclasses import replace
-
-    bare = replace(found, recording=None)
-    with pytest.raises(InputError, match="keeps no recording"):
-        plots.plot_fit(bare)
-    assert len(plots.plot_fit(bare, record).data) == len(plots.plot_fit(found).data)
-
-
 def test_figures_are_thinned_to_their_extremes(found: Identification) -> None:
     recording = found.recording
     assert recording is not None
@@ -234,68 +213,11 @@ def test_figures_are_thinned_to_their_extremes(found: Identification) -> None:
     assert max(trace.y) == 9.0
 
 
-def test_without_pandas_one_sentence_says_what_to_install(
-    record: ematwin.Recording, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_pandas_one_sentence_says_what_to_install(record, monkeypatch):
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(MissingExtraError, match=r'pip install "ematwin\[pandas\]"'):
         record.to_frame()
     assert "samples" in record._repr_html_()
-
-
-def test_a_bar_of_a_notebook_is_html_that_goes(monkeypatch: pytest.MonkeyPatch) -> None:
-    shown: list[str] = []
-
-    class Handle:
-        def update(self, html: str) -> None:
-            shown.append(html)
-
-    class Display:
-        HTML = str
-
-        @staticmethod
-        def display(html: str, display_id: bool) -> Handle:
-            shown.append(html)
-            return Handle()
-
-    monkeypatch.setitem(sys.modules, "IPython", Display)
-    monkeypatch.setitem(sys.modules, "IPython.display", Display)
-    monkeypatch.setattr(bars, "in_notebook", lambda: True)
-    monkeypatch.setattr(bars, "_PAUSE", 0.0)
-    with bars.bar("search <b>") as show:
-        show(0.5, "best 1")
-        show(2.0)
-    assert "&lt;b&gt;" in shown[0]
-    assert 'value="0.500"' in shown[1]
-    assert 'value="1.000"' in shown[2]
-    assert shown[-1] == ""
-
-
-def test_progress_true_is_quiet_where_nobody_looks(
-    record: ematwin.Recording, capfd: pytest.CaptureFixture[str]
-) -> None:
-    ematwin.identify(record, "rm1605", exact=True, progress=True)
-    ematwin.simulate(actuator="rm1605", progress=True)
-    assert capfd.readouterr() == ("", "")
-
-
-@pytest.mark.parametrize("wanted", [True, False, None])
-def test_calibrate_shows_one_bar_to_its_end(
-    record: ematwin.Recording, monkeypatch: pytest.MonkeyPatch, wanted: bool | None
-) -> None:
-    seen: list[tuple[str, list[float]]] = []
-
-    @contextmanager
-    def bar(title: str) -> Iterator[Callable[..., None]]:
-        seen.append((title, []))
-        yield lambda share, *words: seen[-1][1].append(share)
-
-    monkeypatch.setattr(bars, "bar", bar)
-    ematwin.calibrate([record], "rm1605", progress=wanted)
-    assert [title for title, _ in seen] == (["calibrating"] if wanted else [])
-    for _, shares in seen:
-        assert shares == sorted(shares)
-        assert shares[-1] == 1.0
 
 
 def test_detection_tells_faults_apart_and_names_runs(tmp_path: Path) -> None:

@@ -1,7 +1,6 @@
 """What equations along a recorded motion say of faults, beside the truth of a simulation."""
 
 from dataclasses import replace
-from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,12 +8,10 @@ import pytest
 
 from bldc_inputs import HALF
 from ematwin import Noise, identify, simulate
-from ematwin.errors import ParameterError
-from ematwin.estimation.along_motion import NO_SEARCH, informed, usual_search
+from ematwin.estimation.along_motion import informed
 from ematwin.estimation.assess import unassessed
 from ematwin.estimation.baseline import Baseline, with_all_free
 from ematwin.estimation.findings import obstacles_to
-from ematwin.estimation.motion_fit import Along, MotionFit
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
 from ematwin.models.registry import load_actuator, model_of
@@ -115,30 +112,6 @@ def test_a_fit_does_not_end_where_a_whole_step_is_too_long():
     assert (away < 4.0 * errors + 1e-3).all()
 
 
-def test_an_estimate_may_be_of_an_actuator_whose_loops_would_be_unstable(recording):
-    """No equation closes a loop: each knows some of the parameters alone."""
-    problem = everything_free(recording)
-    every = [Along(0, one) for one in MODEL.equations(recording, DRIVE, {}) if one.size > 0.0]
-    fit = MotionFit(DRIVE, problem, every, {}, partial(MODEL.aliases, DRIVE))
-    point = problem.values(problem.chart.to_values(fit.descended(problem.chart.from_values(
-        problem.healthy[None])))[0])  # fmt: skip
-    point["motor.inertia"] *= 0.05
-    with pytest.raises(ParameterError, match="unstable"):
-        DRIVE.changed({name: x for name, x in point.items() if "." in name})
-    fit.finds_first_samples(problem.chart.from_values(np.array([list(point.values())])))
-
-
-def test_a_controller_tells_no_fault_of_a_winding(recording):
-    """It is answered at their values, on which its dips depend as on its loops."""
-    (one, *_) = MODEL.equations(recording, DRIVE, {})
-    assert one.name == "controller"
-    assert not {"short_a", "short_b", "short_c", "eccentricity"} & set(one.unknowns)
-    known = {"gain": FAULTS["gain"]}
-    healthy = np.linalg.norm(one.left(DRIVE, known))
-    told = np.linalg.norm(one.at(FAULTS).left(DRIVE, known))
-    assert told < 0.5 * healthy
-
-
 def test_what_equations_leave_tells_a_recording_that_they_do_not_explain(recording, found):
     assert found[1].information.unexplained < 0.01
     stuck = recording.channels["current_a"].copy()
@@ -146,41 +119,6 @@ def test_what_equations_leave_tells_a_recording_that_they_do_not_explain(recordi
     problem = everything_free(recording.changed(current_a=stuck))
     known, _ = informed(MODEL, DRIVE, problem, problem.healthy)
     assert known.information.unexplained > 0.1
-
-
-def test_what_is_known_counts_in_costs_also_where_some_unknowns_are_held(found):
-    problem, known, point = found
-    beside = np.clip(point + 0.01 * (problem.upper - problem.lower), None, problem.upper)
-    points = np.stack([point, beside])
-    residuals = known.residuals(points)
-    np.testing.assert_allclose(known.costs(points), (residuals**2).sum(axis=1), rtol=1e-3)
-    more = (
-        known.split(residuals).priors.shape[1]
-        - problem.split(problem.residuals(points)).priors.shape[1]
-    )
-    assert more > 8
-    held = {"friction": float(point[0]), "gain": float(point[problem.names.index("gain")])}
-    small = known.holding(held)
-    own = [problem.names.index(name) for name in small.names]
-    np.testing.assert_allclose(
-        small.split(small.residuals(point[None, own])).data,
-        known.split(known.residuals(point[None])).data,
-    )
-    tail = slice(-more, None)
-    np.testing.assert_allclose(
-        small.prior_distances(point[None, own])[:, tail],
-        known.prior_distances(point[None])[:, tail],
-    )
-
-
-def test_without_positions_or_forms_there_is_nothing_to_know(recording):
-    left = {name: x for name, x in recording.channels.items() if name != "output_position"}
-    blind = type(recording)(recording.time, left, units=recording.units)
-    problem = everything_free(blind)
-    assert informed(MODEL, DRIVE, problem, problem.healthy) is None
-    simple = load_actuator("servo48")
-    problem = everything_free(recording, simple)
-    assert informed(MODEL, simple, problem, problem.healthy) is None
 
 
 def test_ripple_of_a_comparator_is_no_evidence_of_shorts():
@@ -222,21 +160,6 @@ def test_equations_that_show_every_fault_check_beside_the_closed_loop(
     assert len(only) == (not whole)  # a closed loop that leaves half of healthy ones judges nothing
     told = [text for text in told if text not in only]
     assert [text[: text.index(" unexplained")].removeprefix("The twin ") for text in told] == said
-
-
-def test_nothing_is_searched_where_equations_show_every_fault(recording):
-    problem = Problem.of(recording, DRIVE)
-    assert usual_search(MODEL, DRIVE, problem).name == NO_SEARCH
-    without_load = {name: x for name, x in recording.channels.items() if name != "load"}
-    blind = type(recording)(recording.time, without_load, units=recording.units)
-    problem = Problem.of(blind, DRIVE)
-    assert usual_search(MODEL, DRIVE, problem).name == MODEL.default_search
-    brakes = DRIVE.changed({"shorted_turns.resistance": 0.1})  # by currents that are not recorded
-    problem = Problem.of(recording, brakes)
-    assert usual_search(MODEL, brakes, problem).name == MODEL.default_search
-    simple = load_actuator("servo48")  # the fast model answers
-    problem = Problem.of(recording, simple)
-    assert usual_search(MODEL, simple, problem).name == MODEL.default_search
 
 
 @pytest.mark.parametrize("turning", [0.0, 1.0])

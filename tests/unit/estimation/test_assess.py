@@ -100,14 +100,7 @@ KNOWN = Baseline(
 )
 
 
-def assessed(
-    baseline: Baseline = KNOWN,
-    actuator: Actuator | None = None,
-    *,
-    point: tuple[float, float] = (0.4, 0.25),
-    others: tuple[tuple[float, float], ...] = (),
-    worse: float = 0.0,
-) -> Assessment:
+def assessed(baseline=KNOWN, actuator=None, *, point=(0.4, 0.25), others=(), worse=0.0):
     kind, actuator = Kind(), actuator or Actuator()
     faults = [one for one in kind.unknowns(actuator) if not one.marginal]
     problem = Problem([Answer(worse)], faults)

@@ -2,8 +2,6 @@
 
 import math
 import tomllib
-from collections.abc import Mapping
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,20 +9,14 @@ import tomli_w
 
 from ematwin import BldcActuator, simulate
 from ematwin.errors import ParameterError
-from ematwin.estimation.aliases import directions
 from ematwin.estimation.baseline import (
     Baseline,
     baseline_of,
-    effective,
-    searched_range,
-    uncertain,
     with_all_free,
-    with_nuisances,
 )
 from ematwin.estimation.prior import Prior
 from ematwin.estimation.problem import Problem
 from ematwin.models.registry import model_of
-from ematwin.models.unknown import Alias
 
 ACTUATOR = BldcActuator.load()
 MODEL = model_of(ACTUATOR)
@@ -113,23 +105,6 @@ def test_a_baseline_of_a_newer_ematwin_is_refused() -> None:
     )
 
 
-def test_the_baseline_is_that_of_a_calibration_or_a_file_or_the_tolerances(tmp_path) -> None:
-    sheet = Baseline.of_template(MODEL, ACTUATOR)
-    assert same(baseline_of(ACTUATOR, ACTUATOR), sheet)
-    assert same(baseline_of(None, ACTUATOR), sheet)
-    assert same(baseline_of("servo48", ACTUATOR), sheet)
-    assert baseline_of(SimpleNamespace(actuator=ACTUATOR, baseline=KNOWN), ACTUATOR) is KNOWN
-    older = SimpleNamespace(actuator=ACTUATOR, baseline=None)  # a calibration without one
-    assert same(baseline_of(older, ACTUATOR), sheet)
-    file = tmp_path / "mine.toml"
-    ACTUATOR.save(file)
-    assert same(baseline_of(file, ACTUATOR), sheet)
-    with file.open("ab") as end:
-        tomli_w.dump({"baseline": KNOWN.as_table()}, end)
-    assert same(baseline_of(file, ACTUATOR), KNOWN)
-    assert same(baseline_of(str(file), ACTUATOR), KNOWN)
-
-
 def test_a_damaged_file_is_named(tmp_path) -> None:
     file = tmp_path / "mine.toml"
     file.write_text(tomli_w.dumps({"baseline": broken(mean=[])}), encoding="utf-8")
@@ -149,24 +124,6 @@ def test_a_tolerance_is_two_standard_deviations_of_the_logarithm() -> None:
     assert np.count_nonzero(prior.covariance) == len(prior.names)
 
 
-def test_what_is_exact_or_zero_is_not_uncertain() -> None:
-    frictionless = ACTUATOR.changed({"motor.friction_torque": 0.0})
-    names = {one.name for one in uncertain(MODEL, frictionless)}
-    assert "motor.friction_torque" not in names
-    assert "motor.pole_pairs" not in names
-    assert "drive.diode_drop" not in names  # no tolerance is stated
-    assert {"motor.resistance", "controller.position_gain"} <= names
-
-
-def test_a_search_looks_at_three_standard_deviations() -> None:
-    one = next(x for x in uncertain(MODEL, ACTUATOR) if x.name == "motor.resistance")
-    wide = searched_range(one)
-    assert wide.upper / one.healthy == pytest.approx(1.1**1.5)
-    assert one.healthy / wide.lower == pytest.approx(1.1**1.5)
-    share = next(x for x in uncertain(MODEL, ACTUATOR) if x.name.endswith("efficiency_aiding"))
-    assert searched_range(share.__class__(**{**vars(share), "spread": 5.0})).upper == share.upper
-
-
 def test_drift_widens_what_is_calibrated_and_nothing_else() -> None:
     drift = ACTUATOR.drift("motor.resistance")
     assert drift is not None
@@ -179,22 +136,6 @@ def test_drift_widens_what_is_calibrated_and_nothing_else() -> None:
     sheet = Baseline.of_template(MODEL, ACTUATOR)  # its tolerances hold any drift
     assert not sheet.calibrated
     assert (sheet.drifted(ACTUATOR).covariance == sheet.prior.covariance).all()
-
-
-def test_nuisances_that_a_baseline_knows_keep_what_it_knows() -> None:
-    currents = SimpleNamespace(ignores=frozenset({"power_gain", "power_offset", "voltage_drop"}))
-    phases = SimpleNamespace(ignores=frozenset({"voltage_drop"}))
-    nuisances = effective(MODEL.unknowns(ACTUATOR), [currents])
-    assert {"skew", "load_gain", "current_gain"} <= {one.name for one in nuisances}
-    assert "power_gain" not in {one.name for one in nuisances}
-    both = {one.name for one in effective(MODEL.unknowns(ACTUATOR), [currents, phases])}
-    assert both - {one.name for one in nuisances} == {"power_gain", "power_offset"}
-    found = with_nuisances(KNOWN.prior, nuisances)
-    assert set(found.names) == {*NAMES, *(one.name for one in nuisances)}
-    assert found.mean[found.names.index("load_gain")] == 1.0 / 3.0
-    n = found.names.index("skew")
-    spread = next(one.spread for one in nuisances if one.name == "skew")
-    assert found.covariance[n, n] == spread**2
 
 
 def test_a_sum_that_healthy_recordings_told_stays_known_where_its_terms_move() -> None:
@@ -218,27 +159,3 @@ def test_a_sum_that_healthy_recordings_told_stays_known_where_its_terms_move() -
         point[full.names.index(place)] = value
     away = np.linalg.norm(full.prior_distances(point[None]) / full.noise)
     assert away == pytest.approx(2.0, rel=1e-3)
-
-
-def test_aliases_are_directions_of_values_where_parameters_are_free_as_values() -> None:
-    """A friction torque 1 % larger has the effect of a fault, in either coordinate."""
-    place = "motor.friction_torque"
-    healthy = ACTUATOR.value(place)
-    learnt = Prior((place,), np.log([healthy]), np.array([[0.01]]))
-    record = simulate("monitor", actuator=ACTUATOR)
-    search = Problem([MODEL.compare(record, ACTUATOR)], MODEL.faults(ACTUATOR))
-
-    def aliases(values: Mapping[str, float]) -> list[Alias]:
-        return [Alias(place, {"friction": 0.5 + values["friction"]})]
-
-    moved = {}
-    for recordings in (0, 3):  # by logarithms, and by values
-        baseline = Baseline(learnt, recordings=recordings)
-        full = with_all_free(MODEL, ACTUATOR, search, baseline)
-        point = full.start.copy()
-        point[full.names.index("friction")] = 0.25
-        (one,) = directions(full, point, aliases)
-        z = full.chart.from_values(point[None]) + 1e-4 * one.blind
-        change = (full.chart.to_values(z)[0] - point)[[full.names.index("friction"), one.pivot]]
-        moved[recordings] = change / np.abs(change[1])
-    np.testing.assert_allclose(moved[0], moved[3], rtol=1e-3)

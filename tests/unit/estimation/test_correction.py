@@ -47,11 +47,6 @@ class TwoModels(OneChannel):
         return other
 
 
-class OneModel(TwoModels):
-    def exact(self, values):
-        return None
-
-
 class OnlyTheReferenceHasALoop(TwoModels):
     """Its gain shifts a third feature of the reference alone."""
 
@@ -93,19 +88,6 @@ def test_secants_converge_where_rounds_alone_would_diverge_or_crawl(slope):
     assert not end.unsettled
     assert end.rounds <= 6
     assert end.peak.point[0] == pytest.approx(WEAR, abs=0.01)
-
-
-def test_each_round_takes_one_answer_of_the_reference():
-    comparison = TwoModels()
-    _, end = ended(comparison)
-    assert len(comparison.asked) == end.rounds
-
-
-@pytest.mark.parametrize("comparison", [OneModel(), TwoModels(lost=True)])
-def test_a_peak_stays_where_there_is_no_reference_or_it_diverges(comparison):
-    first, end = ended(comparison)
-    assert end.peak.point == pytest.approx(first.point)
-    assert end.rounds == 0
 
 
 class Edge(TwoModels):
@@ -188,11 +170,6 @@ def test_the_error_of_the_model_is_how_far_minima_move_where_they_are_corrected_
     _, right = ended(TwoModels(slope=1.0))
     small = np.sqrt(np.diag(with_model_error(right).model_error))
     assert small[0] < 0.5 * error[0]
-
-
-def test_a_twin_without_reference_has_no_error_that_could_be_measured():
-    _, end = ended(OneModel())
-    assert with_model_error(end) is end
 
 
 class Other(TwoModels):

@@ -10,7 +10,7 @@ from ematwin import Estimate, identify, simulate
 from ematwin.errors import InputError
 
 
-def some(values=(0.3, 0.01, 0.4), errors=(0.01, 0.001, np.inf)) -> Estimate:  # type: ignore[no-untyped-def]
+def some(values=(0.3, 0.01, 0.4), errors=(0.01, 0.001, np.inf)):
     names = ("friction", "backlash", "gain")
     return Estimate(
         names,

@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 
-from ematwin import Recording
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.laplace import laplace
 from ematwin.estimation.noise import with_shown_noise
 from ematwin.estimation.prior import Prior
 from ematwin.estimation.problem import Problem
-from ematwin.models.comparison import Comparison
 from ematwin.models.unknown import Alias, Unknown
+from naive.toy import OneChannel
 
 SAMPLES = 60
 RNG = np.random.default_rng(3)
@@ -19,21 +18,14 @@ TORQUES, WATTS = BASIS
 TRUE = {"constant": 1.1, "short": 0.3, "load": 0.4}
 
 
-class TwoSensors(Comparison):
+class TwoSensors(OneChannel):
     """A current that only knows constant x (1 - short), and a power that knows the constant."""
-
-    model_error = 1.0
-
-    noise = 0.02
 
     def __init__(self, noise: float = 0.02, watts_noise: float = 0.05, evidence: bool = False):
         rng = np.random.default_rng(5)
         current, watts = self.answer(TRUE["constant"], TRUE["short"], TRUE["load"])
-        self.current = current + noise * rng.standard_normal(SAMPLES)
+        super().__init__(current + noise * rng.standard_normal(SAMPLES), noise=0.02)
         self.watts = watts + watts_noise * rng.standard_normal(SAMPLES)
-        self.recording = Recording(1e-3 * np.arange(SAMPLES), {"current": self.current})
-        self.actuator = None
-        self.scale, self.independent = float((self.current**2).sum()), float(SAMPLES)
         self.evidence = SAMPLES if evidence else 0
         self.tells = frozenset({"constant"} if evidence else ())
 
@@ -43,17 +35,11 @@ class TwoSensors(Comparison):
 
     def with_evidence(self):
         other = TwoSensors(evidence=True)
-        other.current, other.watts = self.current, self.watts
+        other.recording, other.watts = self.recording, self.watts
         return other
 
-    def measured(self):
-        return {"current": self.current}
-
     def responses(self, candidates, count):
-        return {"current": np.array([self.answer(*row)[0] for row in self._rows(candidates)])}
-
-    def captions(self):
-        return {"current": ("current", "A")}
+        return {"y": np.array([self.answer(*row)[0] for row in self._rows(candidates)])}
 
     @staticmethod
     def _rows(candidates):
@@ -61,7 +47,7 @@ class TwoSensors(Comparison):
 
     def residuals(self, candidates, count):
         rows = [self.answer(*row) for row in self._rows(candidates)]
-        found = np.array([current - self.current for current, _ in rows])
+        found = np.array([current - self.recording.y for current, _ in rows])
         if not self.evidence:
             return found
         watts = np.array([watts - self.watts for _, watts in rows]) / 0.05
@@ -82,31 +68,6 @@ def aliases(values):
 
 def point_of(problem: Problem) -> np.ndarray:
     return np.array([TRUE[name] for name in problem.names])
-
-
-def test_residuals_are_data_then_evidence_then_priors() -> None:
-    plain = TwoSensors()
-    problem = Problem([plain, plain.with_evidence()], UNKNOWNS, prior=PRIOR)
-    points = np.vstack([point_of(problem), point_of(problem) * 1.05])
-    found = problem.split(problem.residuals(points))
-    assert found.data.shape == (2, 2 * SAMPLES)
-    assert found.evidence.shape == (2, SAMPLES)
-    assert found.priors.shape == (2, 1)
-    values = dict(zip(problem.names, points.T, strict=True))
-    seen = plain.with_evidence().residuals(values, 2)
-    np.testing.assert_array_equal(found.data[:, SAMPLES:], seen[:, :SAMPLES])
-    # in the unit of the data: one standard deviation of each counts alike
-    np.testing.assert_allclose(found.evidence, problem.noise * seen[:, SAMPLES:])
-    squares = (problem.residuals(points) ** 2).sum(axis=1)
-    np.testing.assert_allclose(problem.costs(points), squares)
-
-
-def test_residuals_by_another_noise_need_no_simulation() -> None:
-    problem = Problem([TwoSensors().with_evidence()], UNKNOWNS, prior=PRIOR)
-    point = 1.05 * point_of(problem)[None]
-    for other in (problem.with_noise(0.7), problem.with_noise(0.1, trust=0.3)):
-        anew = other.weighed_anew(problem.residuals(point)[0], problem)
-        np.testing.assert_allclose(anew, other.residuals(point)[0], rtol=1e-12)
 
 
 @pytest.mark.parametrize(("watts_noise", "low", "high"), [(0.02, 1.0, 1.0), (0.5, 0.07, 0.14)])
@@ -154,15 +115,3 @@ def test_the_width_is_that_of_the_linear_problem() -> None:
     widths = peak.problem.chart.widths
     expected = np.linalg.inv(information) / np.outer(widths, widths)
     np.testing.assert_allclose(peak.covariance, expected, rtol=0.03, atol=1e-8)
-
-
-def test_evidence_leads_along_what_data_do_not_see_beside_the_priors() -> None:
-    """No descent: the start has all that the data tell."""
-    problem = Problem([TwoSensors().with_evidence()], UNKNOWNS, prior=PRIOR)
-    start = np.array([1.0, 1.0 - 1.1 * 0.7, 0.4])
-
-    def free(values):
-        return [one._replace(held=False) for one in aliases(values)]
-
-    peak = laplace(problem, start, Descent(free, settled=np.inf, iterations=0))
-    assert peak.point == pytest.approx([1.1, 0.3, 0.4], abs=0.02)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ematwin.estimation.baseline import uncertain
-from ematwin.estimation.forms import FoundForms, find_forms
+from ematwin.estimation.forms import find_forms
 from ematwin.estimation.healthy_fit import HealthyFit
 from ematwin.models.bldc.model import MODEL
 from ematwin.models.bldc.parameters import BldcActuator
@@ -168,13 +168,3 @@ def test_friction_that_falls_with_speed_is_found():
     assert found.values["transmission.static_ratio"] == pytest.approx(
         BUILT.transmission.static_ratio, rel=0.1
     )
-
-
-def test_without_positions_nothing_is_looked_for():
-    beside = compared(other.Structure(cogging=0.002), without={"motor_position"})
-    assert find_forms(MODEL, SHEET, beside) == FoundForms(SHEET)
-
-
-def test_without_the_load_no_torques_are_balanced():
-    record = compared(other.Structure(), without={"load"})[0].recording
-    assert [one.name for one in MODEL.equations(record, SHEET)] == ["controller"]

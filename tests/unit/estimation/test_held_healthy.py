@@ -43,12 +43,6 @@ def test_a_fault_that_a_tolerance_explains_as_well_hardly_rises() -> None:
     assert 0.0 <= found.rises[0] < 1.0
 
 
-def test_nothing_named_takes_nothing() -> None:
-    problem = problem_of(0.0)
-    found = held_healthy(peak_at(problem, 0.0, 0.2, 0.0), [])
-    assert len(found.rises) == found.evaluations == 0
-
-
 def test_faults_that_are_held_together_rise_together() -> None:
     problem = problem_of(0.3)
     found = held_healthy(peak_at(problem, 0.3, 0.2, 0.0), [["wear", "gap"], ["wear"], ["gap"]])

@@ -43,9 +43,7 @@ def test_three_faults_are_found_through_noise(found: Identification) -> None:
     assert found.evaluations < 1000
 
 
-def test_same_seed_gives_the_same_answer_bit_for_bit(
-    record: ematwin.Recording, found: Identification
-) -> None:
+def test_same_seed_gives_the_same_answer_bit_for_bit(record, found):
     again = identify(record, threads=1)
     assert (again.faults.vector == found.faults.vector).all()
     assert again.evaluations == found.evaluations
@@ -118,9 +116,7 @@ def test_interruption_keeps_the_best_so_far(short: ematwin.Recording, algorithm:
     assert math.isfinite(found.cost)
 
 
-def test_interrupted_population_run_goes_on_from_its_checkpoint(
-    short: ematwin.Recording, tmp_path: Path
-) -> None:
+def test_interrupted_population_run_goes_on_from_its_checkpoint(short, tmp_path):
     whole = identify(short, algorithm="gwo", budget=1500, seed=2)
     state = tmp_path / "run.state"
 

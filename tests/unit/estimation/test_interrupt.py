@@ -25,13 +25,6 @@ def test_an_interrupt_that_was_swallowed_is_raised_at_the_next_check() -> None:
         interrupts.check()
 
 
-def test_the_handler_from_before_comes_back() -> None:
-    before = signal.getsignal(signal.SIGINT)
-    with noting_interrupts():
-        assert signal.getsignal(signal.SIGINT) is not before
-    assert signal.getsignal(signal.SIGINT) is before
-
-
 def test_other_threads_search_without_signals() -> None:
     errors: list[BaseException] = []
 

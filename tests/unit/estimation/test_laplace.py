@@ -4,29 +4,24 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from ematwin import Recording
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.laplace import Laplace, laplace
 from ematwin.estimation.prior import Prior
 from ematwin.estimation.problem import Problem
-from ematwin.models.comparison import Comparison
 from ematwin.models.unknown import Alias, Unknown
 from ematwin.numerics.linear_algebra import inverse
+from naive.toy import OneChannel
 
 NOISE = 0.4
 ROUGH = 1e-4  # of the answer, where it is not smooth
 
 
-class Linear(Comparison):
+class Linear(OneChannel):
     """y = sum of a basis times x; of a logarithmic unknown times its logarithm."""
 
-    model_error = 1.0
-
     def __init__(self, unknowns, basis, y, rough=0.0):
+        super().__init__(y, NOISE)
         self.unknowns, self.basis, self.y, self.rough = unknowns, basis, y, rough
-        self.recording = Recording(1e-3 * np.arange(y.size), {"y": y})
-        self.actuator, self.noise = None, NOISE
-        self.scale, self.independent = float((y**2).sum()), float(y.size)
 
     def responses(self, candidates, count):
         x = np.column_stack([
@@ -36,15 +31,6 @@ class Linear(Comparison):
         ])  # fmt: skip
         ripple = self.rough * np.sin(1e5 * x.sum(axis=1))[:, None] * np.arange(self.y.size)
         return {"y": x @ self.basis + ripple}
-
-    def measured(self):
-        return {"y": self.y}
-
-    def captions(self):
-        return {"y": ("y", "")}
-
-    def residuals(self, candidates, count):
-        return self.responses(candidates, count)["y"] - self.y
 
 
 def fault(name, **more):
@@ -109,13 +95,6 @@ def test_a_linear_answer_has_the_posterior_of_bayesian_regression(regressed) -> 
     # the descent itself ends within a hundredth of a standard error
     away = coordinates(problem, peak.point) - mean
     assert (np.abs(away) < 0.01 * np.sqrt(np.diag(covariance))).all()
-
-
-def test_widened_is_the_covariance_with_so_much_more_noise(regressed) -> None:
-    problem, basis, y, prior, peak = regressed
-    for factor in (1.0, 2.0, 7.0):
-        _, covariance = regression(basis, y, prior, problem.names, factor * NOISE)
-        assert np.allclose(in_values(peak, peak.widened(factor)), covariance, rtol=1e-6)
 
 
 def test_the_noise_is_what_is_left_for_each_independent_residual(regressed) -> None:
@@ -215,28 +194,6 @@ def test_a_pivot_has_the_variance_of_its_prior_and_its_faults_get_it_added(rough
     )
 
 
-def test_without_its_alias_a_rough_answer_seems_to_tell_a_pivot() -> None:
-    problem, _, _, aliases = aliased(20.0 * ROUGH, M_PRIOR)
-    start = np.array([0.46, 0.23, np.exp(0.1)])
-    told = laplace(problem, start, Descent(aliases, least_noise=1e-2))
-    blind = laplace(problem, start, Descent(least_noise=1e-2))
-    assert in_values(told, told.covariance)[2, 2] == pytest.approx(0.05, rel=1e-6)
-    assert in_values(blind, blind.covariance)[2, 2] < 0.5 * 0.05
-
-
-def test_a_free_pivot_goes_where_the_priors_of_all_have_it() -> None:
-    prior = Prior(
-        ("a", "m"), np.array([0.9, 0.1]), np.array([[0.02, 0.005], [0.005, 0.05]])
-    )  # fmt: skip
-    problem, two, y, aliases = aliased(0.0, prior, held=False)
-    peak = laplace(problem, np.array([0.0, 0.0, 1.0]), Descent(aliases, least_noise=NOISE))
-    basis = np.vstack([two, 0.8 * two[0] - 0.3 * two[1]])
-    mean, covariance = regression(basis, y, prior, problem.names, NOISE)
-    errors = np.sqrt(np.diag(covariance))
-    assert np.allclose(in_values(peak, peak.covariance), covariance, rtol=1e-5)
-    assert (np.abs(coordinates(problem, peak.point) - mean) < 0.05 * errors).all()
-
-
 def test_free_pivots_that_share_unknowns_go_where_the_priors_have_them_together() -> None:
     """One after the other they would take hundreds of rounds: both directions are nearly one."""
     unknowns = [fault("a"), fault("b"), parameter("m"), parameter("n")]
@@ -282,37 +239,6 @@ def test_a_bound_lets_data_tell_a_pivot() -> None:
     assert expected[0] == pytest.approx(0.0, abs=1e-6)
     assert expected[2] > 1.0
     assert np.allclose(coordinates(problem, peak.point), expected, atol=1e-3)
-
-
-def test_an_alias_of_what_is_not_free_is_no_alias() -> None:
-    problem, *_ = aliased(0.0, M_PRIOR)
-    beside = [Alias("m", {"a": 0.8, "c": 2.0}), Alias("d", {"a": 1.0})]
-    start = np.array([0.0, 0.0, np.exp(0.1)])
-    peak = laplace(problem, start, Descent(lambda values: beside, least_noise=NOISE))
-    plain = laplace(problem, start, Descent(least_noise=NOISE))
-    assert np.allclose(peak.covariance, plain.covariance)
-    assert np.allclose(peak.mean, plain.mean)
-
-
-def test_an_alias_reaches_what_each_recording_has_for_itself() -> None:
-    """A pivot that all share, and the gain that each recording has instead."""
-    gain = fault("g", spread=0.3)
-    unknowns = [parameter("m"), gain]
-    row = 0.3 * basis_of(1)
-    lines = [Linear(unknowns, np.vstack([row, row]), x * row[0]) for x in (0.2, 0.6)]
-    prior = Prior(
-        ("m", "g@0", "g@1"), np.array([0.0, 0.1, 0.2]), np.diag([0.05, 0.09, 0.09])
-    )  # fmt: skip
-    problem = Problem(lines, unknowns, own=["g"], prior=prior)
-    alias = Alias("m", {"g": 1.0}, held=False)
-    peak = laplace(problem, problem.start, Descent(lambda values: [alias], least_noise=NOISE))
-    nothing = np.zeros(60)
-    basis = np.block([[row, row], [row, nothing[None]], [nothing[None], row]])
-    y = np.concatenate([0.2 * row[0], 0.6 * row[0]])
-    mean, covariance = regression(basis, y, prior, problem.names, NOISE)
-    assert problem.names == ("m", "g@0", "g@1")
-    assert np.allclose(in_values(peak, peak.covariance), covariance, rtol=1e-5)
-    assert np.allclose(mean_of(peak), mean, atol=1e-6)
 
 
 def test_a_direction_without_information_is_wide_and_the_others_are_exact() -> None:

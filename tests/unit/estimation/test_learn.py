@@ -1,16 +1,9 @@
 """An actuator from its healthy recordings, and what can be said of it afterwards."""
 
-from types import SimpleNamespace
-
-import numpy as np
 import pytest
 
 from bldc_inputs import HALF
 from ematwin import BldcActuator, Noise, Recording, identify, simulate
-from ematwin.errors import ParameterError, RecordError
-from ematwin.estimation import learn as learning
-from ematwin.estimation.forms import FoundForms
-from ematwin.estimation.healthy_fit import expected_misfit, same_command
 from ematwin.estimation.learn import learn
 from ematwin.models.registry import model_of
 
@@ -95,20 +88,6 @@ def test_a_torque_constant_that_drifted_on_a_healthy_actuator_is_no_fault(learnt
     assert found.fitted[place] == pytest.approx(warm.value(place), rel=0.015)
 
 
-@pytest.mark.parametrize("error", [ParameterError, RecordError])
-def test_found_forms_that_lead_to_no_calibration_are_left_out(healthy, monkeypatch, error) -> None:
-    forms = FoundForms(TEMPLATE, ("current loop of 5 ms",))
-    monkeypatch.setattr(learning, "find_forms", lambda *_: forms)
-
-    def fitted(model, template, comparisons, forms, progress):
-        if forms.found:
-            raise error("the loop is unstable")
-        return forms
-
-    monkeypatch.setattr(learning, "_learnt", fitted)
-    assert learnt_from(healthy) == FoundForms(TEMPLATE)
-
-
 def test_a_sheet_of_another_motor_is_a_finding_where_the_twin_explains_the_rest() -> None:
     place = "motor.emf_constant"
     sheet = TEMPLATE.changed({place: 2.0 * TEMPLATE.value(place)})
@@ -120,39 +99,3 @@ def test_a_sheet_of_another_motor_is_a_finding_where_the_twin_explains_the_rest(
 
 
 # What needs no search
-
-
-def driven(command: np.ndarray, interval: float = 5e-5) -> Recording:
-    return Recording(interval * np.arange(command.size), {"command": command})
-
-
-def test_commands_are_the_same_within_two_per_cent_of_the_travel() -> None:
-    command = np.linspace(-1.0, 1.0, 500)
-    one = driven(command)
-    assert same_command(one, driven(command + 0.03), "command")
-    assert not same_command(one, driven(command + 0.05), "command")
-    assert not same_command(one, driven(command[1:]), "command")
-    assert not same_command(one, driven(command, 1e-4), "command")
-
-
-def test_noise_is_what_recordings_of_one_command_differ_by() -> None:
-    rng = np.random.default_rng(3)
-    command = np.sin(np.linspace(0.0, 20.0, 4000))
-    noise = 0.02 * np.sqrt(np.mean(command**2))
-    traces = [command + noise * rng.standard_normal(4000) for _ in range(3)]
-
-    def beside(y: np.ndarray, command: np.ndarray, whitened: bool = False) -> SimpleNamespace:
-        return SimpleNamespace(
-            recording=driven(command),
-            measured=lambda: {"y": y},
-            expected_misfit=0.003,
-            whitened=whitened,
-        )
-
-    repeated = expected_misfit([beside(y, command) for y in traces], "command")
-    assert repeated == pytest.approx(np.hypot(0.003, 0.02), rel=0.05)
-    different = [beside(y, (n + 1) * command) for n, y in enumerate(traces)]
-    assert expected_misfit(different, "command") == pytest.approx(0.003)
-    # these know their noise
-    known = [beside(y, command, whitened=True) for y in traces]
-    assert expected_misfit(known, "command") == pytest.approx(0.003)

@@ -1,7 +1,5 @@
 """A load beside the recorded one parts the misfit into valleys; the search finds the right one."""
 
-from dataclasses import replace
-
 import numpy as np
 
 import ematwin
@@ -41,37 +39,6 @@ def test_the_valley_of_the_right_load_is_found_where_a_descent_from_none_is_not(
     assert found.cost < 0.5 * stuck.cost
     np.testing.assert_allclose(found.point, [0.3, 0.71], atol=0.02)
     assert found.evaluations > 7 * 2 * 13
-
-
-def test_nothing_is_looked_for_where_no_unknown_has_valleys_or_it_is_held():
-    case = problem(valleys=1)
-    stuck = laplace(case, np.array([0.0, 0.0]))
-    assert other_minima(stuck, Descent()) == []
-    case = problem()
-    stuck = laplace(case, np.array([0.0, 0.0]))
-    assert other_minima(stuck, Descent(held={"load_offset"})) == []
-
-
-def test_anew_parameters_set_out_from_what_was_known_of_them():
-    """What a wrong valley forced on a parameter leads the next descents astray."""
-
-    def stiffened(values):
-        stiffer = values["motor.stiffness"] - 1.0
-        load = values["load_offset"]
-        wave = np.sin(2.0 * np.pi * WAVES * (load - stiffer))
-        return stacked(values["wear"] + 0.1 * load, 0.5 * load, wave, 0.5 * stiffer)
-
-    toy = Toy(stiffened, **{"wear": 0.3, "load_offset": 0.71, "motor.stiffness": 1.0})
-    stiffness = Unknown("motor.stiffness", "", "", 1.0, 0.0, 2.0, "nominal")
-    case = Problem([toy], (fault("wear"), load(7), stiffness))
-    stuck = laplace(case, np.array([0.0, 0.0, 1.0]))
-    forced = replace(stuck, z=case.chart.from_values(np.array([[0.3, 0.0, 1.5]]))[0])
-    (astray,) = other_minima(forced, Descent())
-    (found,) = other_minima(forced, Descent(), anew=True)
-    assert found.cost < 0.5 * astray.cost
-    np.testing.assert_allclose(found.point, [0.3, 0.71, 1.0], atol=0.02)
-    (kept,) = other_minima(forced, Descent(held={"motor.stiffness"}), anew=True)
-    assert kept.point[2] == 1.5
 
 
 def test_nothing_is_looked_for_where_the_twin_explains_nothing():

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from ematwin import Recording
 from ematwin.estimation.prior import Prior
 from ematwin.estimation.problem import Problem
-from ematwin.models.comparison import Comparison
 from ematwin.models.unknown import Unknown
+from naive.toy import OneChannel
 
 SLOPE = Unknown("slope", "A/s", "", 0.0, -5.0, 5.0)
 OFFSET = Unknown("offset", "A", "", 0.0, -2.0, 2.0, role="nuisance", spread=0.5)
@@ -18,33 +17,19 @@ COVARIANCE = np.array([[0.5, 0.12, 0.3], [0.12, 0.2, -0.05], [0.3, -0.05, 0.4]])
 PRIOR = Prior(NAMES, MEAN, COVARIANCE)
 
 
-class Line(Comparison):
-    """y = mass (slope t + offset); counts the candidates that it was asked for."""
-
-    model_error = 1.0
+class Line(OneChannel):
+    """y = mass (slope t + offset)."""
 
     def __init__(self, size: float) -> None:
         self.t = np.linspace(0.0, 1.0, 30)
-        self.recording = Recording(self.t, {"current": size * self.t})
-        self.actuator, self.noise, self.asked = None, 0.1, 0
-        self.scale = float((self.recording.current**2).sum())
+        super().__init__(size * self.t, noise=0.1)
 
     def responses(self, candidates, count):
         slope, offset, mass = (
             np.broadcast_to(candidates.get(name, 1.0), count)[:, None]
             for name in ("slope", "offset", "mass")
         )
-        return {"current": mass * (slope * self.t + offset)}
-
-    def measured(self):
-        return {"current": self.recording.current}
-
-    def captions(self):
-        return {"current": ("line", "A")}
-
-    def residuals(self, candidates, count):
-        self.asked += count
-        return self.responses(candidates, count)["current"] - self.recording.current
+        return {"y": mass * (slope * self.t + offset)}
 
 
 def points_of(problem: Problem, count: int) -> np.ndarray:
@@ -72,24 +57,6 @@ def test_prior_rows_are_the_mahalanobis_distance_in_units_of_the_noise() -> None
     assert np.allclose(problem.costs(points), data + problem.noise**2 * expected)
 
 
-def test_a_prior_in_another_order_than_the_unknowns_weighs_the_same() -> None:
-    order = [2, 0, 1]
-    turned = Prior(tuple(NAMES[n] for n in order), MEAN[order], COVARIANCE[np.ix_(order, order)])
-    unknowns = [SLOPE, MASS, OFFSET]
-    straight = Problem([Line(1.0)], unknowns, prior=PRIOR)
-    points = points_of(straight, 5)
-    assert np.allclose(Problem([Line(1.0)], unknowns, prior=turned).costs(points),
-                       straight.costs(points))  # fmt: skip
-
-
-def test_spreads_are_the_prior_unless_one_is_given() -> None:
-    mass = Unknown("mass", "kg", "", 2.0, 0.5, 8.0, spread=0.1, logarithmic=True)
-    prior = Problem([Line(1.0)], [SLOPE, mass, OFFSET]).prior
-    assert prior.names == ("mass", "offset")
-    assert np.allclose(prior.mean, [np.log(2.0), 0.0])
-    assert np.allclose(prior.covariance, np.diag([0.01, 0.25]))
-
-
 def test_a_condition_is_what_samples_of_the_joint_distribution_show() -> None:
     x = np.random.default_rng(1).multivariate_normal(MEAN, COVARIANCE, 200_000)
     # of jointly normal values the condition is the regression on what is known, and what it leaves
@@ -112,12 +79,6 @@ def test_a_condition_on_one_value_keeps_the_others_correlated() -> None:
     assert np.allclose(found.covariance, np.cov(near.T), atol=0.02)
 
 
-def test_two_priors_together_are_independent() -> None:
-    both = PRIOR.of(["slope"]).and_(Prior.independent([OFFSET]))
-    assert both.names == ("slope", "offset")
-    assert np.allclose(both.covariance, [[0.5, 0.0], [0.0, 0.25]])
-
-
 def test_holding_costs_what_the_full_problem_costs_there() -> None:
     full = Problem([Line(1.0), Line(2.0)], [SLOPE, MASS, OFFSET], prior=PRIOR).with_noise(0.3)
     held = {"mass": 3.0, "slope": -0.5}
@@ -130,30 +91,3 @@ def test_holding_costs_what_the_full_problem_costs_there() -> None:
     away = coordinates(points)[:, :2] - MEAN[:2]
     assert np.allclose(gap, 0.3**2 * mahalanobis(away, COVARIANCE[:2, :2]), atol=1e-9)
     assert small.noise == full.noise
-
-
-def test_holding_keeps_what_each_recording_has_for_itself() -> None:
-    full = Problem([Line(1.0), Line(2.0)], [SLOPE, MASS, OFFSET], own=["offset"], held={"k": 1.0})
-    small = full.holding({"mass": 1.5})
-    assert small.names == ("slope", "offset@0", "offset@1")
-    assert small.held == {"k": 1.0, "mass": 1.5}
-    points = points_of(full, 7)
-    points[:, 1] = 1.5
-    assert np.allclose(small.costs(np.delete(points, 1, axis=1)), full.costs(points))
-
-
-def test_points_that_differ_for_another_recording_are_simulated_once_and_answer_the_same() -> None:
-    lines = [Line(1.0), Line(2.0), Line(-1.0)]
-    problem = Problem(lines, [SLOPE, OFFSET], own=["offset"])
-    middle = np.array([0.3, 0.1, -0.2, 0.4])
-    points = middle + 0.01 * np.vstack([np.zeros(4), np.eye(4), -np.eye(4)])[::-1]
-    found = problem.residuals(points)
-    assert [one.asked for one in lines] == [5, 5, 5]  # of nine points
-    slow = [
-        np.concatenate([
-            line.residuals({"slope": p[:1], "offset": p[1 + n : 2 + n]}, 1)[0]
-            for n, line in enumerate(lines)
-        ])
-        for p in points
-    ]  # fmt: skip
-    assert np.allclose(problem.split(found).data, slow, rtol=0.0, atol=1e-14)

@@ -5,39 +5,24 @@ import pytest
 
 from ematwin import BldcActuator, Faults, Noise, Problem, Recording, identify, simulate
 from ematwin.errors import InputError, RecordError
-from ematwin.estimation.free_unknowns import unknowns_of
 from ematwin.estimation.search import find, method_name, methods, named
-from ematwin.models.comparison import Comparison
-from ematwin.models.registry import model_of
 from ematwin.models.unknown import Unknown
+from naive.toy import OneChannel
 
 FAULTY = Faults(friction=0.3, backlash=0.2)
 
 
-class Line(Comparison):
+class Line(OneChannel):
     """y = slope t + offset, measured on a recording that was made up."""
-
-    model_error = 1.0
 
     def __init__(self, slope: float, offset: float) -> None:
         self.t = np.linspace(0.0, 1.0, 50)
-        self.recording = Recording(self.t, {"current": slope * self.t + offset})
-        self.actuator = None
-        self.scale = float((self.recording.current**2).sum())
+        super().__init__(slope * self.t + offset, noise=1.0)
 
-    def responses(self, candidates, count):  # type: ignore[no-untyped-def]
+    def responses(self, candidates, count):
         slope = np.broadcast_to(candidates["slope"], count)
         offset = np.broadcast_to(candidates["offset"], count)
-        return {"current": slope[:, None] * self.t + offset[:, None]}
-
-    def measured(self):  # type: ignore[no-untyped-def]
-        return {"current": self.recording.current}
-
-    def captions(self):  # type: ignore[no-untyped-def]
-        return {"current": ("line", "A")}
-
-    def residuals(self, candidates, count):  # type: ignore[no-untyped-def]
-        return self.responses(candidates, count)["current"] - self.recording.current
+        return {"y": slope[:, None] * self.t + offset[:, None]}
 
 
 SLOPE = Unknown("slope", "A/s", "", 0.0, -5.0, 5.0)
@@ -73,7 +58,7 @@ class Stopping(Line):
 
     stopped = 0
 
-    def costs_within(self, candidates, count, limits):  # type: ignore[no-untyped-def]
+    def costs_within(self, candidates, count, limits):
         costs = self.costs(candidates, count)
         self.stopped += (costs > limits).sum()
         return np.where(costs > limits, np.inf, costs)
@@ -92,19 +77,6 @@ def test_stopping_candidates_early_changes_nothing_of_a_search(algorithm: str) -
     np.testing.assert_array_equal(plain.history, stopping.history)
     stopped = [line.stopped for line in lines if isinstance(line, Stopping)]
     assert (min(stopped) > 0) == (algorithm != "ga")
-
-
-def test_a_sum_of_costs_at_its_limit_is_given() -> None:
-    problem = Problem([Stopping(2.0, -1.0), Stopping(2.5, 0.5), Line(2.0, 0.0)], [SLOPE, OFFSET])
-    points = np.random.default_rng(1).uniform(problem.lower, problem.upper, (500, 2))
-    costs = problem.costs(points)
-    np.testing.assert_array_equal(problem.costs(points, costs), costs)
-    half = problem.costs(points, 0.5 * costs)
-    stopped = np.isinf(half)
-    assert stopped.any()
-    np.testing.assert_array_equal(half[~stopped], costs[~stopped])
-    assert np.isinf(problem.costs(points, np.full(500, -np.inf))).all()
-    np.testing.assert_array_equal(problem.costs(points, np.full(500, np.inf)), costs)
 
 
 def test_costs_are_the_sums_of_squared_residuals_priors_included() -> None:
@@ -135,13 +107,6 @@ def test_a_parameter_is_searched_beside_the_faults() -> None:
     low, high = found.intervals["motor.emf_constant"]
     assert high - low == pytest.approx(0.14 * actuator.motor.emf_constant, rel=0.15)
     assert found.faults.friction == pytest.approx(0.2, abs=0.02)
-
-
-def test_nuisances_stay_free_whatever_is_searched() -> None:
-    model = model_of("ball-screw")
-    free, held = unknowns_of(model, model.parameters.load(), ["friction"], None)
-    assert {one.name for one in free} == {"friction", "load", "initial_error"}
-    assert {"backlash", "gain"} <= set(held)
 
 
 def test_impossible_choices_are_refused(record: Recording) -> None:
@@ -189,7 +154,7 @@ def test_least_squares_of_scipy_give_the_best_so_far_when_interrupted() -> None:
 
 def test_a_twin_that_diverges_everywhere_is_told() -> None:
     class Diverging(Line):
-        def residuals(self, candidates, count):  # type: ignore[no-untyped-def]
+        def residuals(self, candidates, count):
             return np.full((count, 50), np.nan)
 
     with pytest.raises(RecordError, match="diverged for each"):

@@ -46,16 +46,6 @@ def vectors(count, **given):
 GIVEN, STROKE = (one.model.load_scenario(None) for one in (experiment(), screw()))
 
 
-def test_drawn_faults_begin_and_lie_to_either_side():
-    drawn = vectors(64, friction=0.3)
-    short = [one["short_a"] for one in drawn]
-    gain = np.array([one["gain"] for one in drawn])
-    assert 0.02 <= min(short) < 0.06
-    assert 0.45 < max(short) <= 0.5
-    assert np.sum(gain < 0.48) == np.sum(gain > 0.52) == 32
-    assert all(one["friction"] == 0.3 for one in drawn)
-
-
 def test_expected_errors_are_those_of_a_linear_fit():
     """Written out for one vector: slopes at the truth, and the noise that is left there."""
     setting, (values,) = experiment(), vectors(1)
@@ -153,13 +143,6 @@ def test_one_seed_gives_one_command():
     first, again, other = (quick("rm1605", noise=None, seed=seed) for seed in (1, 1, 2))
     assert first.scenario == again.scenario
     assert first.promised.errors != other.promised.errors
-
-
-def test_one_named_fault_counts_alone():
-    named = quick("rm1605", fault="backlash", noise=None)
-    ratio = named.default.errors["backlash"] / named.promised.errors["backlash"]
-    assert named.gain == pytest.approx(ratio)
-    assert "backlash" in named.sentence
 
 
 def test_an_interrupted_search_keeps_its_best():

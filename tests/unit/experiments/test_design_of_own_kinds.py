@@ -7,8 +7,7 @@ import pytest
 
 import ematwin
 from ematwin.errors import RecordError
-from ematwin.experiments import candidates
-from ematwin.experiments.command_errors import fault_vectors, identified_errors, shown_by
+from ematwin.experiments.command_errors import identified_errors
 from ematwin.experiments.experiment import Experiment
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet, Section, quantity
@@ -90,19 +89,6 @@ def test_vectors_at_which_nothing_moves_are_left_out_and_said(sled):
     assert list(found.limits) == ["force"]
 
 
-def test_a_vector_counts_where_the_command_moves_the_sled(sled):
-    setting = Experiment.of(sled, threads=1)
-    given = setting.model.load_scenario(None)
-    drawn = fault_vectors(setting, 32, np.random.default_rng(1), {}, even=True)
-    kept = shown_by(setting, given, drawn, None)
-    held = [one for one in drawn if one["friction"] >= FORCE]
-    assert held
-    assert not any(one in kept for one in held)
-    moving = [one for one in drawn if one["friction"] < 0.8 * FORCE]
-    assert all(one in kept for one in moving)
-    assert shown_by(setting, given, held, None) == held  # the command shows nothing at all
-
-
 def test_trials_leave_out_a_sled_that_friction_holds(sled):
     setting = Experiment.of(sled, threads=1)
     errors = identified_errors(setting, [setting.model.load_scenario(None)], 8, seed=3)
@@ -110,14 +96,6 @@ def test_trials_leave_out_a_sled_that_friction_holds(sled):
     answered = np.isfinite(errors).all(axis=(1, 2))
     assert 0 < answered.sum() < 8
     assert np.abs(errors[answered][..., 0]).max() < 0.1
-
-
-def test_without_a_budget_a_slow_kind_ends_in_time_and_says_so(sled, monkeypatch):
-    monkeypatch.setattr(candidates, "SECONDS", 0.0)
-    found = ematwin.design(sled, trials=0, threads=1)
-    assert found.stopped == "time"
-    assert found.evaluations < 5  # as soon as one can be used
-    assert ematwin.design(sled, budget=5, trials=0, threads=1).evaluations == 5
 
 
 def test_a_recording_in_which_nothing_moves_is_refused_in_a_sentence(sled):

@@ -1,12 +1,9 @@
 """FMUs of others as actuators: answers, reuse, failures that cost one sentence, bad files."""
 
-import re
 import runpy
 import shutil
 import sys
-import tomllib
 import zipfile
-from pathlib import Path
 
 import fmpy
 import numpy as np
@@ -18,7 +15,6 @@ from commands import inside
 from ematwin.cli import main
 from ematwin.errors import EmatwinError
 from ematwin.models.fmu.archive import _read
-from ematwin.models.fmu.declared import declared_in
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.numerics.side_by_side import cores
 from reference_fmus import EXAMPLE, FILE, van_der_pol
@@ -294,13 +290,6 @@ def test_a_recording_in_a_file_needs_no_column_for_time(file, tmp_path):
     np.savetxt(path, rows, delimiter=",", header="time,x0,x1", comments="")
     found = ematwin.read(path, actuator=file)
     np.testing.assert_allclose(found.channels["command"], record.time, atol=1e-9)
-
-
-def test_the_file_of_the_page_is_one_that_is_read():
-    page = Path(__file__).parents[3] / "docs" / "fmu-import.md"
-    (text,) = re.findall(r"^```toml\n(.*?)^```", page.read_text("utf-8"), re.DOTALL | re.MULTILINE)
-    declared = declared_in(tomllib.loads(text), "drive.toml")
-    assert {*declared.faults} == {"backlash", "winding"}
 
 
 def test_a_reference_fmu_is_recovered_within_its_intervals(file):

@@ -5,13 +5,10 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from ematwin import BldcActuator, Faults, Noise, Recording, simulate
-from ematwin.models.bldc.batch import monitor_trace
 from ematwin.models.bldc.comparison import BldcComparison
-from ematwin.models.bldc.constants import kernel_constants
-from ematwin.models.bldc.unknowns import FAULTS, LOAD, POWER, SENSOR, aliases, nuisances
+from ematwin.models.bldc.unknowns import FAULTS, aliases, nuisances
 from ematwin.models.registry import model_of
 from ematwin.models.scenario import Scenario
-from ematwin.numerics.lanes import LANES
 from ematwin.numerics.signals import LowPass
 
 ACTUATOR = BldcActuator.load()
@@ -77,31 +74,6 @@ def test_a_recording_without_a_load_takes_the_offset_for_one(record) -> None:
     assert np.allclose(response(blind, load_offset=2.0), expected, rtol=0.0, atol=1e-9)
 
 
-def test_whole_traces_take_the_corrected_load_as_well() -> None:
-    t = 1e-4 * np.arange(1001)
-    command, load = 10.0 * np.sin(60.0 * t), 0.1 * np.cos(90.0 * t)
-
-    def trace(load, constants):
-        return monitor_trace(
-            Faults().vector,
-            command,
-            load,
-            np.zeros(7),
-            constants,
-            1e-5,
-            10,
-            5,
-            None,
-        )
-
-    changed = kernel_constants(ACTUATOR, load_gain=1.3, load_offset=0.7)
-    found = trace(load, changed)
-    by_hand = 1.3 * load + 0.7 / ACTUATOR.transmission.ratio
-    neutral = kernel_constants(ACTUATOR)
-    expected = trace(by_hand, neutral)
-    assert np.allclose(found, expected, rtol=1e-9, atol=1e-12)
-
-
 # Clocks
 
 
@@ -155,51 +127,7 @@ def test_gain_and_offset_of_the_current_are_put_on_the_answer(record) -> None:
     assert np.allclose(found, 0.97 * response(record) + 0.05, rtol=0.0, atol=1e-12)
 
 
-BEGUN = 40  # samples of 50 us until a low-pass of 500 Hz has forgotten what it began at
-
-
-def test_an_offset_is_explained_from_the_beginning_on(record) -> None:
-    """The low-pass begins at the recorded value, which holds the offset already."""
-    current = BldcComparison(record, ACTUATOR, threads=1).current
-    for offset in (0.0, 0.2):
-        channels = {x: y for x, y in record.channels.items() if not x.startswith("current")}
-        sensed = Recording(record.time, channels | {"current": current + offset})
-        subject = BldcComparison(sensed, ACTUATOR, threads=1).with_missed({})
-        left = subject.residuals(batch([{"current_offset": offset}]), 1)[0]
-        assert (left[:BEGUN] == 0.0).all()
-        if not offset:
-            expected = left
-    assert left @ left < 1.02 * (expected @ expected)
-
-
-@pytest.mark.parametrize("name", [*LOAD, *(name for name in SENSOR if name not in POWER)])
-def test_costs_and_residuals_show_every_nuisance(record, name) -> None:
-    spread = next(one.spread for one in nuisances(ACTUATOR) if one.name == name)
-    subject = BldcComparison(record, ACTUATOR, threads=1)
-    candidates = batch([{name: NEUTRAL[name]}, {name: NEUTRAL[name] + 3.0 * spread}])
-    squares = (subject.residuals(candidates, 2) ** 2).sum(axis=1)
-    assert np.allclose(subject.costs(candidates, 2), squares, rtol=1e-9)
-    gap = subject.responses(candidates, 2)["current"] - subject.target
-    # a clock that is off shifts the answer in one, and the recording with its weights in the other
-    rtol = 0.01 if name == "skew" else 1e-9
-    assert np.allclose(squares, (subject.weights * gap**2).sum(axis=1), rtol=rtol)
-    assert squares[1] > 1.005 * squares[0]
-
-
 # Lanes
-
-
-def test_each_lane_has_nuisances_of_its_own(record) -> None:
-    rng = np.random.default_rng(6)
-    spreads = {one.name: one.spread for one in nuisances(ACTUATOR)}
-    rows = [
-        {name: NEUTRAL[name] + 2.0 * spreads[name] * rng.standard_normal() for name in spreads}
-        for _ in range(LANES + 5)
-    ]
-    subject = BldcComparison(record, ACTUATOR, threads=1)
-    together = subject.responses(batch(rows), len(rows))["current"]
-    for n in (0, 7, LANES - 1, LANES, LANES + 4):
-        assert np.allclose(together[n], response(record, **rows[n]), rtol=0.0, atol=1e-12)
 
 
 # What cannot be told apart
@@ -281,14 +209,6 @@ def test_a_motion_of_20_urad_tells_no_faults() -> None:
     assert found
     assert "less than the" in found[0]
     assert "electrical turn" in found[0]
-
-
-def test_the_motion_is_that_of_the_motor_or_the_output_or_the_command() -> None:
-    small = chirp(20e-6)
-    blind = small.changed(motor_position=None, motor_speed=None)
-    nothing = blind.changed(output_position=None, output_speed=None)
-    for record in (small, blind, nothing):
-        assert any("electrical turn" in said for said in MODEL.excitation(record, ACTUATOR))
 
 
 def test_a_motion_must_cross_the_healthy_gap() -> None:

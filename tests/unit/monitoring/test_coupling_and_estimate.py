@@ -81,29 +81,6 @@ def test_a_position_does_for_a_position_error():
     assert MODEL.check(other, rig()) == []
 
 
-def test_the_mean_of_recordings_is_compared_as_one():
-    motions = [motion(n, load=100.0) for n in range(4)]
-    comparisons = [MODEL.compare(one, rig()) for one in motions]
-    mean = comparisons[0].averaged(comparisons[1:])
-    for name, trace in mean.measured().items():
-        np.testing.assert_allclose(trace, np.mean([c.measured()[name] for c in comparisons], 0))
-    residuals = [c.residuals({"load": np.array([100.0])}, 1)[0] for c in comparisons]
-    found = mean.residuals({"load": np.array([100.0])}, 1)[0]
-    np.testing.assert_allclose(found, np.mean(residuals, 0), atol=1e-9)
-    assert mean.recording.position_error[0] == np.mean([m.position_error[0] for m in motions])
-
-
-def test_what_the_twin_misses_is_taken_off_the_recording():
-    comparison = MODEL.compare(motion(1), rig())
-    missed = {"current": np.full(SET_POINT.size, 0.1)}
-    off = comparison.with_missed(missed).residuals({}, 1) - comparison.residuals({}, 1)
-    size = SET_POINT.size
-    np.testing.assert_allclose(off[0, :size], 0.1 / MODEL.noise(rig(), None)["current"])
-    np.testing.assert_array_equal(off[0, size:], 0.0)
-    # the recording itself is as it was
-    assert comparison.with_missed(missed).measured().keys() == comparison.measured().keys()
-
-
 # Values
 
 
@@ -146,31 +123,9 @@ def test_the_values_of_a_motion_are_recovered_under_noise(changed):
             assert 0.0 < estimate.standard_errors[name] < 3.0 * most, name
 
 
-def test_an_actuator_that_starts_off_its_place_is_no_fault():
-    one = motion()
-    error = one.position_error.copy()
-    error[0] += 5e-4
-    for name in ("friction", "backlash", "gain"):
-        found = values(one, one.changed(position_error=error), name=name)
-        np.testing.assert_allclose(found[1], found[0], rtol=0.05, atol=5e-5)
-
-
 def test_what_the_twin_explains_leaves_noise_only():
     _, fit = fitted(motion(friction=1.3, load=200.0, backlash=5e-4))
     np.testing.assert_allclose(fit.residuals.std(axis=(0, 2)), NOISE, rtol=0.15)
-
-
-def test_an_estimate_knows_its_motion():
-    one = motion(labels={"run": "7"})
-    bench, fit = fitted(one)
-    (estimate,) = bench.measured(fit).estimates
-    assert estimate.names == ("friction", "backlash", "gain", "load", "initial_error")
-    assert (estimate.kind, estimate.actuator) == ("ball-screw", rig().name)
-    assert (estimate.labels, estimate.source) == ({"run": "7"}, "simulated")
-    assert estimate.statistics == {"sensor_coupling": share_of(one)}
-
-
-# Simulated motions
 
 
 @pytest.mark.parametrize(
@@ -187,6 +142,9 @@ def test_an_estimate_knows_its_motion():
 def test_an_impossible_motion_is_not_simulated(changed, said):
     with pytest.raises(InputError, match=said):
         simulate_motion(rig(), SET_POINT, INTERVAL, **changed)
+
+
+# Simulated motions
 
 
 # Motions that do not belong together

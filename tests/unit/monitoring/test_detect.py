@@ -224,11 +224,6 @@ def test_motions_of_one_run_are_judged_together_by_label(calibration):
     assert len({v.name for v in found.motions}) == 4
 
 
-def test_motions_without_labels_are_named_by_their_files(calibration):
-    motions = [motion(n).changed(source=f"day{n}.csv") for n in (1, 2)]
-    assert [v.name for v in detect(motions, calibration).runs] == ["day1.csv", "day2.csv"]
-
-
 # Notes
 
 

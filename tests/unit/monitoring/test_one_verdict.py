@@ -1,6 +1,5 @@
 """One verdict for `identify` and `detect`, of kinds whose parameters are free beside the faults."""
 
-import math
 import signal
 import threading
 from dataclasses import replace
@@ -18,9 +17,7 @@ from ematwin.monitoring import identify as identifying
 from ematwin.monitoring.calibration_report import CalibrationReport
 from ematwin.monitoring.detection import Detection
 from ematwin.monitoring.diagnosis import Diagnosis
-from ematwin.monitoring.gather import files_of
 from ematwin.monitoring.population_calibration import PopulationCalibration
-from ematwin.report.detection import detection_page
 from made_up_axis import TRUTH, axis, drifted, run
 from made_up_rig import healthy_runs
 from made_up_rig import motion as ball_screw_motion
@@ -120,22 +117,6 @@ def test_an_interrupt_of_the_healthy_population_keeps_what_was_found(calibration
 # Rows and pages
 
 
-@pytest.mark.parametrize("name", ["friction", "gain", "short_a"])
-def test_a_row_shows_values_with_intervals(found, name):
-    row = found.motions[2 + list(FAULTS).index(name)]
-    magnitude = next(m for m in row.magnitudes if m.name == name)
-    assert magnitude.low < magnitude.value < magnitude.high
-    k = row.identification.values[name]
-    assert k == pytest.approx(FAULTS[name][name], abs=0.03)
-    physical = {one.name: one for one in row.identification.physical}[name]
-    assert (magnitude.value, magnitude.unit) == (physical.value, physical.unit)
-    assert not magnitude.healthy[0] <= magnitude.value <= magnitude.healthy[1]
-    assert abs(magnitude.score) > 3.0
-    assert row.standing is None
-    assert row.identification.verdict is row.verdict
-    assert row.said == row.fault == name
-
-
 def test_a_row_is_plain_json_and_a_line_of_a_table(found):
     told = found.motions[2].as_dict()
     assert set(told["magnitudes"]) == {
@@ -153,15 +134,6 @@ def test_a_table_is_printed_with_a_line_for_each_recording(found):
     first, *rest = str(found).splitlines()
     assert first == found.sentence
     assert rest == [f"{row.name}: {row.verdict.sentence}" for row in found.runs]
-
-
-def test_the_page_shows_the_faults_of_the_kind(found):
-    page = detection_page(found)
-    for title in ("Short a", "Eccentricity", "Gain"):
-        assert title in page
-    for title in ("Roughness", "Distance from healthy"):
-        assert title not in page
-    assert len(found.plot("motion").data) > 7
 
 
 # Several recordings
@@ -198,29 +170,6 @@ def test_what_cannot_be_judged_is_refused_before_any_work(report, tmp_path):
         ematwin.calibrate(healthy_runs(3, motions=1), "servo48")
     with pytest.raises(ParameterError, match="holds an actuator but no calibration"):
         ematwin.detect(run(30), ematwin.BldcActuator.shipped()["servo48"])
-
-
-def test_numbers_in_names_of_files_count_as_numbers(tmp_path):
-    for name in ("run10.csv", "run9.csv", "run9b.CSV", "a.txt"):
-        (tmp_path / name).write_text("")
-    assert [one.name for one in files_of(tmp_path)] == [
-        "a.txt",
-        "run9.csv",
-        "run9b.CSV",
-        "run10.csv",
-    ]
-
-
-def test_progress_tells_how_many_are_done(report):
-    seen: list[tuple[int, int]] = []
-    ematwin.identify(
-        [run(30), run(60, friction=0.25)], report, only="friction",
-        progress=lambda done, cost, count: seen.append((done, count)),
-    )  # fmt: skip
-    assert seen == [(1, 2), (2, 2)]
-    shares: list[float] = []
-    ematwin.detect([run(30)], report, progress=shares.append)
-    assert shares == [1.0]
 
 
 def test_an_interruption_leaves_the_rows_that_are_done(report):
@@ -260,11 +209,9 @@ def test_what_the_recordings_do_not_determine_stays_within_the_tolerance_of_the_
         assert "not determined" in report.sources[parameter.place]
 
 
-def test_one_recording_is_enough_and_no_population_is_learnt(report):
-    assert not isinstance(report.calibration, PopulationCalibration)
-    assert report.learnt == ["1", "2", "3", "4", "5"]
-    assert all(0.0 <= x < 0.05 for x in report.baseline.scatter.values())
-    assert math.isfinite(report.baseline.misfit)
+def test_a_recording_unlike_the_other_healthy_ones_is_refused():
+    with pytest.raises(RecordError, match="is unlike the other healthy recordings"):
+        ematwin.calibrate([run(1), run(2), run(3, short_a=0.4)], "servo48")
 
 
 def test_what_is_of_a_population_is_refused():

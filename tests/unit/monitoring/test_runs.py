@@ -14,7 +14,7 @@ import ematwin
 from ematwin.errors import EmatwinError, InputError
 from ematwin.monitoring.calibration import Calibration
 from ematwin.monitoring.detection import Detection
-from ematwin.monitoring.runs import Runs, is_table_of_runs, read_runs
+from ematwin.monitoring.runs import is_table_of_runs, read_runs
 
 
 def known_of(given: Any, first: Path) -> Calibration:
@@ -75,14 +75,6 @@ def test_a_table_names_recordings_actuators_and_times(folder: Path, name: str) -
     assert second.recordings[0].start is None
 
 
-def test_a_recording_is_no_table_of_runs(folder: Path) -> None:
-    record = ematwin.read(folder / "A1" / "day2.parquet")
-    assert not is_table_of_runs(record)
-    assert not is_table_of_runs(record.to_dataframe())
-    assert not is_table_of_runs(folder / "A1" / "day2.parquet")
-    assert not is_table_of_runs(folder / "A1")
-
-
 def test_an_actuator_without_serial_numbers_has_its_name(folder: Path) -> None:
     frame = pd.DataFrame({"path": [folder / "A1", folder / "A2"]})
     (group,) = read_runs(frame, folder / "A1.toml", known_of=known_of).groups
@@ -102,9 +94,7 @@ def test_an_actuator_without_serial_numbers_has_its_name(folder: Path) -> None:
         ("A1/day2.parquet,A1.toml,1,2026-03-01,a,b\n", "6 cells in row 1 and 5 in its header"),
     ],
 )
-def test_a_table_that_cannot_be_used_is_refused_in_one_sentence(
-    folder: Path, rows: str, said: str
-) -> None:
+def test_a_table_that_cannot_be_used_is_refused_in_one_sentence(folder, rows, said):
     (folder / "runs.csv").write_text(HEAD + rows)
     with pytest.raises(EmatwinError, match=re.escape(said)):
         ematwin.identify(folder / "runs.csv")
@@ -175,10 +165,3 @@ def test_the_shell_gives_one_table_of_several_actuators(folder: Path, ematwin: A
         refused = ematwin(*arguments)
         assert (refused.code, refused.out) == (2, "")
         assert said in refused.err
-
-
-def test_runs_that_were_read_are_judged_without_their_files(folder: Path) -> None:
-    runs = read_runs(TABLES["frame"](folder), known_of=known_of)
-    alone = Runs(runs.groups[1:])
-    found = ematwin.identify(alone, exact=True, only="friction", threads=1)
-    assert [one.grade for one in found.runs] == ["healthy", "fault"]

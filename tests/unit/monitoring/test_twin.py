@@ -153,12 +153,6 @@ def test_a_standing_actuator_draws_its_idle_current():
         np.testing.assert_allclose(current, ACTUATOR.drive.idle_current, rtol=1e-12)
 
 
-def test_the_current_at_rest_between_two_motions_is_idle():
-    current, _ = traces(*[ACTUATOR], *out_and_back(ACTUATOR, 0.05, 2.5, 8.0))
-    end_of_rest = round((2.5 + 8.0) / INTERVAL) - 2
-    assert current[end_of_rest] == pytest.approx(ACTUATOR.drive.idle_current, rel=1e-3)
-
-
 def test_steady_current_carries_the_mechanical_power():
     speed = 0.015
     current, _ = traces(set_point=np.arange(400) * INTERVAL * speed, load=-300.0)

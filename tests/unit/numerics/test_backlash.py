@@ -135,16 +135,6 @@ def test_rigid_contact_with_a_light_output_held_by_friction_is_the_play_operator
     assert worst < 0.2 * np.ptp(swept)
 
 
-def test_static_load_deflects_the_contact_by_gap_and_spring():
-    torque, half_gap = 0.06, 0.0025
-    twist = half_gap + torque / C.contact_stiffness
-    for way in (1.0, -1.0):
-        seen = backlash.contact_torque(
-            way * twist, 0.0, 0.0, 0.0, half_gap, C.contact_stiffness, C.contact_damping
-        )
-        assert seen == pytest.approx(way * torque)
-
-
 @given(positions, speeds, positions, speeds, st.floats(0.0, 0.5))
 def test_contact_pushes_and_never_pulls(x_m, w_m, x_o, w_o, half_gap):
     stiff, damp = C.contact_stiffness, C.contact_damping
@@ -186,11 +176,3 @@ def bounce(w_m, half_gap, j_m, j_o, stiffness, damping):
         bent = max(abs(x_m - x_o) - half_gap, 0.0)
         energies[n] = 0.5 * (j_m * w_m**2 + j_o * w_o**2 + stiffness * bent**2)
     return energies
-
-
-@given(positions, speeds, st.floats(0.0, 0.5))
-def test_end_stop_is_inelastic_and_lets_go(x, w, reach):
-    low, high = -reach - 0.01, reach + 0.01
-    seen = backlash.stop_at_ends(x, w, low, high)
-    assert seen == mechanics.end_stop(x, w, low, high)
-    assert low <= seen[0] <= high

@@ -31,26 +31,6 @@ def test_friction_is_that_of_the_naive_version(w, act, dynamic, ratio):
     )
 
 
-@given(st.floats(-0.0599, 0.0599))
-def test_a_mass_at_rest_sticks_up_to_the_static_torque(act):
-    assert friction.advance_speed(0.0, act, INERTIA, 0.06, 0.03, DT) == 0.0
-
-
-@given(st.floats(0.0601, 1.0), st.sampled_from([-1.0, 1.0]))
-def test_beyond_the_static_torque_a_mass_breaks_loose(act, way):
-    w = friction.advance_speed(0.0, way * act, INERTIA, 0.06, 0.03, DT)
-    assert w == pytest.approx(way * (act - 0.06) * DT / INERTIA, rel=1e-9, abs=1e-12)
-    assert w * way > 0.0
-
-
-@given(speeds, st.floats(-0.03, 0.03))
-def test_a_step_that_would_reverse_ends_at_exactly_zero(w, act):
-    after = friction.advance_speed(w, act, INERTIA, 0.06, 0.03, DT)
-    assert after * w >= 0.0
-    if abs(w) * INERTIA < (0.03 - abs(act)) * DT:
-        assert after == 0.0
-
-
 @given(speeds, torques, st.floats(0.0, 0.2))
 def test_friction_never_adds_energy(w, act, dynamic):
     """It opposes motion, and a step never ends faster than it would without friction."""
@@ -86,24 +66,6 @@ def test_load_adds_to_friction_by_whether_it_opposes_or_aids(direction, load):
             direction, load, C.t_o, gear.efficiency_opposing, gear.efficiency_aiding
         )
     )
-
-
-def test_opposing_load_takes_the_torque_that_its_efficiency_says():
-    """Against a load the drive needs T_load/eta_o; an aiding load gives back eta_a T_load."""
-    gear = ACTUATOR.transmission
-    load = 0.1
-    opposing = friction.loaded_friction(1.0, -load, 0.0, C.c_opposing, C.c_aiding)
-    aiding = friction.loaded_friction(1.0, load, 0.0, C.c_opposing, C.c_aiding)
-    assert load + opposing == pytest.approx(load / gear.efficiency_opposing)
-    assert load - aiding == pytest.approx(load * gear.efficiency_aiding)
-
-
-@given(st.floats(0.0, 0.2), st.floats(1.0, 3.0), st.floats(0.0, 0.2))
-def test_ripple_lowers_the_static_torque_but_never_below_the_dynamic(dynamic, ratio, ripple):
-    static = ratio * dynamic
-    lowered = friction.dithered_static(static, dynamic, ripple)
-    assert lowered == max(dynamic, static - ripple)
-    assert dynamic <= lowered <= static
 
 
 # Through rest

@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numba import njit
 
 from ematwin.numerics import scalar
 
 
 def test_sine_and_cosine_err_by_less_than_4e_12_within_a_thousand_turns():
-    @njit
     def largest_error(turns, count):
         worst = 0.0
         for n in range(count):

@@ -26,12 +26,6 @@ def test_work_may_share_its_own_work():
     assert side_by_side(summed, range(100), threads=4) == [1225 * n for n in range(100)]
 
 
-def test_an_error_reaches_the_caller():
-    for threads in (1, 2):
-        with pytest.raises(ZeroDivisionError):
-            side_by_side(lambda n: 1 // n, (1, 0), threads)
-
-
 @pytest.mark.parametrize("threads", [1, 2])
 def test_after_an_error_no_further_item_is_begun(threads):
     begun = []

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter, lfilter_zi
 
-from ematwin.numerics.signals import LowPass, filtered, means, white_noise
+from ematwin.numerics.signals import LowPass, filtered, white_noise
 
 TIME = np.arange(10_000) / 20_000.0
 MOTION = 5.0 * np.sin(2.0 * np.pi * 40.0 * TIME) + 3.0 * TIME
@@ -44,33 +44,13 @@ def test_white_noise_passes_as_far_as_the_impulse_response_says(cutoff):
     assert LowPass(cutoff).noise_gain(20_000.0) == pytest.approx(response @ response, rel=0.02)
 
 
-def test_a_mean_stands_at_the_last_of_its_samples():
-    assert means(np.array([7.0, 1.0, 3.0, 5.0, 9.0]), 2).tolist() == [7.0, 2.0, 7.0]
-
-
-@pytest.mark.parametrize(("size", "stride"), [(11, 3), (10, 3), (1, 3), (4, 1)])
-def test_there_are_as_many_as_samples_that_are_that_far_apart(size, stride):
-    trace = np.arange(float(size))
-    assert means(trace, stride).size == trace[::stride].size
-    if stride == 1:
-        assert (means(trace, stride) == trace).all()
-
-
 @pytest.mark.parametrize("size", [1e-3, 0.1, 2.0])
 def test_noise_is_found_beneath_a_motion(size):
     noise = size * np.random.default_rng(1).standard_normal(TIME.size)
     assert white_noise(MOTION + noise) == pytest.approx(size, rel=0.05)
 
 
-def test_a_smooth_trace_has_none():
-    assert white_noise(MOTION) < 1e-4
-
-
 def test_commutations_are_no_noise():
     noise = 0.1 * np.random.default_rng(2).standard_normal(TIME.size)
     steps = 4.0 * (np.arange(TIME.size) // 200 % 2)
     assert white_noise(MOTION + steps + noise) == pytest.approx(0.1, rel=0.1)
-
-
-def test_a_few_samples_tell_nothing():
-    assert white_noise(np.array([0.0, 1.0, 0.0, 1.0])) == 0.0

@@ -1,10 +1,6 @@
 """The search loop: budgets, reasons to stop, interrupts, checkpoints, bad input."""
 
 import os
-import signal
-import subprocess
-import sys
-import textwrap
 from functools import partial
 
 import numpy as np
@@ -55,18 +51,6 @@ def test_limits_are_given_again_after_a_checkpoint(tmp_path):
     resumed = minimize(stopping, LOWER, UPPER, "de", checkpoint=path)
     assert same(resumed, minimize(sphere, LOWER, UPPER, "de"))
     assert stopping.stopped > 0
-
-
-def test_the_default_budget_is_population_times_iterations():
-    result = minimize(sphere, LOWER, UPPER, population=7, iterations=11)
-    assert result.evaluations == 77
-    assert (result.algorithm, result.seed) == ("gwo", 1)
-
-
-def test_a_schedule_is_spread_over_the_budget():
-    by_budget = minimize(sphere, LOWER, UPPER, "gwo", population=10, budget=300)
-    by_iterations = minimize(sphere, LOWER, UPPER, "gwo", population=10, iterations=30)
-    assert same(by_budget, by_iterations)
 
 
 def test_history_falls_and_ends_at_the_best():
@@ -214,31 +198,6 @@ def test_an_interrupt_before_any_cost_is_an_interrupt():
         minimize(interrupted, LOWER, UPPER)
 
 
-def test_control_c_keeps_the_best_found_so_far():
-    program = textwrap.dedent(
-        """
-        import time
-        from ematwin.optimizers import minimize
-
-        def slow(points):
-            print("batch", flush=True)
-            time.sleep(0.05)
-            return (points ** 2).sum(axis=1)
-
-        result = minimize(slow, [-1.0] * 3, [1.0] * 3)
-        print(result.stopped, result.evaluations > 0, result.message)
-        """
-    )
-    process = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True)
-    for _ in range(4):
-        process.stdout.readline()
-    process.send_signal(signal.SIGINT)
-    out, _ = process.communicate(timeout=60)
-    assert process.returncode == 0
-    assert "interrupted True" in out
-    assert "best found so far" in out
-
-
 def test_an_error_of_the_objective_reaches_the_caller_and_ends_threads():
     import threading
 
@@ -259,37 +218,6 @@ def of_one_point(x):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("name", "population"), [("gwo", 4), ("gwo", 8), ("pymoo-ga", 8), ("scipy-de", 8)]
-)
-def test_an_objective_of_one_point_finds_what_a_batch_finds(name, population):
-    settings = {"algorithm": name, "population": population, "budget": 150}
-    one = minimize(of_one_point, LOWER, UPPER, **settings, vectorized=False)
-    batch = minimize(sphere, LOWER, UPPER, **settings)
-    assert one.evaluations == batch.evaluations == 150
-    np.testing.assert_allclose(one.x, batch.x, rtol=1e-9)
-    np.testing.assert_allclose(one.history.cost, batch.history.cost, rtol=1e-9)
-
-
-def test_an_objective_of_one_point_receives_each_point_once_and_may_write_into_it():
-    seen, batches = [], []
-
-    def spoils(x):
-        seen.append(x.copy())
-        cost = of_one_point(x)
-        x[:] = 7.0
-        return np.array([cost])  # an array of one number is a number
-
-    def counts(points):
-        batches.append(points.copy())
-        return sphere(points)
-
-    settings = {"population": 6, "budget": 40, "vectorized": False}
-    assert minimize(spoils, LOWER, UPPER, **settings).evaluations == 40
-    minimize(counts, LOWER, UPPER, **settings | {"vectorized": True})
-    np.testing.assert_allclose(np.array(seen), np.concatenate(batches), rtol=1e-9)
-
-
 @pytest.mark.parametrize("population", [4, 50])
 @pytest.mark.parametrize(
     "mistaken",
@@ -305,23 +233,6 @@ def test_an_objective_of_one_point_receives_each_point_once_and_may_write_into_i
 def test_an_objective_of_one_point_that_is_given_a_batch_is_recognised(mistaken, population):
     with pytest.raises(InputError, match="vectorized=False"):
         minimize(mistaken, LOWER, UPPER, population=population, vectorized=True)
-
-
-@pytest.mark.parametrize("d", [1, 4])
-def test_telling_the_mistake_costs_no_evaluation_and_changes_no_order(d):
-    batches = []
-
-    def counting(points):
-        batches.append(points.copy())
-        return (points**2).sum(axis=1)
-
-    lower, upper = [-1.0] * d, [1.0] * d
-    result = minimize(counting, lower, upper, population=d, iterations=3)
-    assert result.evaluations == sum(map(len, batches)) == 3 * d
-    assert result.history.evaluations.tolist() == [d, 2 * d, 3 * d]
-    first = GreyWolf(Box(lower, upper), population=d, iterations=3, seed=1).ask()
-    np.testing.assert_array_equal(np.concatenate(batches)[:d], first)
-    assert [len(batch) for batch in batches][-2:] == [d, d]  # only the first is evaluated apart
 
 
 def test_an_error_at_the_first_points_names_the_mistake_and_stays_what_it_is():

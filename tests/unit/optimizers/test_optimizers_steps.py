@@ -11,7 +11,6 @@ from ematwin.optimizers import (
     Box,
     DifferentialEvolution,
     Dragonfly,
-    GeneticAlgorithm,
     GreyWolf,
     ParticleSwarm,
     Whale,
@@ -187,17 +186,6 @@ def test_donors_are_different_and_not_the_parent(picks):
     assert len(seen) == math.perm(6, picks + 1)  # every choice is possible
 
 
-def test_a_trial_replaces_its_parent_only_if_it_is_no_worse():
-    evolution = DifferentialEvolution(WIDE, population=5, iterations=10)
-    parents = evolution.ask()
-    evolution.tell(parents, np.array([3.0, 3.0, 3.0, np.nan, np.nan]))
-    trials = evolution.ask()
-    evolution.tell(trials, np.array([4.0, 3.0, 2.0, np.nan, 1.0]))
-    assert evolution.costs.tolist() == [3.0, 3.0, 2.0, np.inf, 1.0]
-    kept = [(row == parent).all() for row, parent in zip(evolution.parents, parents, strict=True)]
-    assert kept == [True, False, False, True, False]
-
-
 def test_mutants_outside_the_box_bounce_back():
     box = Box([0.0, 0.0], [1.0, 1.0])
     mutants, bases = np.array([[-0.4, 0.5], [0.3, 1.6]]), np.array([[0.2, 0.2], [0.3, 0.4]])
@@ -242,17 +230,6 @@ def test_polynomial_mutation_stays_in_the_box_and_moves_one_variable_on_average(
     moved = Polynomial().mutate(rng, box, points)
     assert box.contains(moved)
     assert (moved != points).sum(axis=1).mean() == pytest.approx(1.0, abs=0.05)
-
-
-def test_the_best_of_parents_and_children_survive():
-    genes = GeneticAlgorithm(WIDE, population=4, iterations=10)
-    parents = genes.ask()
-    genes.tell(parents, np.array([1.0, 9.0, 2.0, np.nan]))
-    children = genes.ask()
-    genes.tell(children, np.array([np.nan, 3.0, 0.5, 8.0]))
-    assert genes.costs.tolist() == [0.5, 1.0, 2.0, 3.0]
-    assert np.array_equal(genes.parents[0], children[2])
-    assert np.array_equal(genes.parents[1], parents[0])
 
 
 @pytest.mark.parametrize(

@@ -147,20 +147,6 @@ def test_motor_and_output_keep_their_momentum_where_counts_are_coarse():
     assert share < 1.15 * balance.least(actuator)
 
 
-def test_counts_of_either_encoder_do_not_move_inertia_from_motor_to_output():
-    structure, actuator = as_built(2_000)
-    balance = TorqueBalance(along_motion.Motion(recorded(structure, actuator), actuator))
-    shift = 0.2 * actuator.transmission.output_inertia
-    heavier = actuator.motor.inertia + shift
-    here = balance.left(actuator)
-    motor = balance.left(actuator.changed({"motor.inertia": heavier})) - here
-    lighter = {"transmission.output_inertia": actuator.transmission.output_inertia - shift}
-    both = balance.left(actuator.changed({"motor.inertia": heavier, **lighter}))
-    np.testing.assert_allclose(both, here, atol=1e-9 * np.abs(here).max())
-    share = -(motor @ here) / (motor @ motor) * shift
-    assert abs(share) < 0.02 * (actuator.motor.inertia + actuator.transmission.output_inertia)
-
-
 @pytest.mark.parametrize(
     ("lines", "faults", "most"), [(0, {}, 0.015), (0, FAULTS, 0.003), (10_000, FAULTS, 0.01)]
 )
@@ -222,27 +208,6 @@ def test_a_gear_that_gives_more_than_its_file_says_does_not_seem_to_cross_its_ga
     output = Crossing(balance, apart, actuator, of_motor=False)
     assert apart.sum() > 100
     assert np.linalg.norm(output.left(actuator)) / output.size < 2.0 * output.least(actuator)
-
-
-def test_without_damping_the_twist_of_a_gear_follows_its_torque_at_once():
-    structure, actuator = as_built()
-    record = recorded(structure, actuator)
-    left = [
-        Contact(TorqueBalance(along_motion.Motion(record, gear)), gear).left(gear)
-        for gear in (
-            actuator.changed({"compliance.stiffness": 1000.0, "compliance.damping": damping})
-            for damping in (0.0, 1e-6)
-        )
-    ]
-    np.testing.assert_allclose(left[0], left[1], atol=1e-9)
-
-
-def test_where_one_face_alone_is_pushed_nothing_crosses_the_gap():
-    structure, actuator = as_built()
-    balance = TorqueBalance(along_motion.Motion(recorded(structure, actuator, 0.03), actuator))
-    apart = Contact(balance, actuator).apart()
-    assert not apart.any()
-    assert Crossing(balance, apart, actuator, of_motor=True).size == 0.0
 
 
 @pytest.mark.parametrize("name", [*FAULTS, "load_gain", "current_gain", "skew"])

@@ -60,57 +60,6 @@ def test_scores_are_trace_then_filter_then_misfit(rectify):
         assert costs[n] == pytest.approx(expected, rel=1e-7)
 
 
-def test_power_is_that_of_the_trace_filtered_like_the_current():
-    k = random_faults(LANES)
-    watts = np.empty((1, LANES, SAMPLES))
-    start = LowPass(500.0).taps(RATE, 3.0)[None, 5:]  # W, as if it had been so much before
-    costs, response, _ = scoring(k, power=(start, watts))
-    plain_costs, plain_response, _ = scoring(k)
-    np.testing.assert_array_equal(costs, plain_costs)
-    np.testing.assert_array_equal(response, plain_response)
-    command, load = history(SAMPLES - 1, 1.0 / RATE)
-    for n in range(LANES):
-        trace = batch.monitor_trace(
-            k[n], command, load, np.zeros(7), C, 1.0 / (RATE * SUBSTEPS), SUBSTEPS, 1, None,
-        )  # fmt: skip
-        filtered = naive_signals.low_pass([3.0, *trace[:, 5]], 500.0, RATE)
-        np.testing.assert_allclose(watts[0, n, 1:], filtered[1:], rtol=1e-9, atol=1e-6)
-
-
-@pytest.mark.parametrize("vary", [False, True])
-def test_stretches_are_scored_as_each_alone(vary):
-    """Each from its own state, and a late load does not look beyond its ends."""
-    k, starts, size, kept = random_faults(LANES), np.array([0, 37, 120]), 61, 16
-    command, load = history(SAMPLES - 1, 1.0 / RATE)
-    target = 2.0 + np.sin(2.0 * math.pi * 80.0 * np.arange(SAMPLES) / RATE)
-    weights = SlopeWeighting(500.0).weights(target, 1.0 / RATE)
-    states = np.outer(np.arange(3), [0.5, 10.0, 0.001, 10.0, 0.001, 0.1, 0.4])
-    taps = np.stack([LowPass(500.0).taps(RATE, value) for value in (2.0, 2.5, 3.0)])
-    own = None
-    if vary:
-        own = varied(len(k))
-        own[:, C._fields.index("load_delay")] = np.linspace(-1e-3, 1e-3, len(k))
-
-    def scored(signals, first, some):
-        count = len(first)
-        found = np.empty((count, len(k))), np.empty((count, len(k), kept))
-        watts = np.empty((count, len(k), kept))
-        batch.monitor_scores(
-            k, *signals[:2], first, size, states[some], C, own, 1.0 / (RATE * SUBSTEPS), SUBSTEPS,
-            taps[some], True, *signals[2:], *found, (2.0 * taps[some, 5:], watts),
-            np.full(len(k), np.inf), None,
-        )  # fmt: skip
-        return *found, watts
-
-    whole = command, load, target, weights
-    together = scored(whole, starts, slice(None))
-    for n, start in enumerate(starts):
-        part = [one[start : start + size].copy() for one in whole]
-        alone = scored(part, np.zeros(1, dtype=np.int64), slice(n, n + 1))
-        for ours, theirs in zip(together, alone, strict=True):
-            np.testing.assert_array_equal(ours[n], theirs[0])
-
-
 def test_a_diverged_candidate_costs_infinity_and_spoils_no_other():
     k = random_faults(2 * LANES)
     clean = scoring(k)[0]
@@ -150,24 +99,3 @@ def varied(count, seed=3):
     scale = np.random.default_rng(seed).uniform(0.9, 1.1, (count, len(C)))
     scale[:, C._fields.index("pole_pairs")] = 1.0
     return scale * np.array(C)
-
-
-@pytest.mark.parametrize("rectify", [True, False])
-def test_the_same_constants_for_each_candidate_are_the_shared_ones(rectify):
-    k = random_faults(2 * LANES)
-    shared, responses, _ = scoring(k, rectify)
-    each, own_responses, _ = scoring(k, rectify, by_candidate=np.tile(np.array(C), (len(k), 1)))
-    np.testing.assert_allclose(each, shared, rtol=1e-12)
-    np.testing.assert_allclose(own_responses, responses, rtol=0.0, atol=1e-12)
-
-
-def test_each_candidate_has_constants_of_its_own():
-    """A candidate of a mixed batch costs what it does where all share its constants."""
-    k = random_faults(2 * LANES)
-    constants = varied(len(k))
-    mixed, responses, _ = scoring(k, by_candidate=constants)
-    assert not np.isclose(mixed, scoring(k)[0], rtol=1e-6).any()
-    for n in (0, 1, LANES - 1, LANES, len(k) - 1):
-        alone, response, _ = scoring(k, c=type(C)(*constants[n].tolist()))
-        assert mixed[n] == pytest.approx(alone[n], rel=1e-12)
-        np.testing.assert_allclose(responses[n], response[n], rtol=0.0, atol=1e-12)

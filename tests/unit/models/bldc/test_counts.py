@@ -56,16 +56,6 @@ def test_a_smoothing_spline_is_that_of_scipy():
         np.testing.assert_allclose(ours(TIME, order), theirs(TIME, order), atol=1e-8 * scale)
 
 
-def test_a_spline_without_a_cutoff_is_the_natural_one():
-    from scipy.interpolate import CubicSpline
-
-    theirs, ours = CubicSpline(TIME, ANGLE, bc_type="natural"), SmoothingSpline(TIME, ANGLE)
-    between = TIME - 0.3 * (TIME[1] - TIME[0])
-    for order in (0, 1, 2):
-        scale = np.abs(theirs(between, order)).max()
-        np.testing.assert_allclose(ours(between, order), theirs(between, order), atol=1e-9 * scale)
-
-
 def test_speed_between_counts_errs_far_less_than_differences_of_counts():
     size = 2.0 * np.pi / 2_000
     counted = size * np.floor(ANGLE / size) + 0.5 * size

@@ -66,11 +66,6 @@ def test_loud_noise_is_not_taken_for_gains(share, scenario, two):
         assert phase_sensors(record) is None
 
 
-def test_what_is_corrected_needs_no_correction():
-    once = balanced(shown(recorded("default", {}), GAINS, OFFSETS))
-    assert phase_sensors(once) is None
-
-
 @pytest.mark.parametrize("made", range(3))
 def test_a_current_made_of_two_sensors_is_made_of_them_once_they_are_corrected(made):
     """It shows the gain of the one while the phase of the other is open."""

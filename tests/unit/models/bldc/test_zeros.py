@@ -130,15 +130,6 @@ def test_beside_a_twin_the_phases_tell_where_the_rotor_stands(degrees, faults):
     assert BldcComparison(placed.recording, ACTUATOR).placed(faults) is None
 
 
-def test_a_recorded_angle_and_a_current_of_no_phases_need_no_place():
-    record = recorded({})
-    assert not BldcComparison(record, ACTUATOR).unplaced
-    current = ematwin.simulate("monitor", None, {}, seed=5)
-    alone = {name: current.channels[name] for name in ("command", "load", "current")}
-    units = {name: current.units[name] for name in alone}
-    assert not BldcComparison(Recording(current.time, alone, units=units), ACTUATOR).unplaced
-
-
 def test_shorted_turns_are_put_to_their_phase_wherever_the_rotor_stands():
     found = ematwin.identify(recorded_at(120.0, {"short_b": 0.3, "friction": 0.3}), exact=True)
     assert set(found.verdict.faults) == {"friction", "short_b"}
@@ -152,9 +143,3 @@ def test_phases_in_another_order_get_no_verdict():
     found = ematwin.identify(swapped, exact=True)
     assert found.verdict.grade == "none"
     assert "No angle of the rotor explains which phases conduct" in found.verdict.reason
-
-
-def test_the_budget_of_a_method_is_its_own_after_placing():
-    record = recorded_at(75.0, {"short_b": 0.3})
-    found = ematwin.identify(record, None, "pso", population=20, iterations=5, exact=True)
-    assert found.evaluations == 100

@@ -9,7 +9,7 @@ from ematwin.estimation.problem import Problem
 from ematwin.models.linear_axis.comparison import repeats
 from ematwin.models.linear_axis.parameters import LinearAxis, loop_radius, velocity_gain_limit
 from ematwin.models.linear_axis.plausibility import controller_voltage
-from ematwin.models.linear_axis.twin import axis_constants, closed_loop, first_state, open_loop
+from ematwin.models.linear_axis.twin import closed_loop, open_loop
 from ematwin.models.scenario import Scenario, Sine, Step
 from ematwin.recordings.recording import Recording
 from naive import linear_axis as naive
@@ -53,21 +53,6 @@ def test_open_loop_equals_the_naive_one(recording):
         recording.voltage[0], 5e-6, recorded=recording.voltage,
     )[1]  # fmt: skip
     assert np.abs(open_loop(AXIS, recording)[0] - slow).max() < 2e-3 * np.ptp(recording.position)
-
-
-def test_recorded_voltage_drives_the_axis_where_the_controller_did(recording):
-    assert np.abs(open_loop(AXIS, recording)[0] - recording.position).max() < 1e-12
-
-
-def test_the_start_of_a_stretch_is_found_in_its_first_samples(recording):
-    cut = recording.between(0.1, 0.25)
-    position, speed, _ = first_state(cut, AXIS, axis_constants(AXIS), 1)[:, 0]
-    n = int(np.argmin(np.abs(recording.time - 0.1)))
-    true = (recording.position[n + 1] - recording.position[n - 1]) / 2e-3
-    assert position == pytest.approx(recording.position[n], abs=1e-7)
-    assert speed == pytest.approx(true, rel=0.01)
-    voltage, _ = closed_loop(AXIS, cut, {}, 1)
-    assert np.abs(voltage[0] - cut.voltage)[10:].max() < 0.02 * np.abs(cut.voltage).max()
 
 
 def test_pulses_come_on_top_of_the_controller_and_within_the_limit(recording):
@@ -128,9 +113,6 @@ def test_a_slow_controller_is_refused_as_well():
         AXIS.changed({"controller.sample_time": 0.02})
 
 
-# What is counted as independent
-
-
 def test_a_repeated_reference_counts_once():
     one = np.r_[np.linspace(0.0, 1.0, 500), np.linspace(1.0, 0.0, 500)]
     assert repeats(np.tile(one, 4)) == pytest.approx(4.0, rel=0.01)
@@ -139,40 +121,7 @@ def test_a_repeated_reference_counts_once():
     assert repeats(np.zeros(100)) == 1.0
 
 
-def test_independent_residuals_are_those_within_the_bandwidth_of_the_loop(recording):
-    """Two for each frequency up to k_p/2 pi, once for both channels."""
-    bandwidth = AXIS.controller.position_gain / (2.0 * np.pi)
-    count = ematwin.models.registry.model_of(AXIS).compare(recording, AXIS).independent
-    assert count == pytest.approx(2.0 * bandwidth * 0.501, abs=2.0)
-
-
-@pytest.mark.parametrize(("frequency", "left"), [(4.0, 1.0), (80.0, 0.0)])
-def test_residuals_above_the_bandwidth_do_not_count(recording, frequency, left):
-    """Below it the cost is the sum of squares over the samples."""
-    model = ematwin.models.registry.model_of(AXIS)
-    answer = model.respond(AXIS, recording, {}, 1)
-    ripple = 0.1 * np.sin(2.0 * np.pi * frequency * recording.time)
-    position = answer["position"][0]
-    given = recording.changed(voltage=answer["voltage"][0] + ripple, position=position)
-    cost = model.compare(given, AXIS).costs({}, 1)[0]
-    noise = model.noise(AXIS, given)["voltage"]
-    assert cost / np.sum((ripple / noise) ** 2) == pytest.approx(left, abs=0.05)
-
-
-def test_frequencies_with_more_power_than_on_average_count_less(recording):
-    comparison = ematwin.models.registry.model_of(AXIS).compare(recording, AXIS)
-    size = comparison.residuals({}, 1).size
-    parts = np.random.default_rng(1).normal(size=size).reshape(2, 2, -1)
-    parts[0, :, :4] *= 10.0  # the lowest frequencies of the voltage
-    left = parts.ravel()
-    weights = comparison.noise_weights(left).reshape(2, 2, -1)
-    mean = np.mean(parts[0] ** 2)
-    expected = np.sqrt(mean / np.mean(parts[0, :, :4] ** 2))
-    np.testing.assert_allclose(weights[0, :, :4], expected)
-    assert (weights[0, :, 4:] == 1.0).all()
-    assert weights[1].min() > 0.7
-    again = comparison.reweighed(left).residuals({}, 1)
-    np.testing.assert_allclose(again[0], weights.ravel() * comparison.residuals({}, 1)[0])
+# What is counted as independent
 
 
 def test_recordings_of_one_motion_count_once_together(recording):

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from ematwin.errors import EmatwinError, InputError, ParameterError, RecordError
+from ematwin.errors import EmatwinError, ParameterError, RecordError
 from ematwin.models.pmsm.model import MODEL
 from ematwin.models.pmsm.parameters import loop_radius
 from ematwin.models.scenario import Scenario
@@ -83,11 +83,6 @@ def test_impossible_parameters_are_refused_in_one_sentence(values, said):
         ACTUATOR.changed(values)
 
 
-def test_parameters_that_a_drive_does_not_let_differ_cannot_be_searched():
-    with pytest.raises(InputError, match="cannot be searched"):
-        MODEL.unknown(ACTUATOR, "controller.current_time")
-
-
 MISSING = [
     (("current_a", "current_d", "current_q"), "has current_b, current_c but not current_a"),
     (("current_d", "current_q", "motor_position"), "phase currents but no motor_position"),
@@ -140,13 +135,6 @@ def test_doubts_are_said(recording):
         output_position=1e-3 * recording.output_position,
     )
     assert len(MODEL.excitation(still, ACTUATOR)) == 2
-
-
-def test_checks_ask_for_no_channel_of_another_kind(recording, monkeypatch):
-    """Where only this kind is loaded, a recording knows no other names."""
-    monkeypatch.setattr("ematwin.recordings.recording.NAMED", {one.name for one in MODEL.channels})
-    assert MODEL.check(recording, ACTUATOR) == []
-    assert isinstance(MODEL.excitation(recording, ACTUATOR), list)
 
 
 def test_a_recording_that_is_too_slow_or_short_or_still_is_refused(recording):

@@ -1,7 +1,5 @@
 """Forms of a PMSM servo that its file has otherwise, found in healthy recordings."""
 
-import copy
-
 import numpy as np
 import pytest
 
@@ -50,21 +48,6 @@ def test_cogging_harmonics_and_friction_that_gives_are_found_with_their_values()
     # what has a tolerance stays at its centre, also beside a form in its section
     assert motor.resistance == ACTUATOR.motor.resistance
     assert motor.inertia == ACTUATOR.motor.inertia
-
-
-def test_drives_side_by_side_leave_what_each_leaves_alone():
-    recording = simulate("reference", "swing", actuator=BUILT, noise=Noise(white=0.01), seed=1)
-    drives = [ACTUATOR.changed(form) for form in ({}, COGGING, BRISTLES, COGGING | BRISTLES)]
-    compared = MODEL.compare(recording, ACTUATOR)
-    response = equation(compared, ACTUATOR, ())
-    for drive, left in zip(drives, response.each(drives), strict=True):
-        np.testing.assert_allclose(left, response.left(drive, {}), atol=1e-9)
-    # corrected at a drive, it is the reference for that one
-    exact = copy.copy(compared.with_missed({}))
-    exact.actuator = drives[2]
-    size = np.linalg.norm(exact.exact_residuals({}))
-    left = response.near(drives[2]).left(drives[2], {})
-    assert np.linalg.norm(left) == pytest.approx(size, rel=1e-3)
 
 
 def test_a_small_harmonic_is_found_where_there_is_no_other_form():

@@ -10,7 +10,7 @@ from ematwin.estimation.identify import searched_further
 from ematwin.estimation.local import LocalDescent
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import find
-from ematwin.models.pmsm.channels import TERMINALS, to_phases, to_rotor
+from ematwin.models.pmsm.channels import TERMINALS
 from ematwin.models.pmsm.comparison import PmsmComparison
 from ematwin.models.pmsm.constants import Constants, constants_of
 from ematwin.models.pmsm.model import MODEL
@@ -104,12 +104,6 @@ def test_phases_and_rotating_channels_are_the_same_recording(healthy):
     )
     for name, trace in by_phases.measured().items():
         np.testing.assert_allclose(rotating.measured()[name], trace, atol=1e-9)
-
-
-def test_park_transformation_goes_there_and_back():
-    random = np.random.default_rng(0)
-    d, q, angle = random.normal(size=(3, 50))
-    np.testing.assert_allclose(to_rotor(*to_phases(d, q, angle), angle), [d, q], atol=1e-12)
 
 
 def test_each_fourth_sample_will_do():
