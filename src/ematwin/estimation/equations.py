@@ -233,7 +233,7 @@ class Equations:
             if ends:
                 here = self._linearised(here.actuator, places, here.left)
             fresh = ends
-        return here
+        return self._linearised(here.actuator, places, here.left)
 
     def _stepped(self, here: EquationFit) -> EquationFit | None:
         """The fit after a step that lowers its cost, with slopes that agree; None without one."""

@@ -271,7 +271,9 @@ class Crossing:
             _whitening(one.stop - one.start, of_angle, noise, motion.rate) for one in self._spans
         ]
         self._recorded = self._whitened(motion.recorded[side])
-        self.size = float(np.linalg.norm(self._recorded))
+        self._noise = math.sqrt(max(0, self._recorded.size - 2 * len(self._spans)))
+        # a crossing that is straight to the last digit shows no less than noise would
+        self.size = max(float(np.linalg.norm(self._recorded)), self._noise)
 
     def _whitened(self, trace: np.ndarray) -> np.ndarray:
         """What of a trace (S,) is not straight in each crossing (K,), in standard deviations."""
@@ -291,8 +293,7 @@ class Crossing:
 
     def least(self, actuator: Any) -> float:
         """Share of the curved part that noise leaves."""
-        count = self._recorded.size - 2 * len(self._spans)
-        return math.hypot(LEAST, math.sqrt(count) / self.size)
+        return math.hypot(LEAST, self._noise / self.size)
 
     def left(self, actuator: Any, values: Values | None = None) -> np.ndarray:
         """Angle by the twin less the recorded one (K,), in standard deviations."""
