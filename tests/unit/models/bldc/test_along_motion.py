@@ -199,6 +199,15 @@ def test_an_output_that_friction_stops_in_the_gap_does_not_count_as_moving():
     assert left @ left <= np.sum(output.left(heavier, faults) ** 2) + 9.0
 
 
+def test_a_crossing_that_is_straight_to_the_last_digit_shows_no_less_than_noise():
+    record = recorded(another_actuator.Structure(), PLAIN, noise=0.02)
+    straight = record.changed(output_position=np.linspace(0.0, 1.0, len(record)))
+    balance = TorqueBalance(along_motion.Motion(straight, PLAIN))
+    output = Crossing(balance, np.ones(len(record), bool), PLAIN, of_motor=False)
+    assert output.left(PLAIN).size > 1000
+    assert output.least(PLAIN) == pytest.approx(1.0, rel=0.01)
+
+
 def test_a_gear_that_gives_more_than_its_file_says_does_not_seem_to_cross_its_gap():
     """While its faces touch the output feels the motor, at twists that a stiff gear never has."""
     structure, actuator = as_built()
