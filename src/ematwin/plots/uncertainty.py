@@ -117,7 +117,8 @@ def plot_profile(found: Identification) -> Any:
 def _edges(x: np.ndarray) -> np.ndarray:
     # without the outermost draws
     low, high = np.quantile(x, [0.002, 0.998])
-    return np.linspace(low, high if high > low else low + 1e-12, 33)
+    away = 0.0 if high > low else 1e-3  # all the same
+    return np.linspace(low - away, high + away, 33)
 
 
 def plot_answers(found: Identification, recording: Recording) -> Any:

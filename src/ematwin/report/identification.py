@@ -51,7 +51,10 @@ def uncertainty_sections(found: Identification, record: Recording) -> list[Secti
         Section(points=points),
     ]
     if isinstance(sure, ProfileUncertainty):
-        text = "Where the rise passes the dotted line the 95 % interval ends."
+        text = (
+            "The 95 % interval ends where the rise passes the dotted line, or further out by the "
+            "error of the model."
+        )
         sections.append(Section("Profiles of the faults", text=text, figure=plot_profile(found)))
     pairs = "Each pair of faults by draws: a slanted cloud is two that are traded off."
     band = (
