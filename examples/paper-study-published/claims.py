@@ -94,7 +94,7 @@ class PaperStudy:
             for name in ALGORITHMS
         }
         self.forms = {name: form for name, form in standing.items() if form is not None}
-        of_paper = table.subject.kind == "bldc"
+        of_paper = table.subject.model.kind == "bldc"
         self.cases = [case for case in TABLE_2 if of_paper and case in table.cases]
         self._cells = cells.set_index(["case", "algorithm"])
         forms = list(self.forms.values())

@@ -65,8 +65,8 @@ class Assessment:
     trust : how far the evidence of further channels counted (`Problem.trust`); 1 if there was none
     evaluations : int
     reference_runs : int, answers of the reference model that the best one took
-    scatter : float, relative misfit by which answers of the reference differ within the width
-    cost_scatter : float, standard deviation of the cost of the data among these
+    scatter : float, relative misfit by which answers of the reference differ from one to the next
+    cost_scatter : float, standard deviation of the cost of the data within the width
     unsettled : names of unknowns that the last of them still moved by more than a standard error
     joint : the joint density, with its peak and width; None after an interruption
     sets : the posterior of sets of faults; None after an interruption

@@ -74,8 +74,8 @@ class Corrected:
     left : (m, d) array, how far the last round moved the peak, in coordinates of the chart; the
         last few, where rounds came to no end
     model_error : (d, d) array, covariance from the model error elsewhere within the width
-    scatter : float, relative misfit by which answers of the reference differ within the width
-    cost_scatter : float, standard deviation of the cost of the data among these
+    scatter : float, relative misfit by which answers of the reference differ from one to the next
+    cost_scatter : float, standard deviation of the cost of the data within the width
     """
 
     peak: Laplace
@@ -321,11 +321,10 @@ def with_model_error(found: Corrected, threads: int | None = None) -> Corrected:
     error = moved.T @ moved / len(moved)
     scatter = float(np.median([problem.data_cost(change) for change in changes]))
     nearer = replace(peak, problem=with_discrepancy(problem, peak.cost, scatter))
-    # with the slopes of the fast model alone, much of a change is no scatter
-    share = problem.relative_misfit(scatter) if problem.lacks_forms else 0.0
+    ripple = reference_scatter(problem, peak.point) if problem.lacks_forms else 0.0
     costs = [problem.data_cost(peak.residuals + change) for change in changes]
     return replace(
-        found, peak=nearer, model_error=error, scatter=share,
+        found, peak=nearer, model_error=error, scatter=ripple,
         cost_scatter=float(np.std(costs)), rounds=found.rounds + len(moved),
     )  # fmt: skip
 
