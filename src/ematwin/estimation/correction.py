@@ -15,8 +15,8 @@ combined to the point from which a round would lead nowhere, if rounds were line
 J. ACM 12, 547-560, with steps measured in standard errors). Behind loops that the fast model lacks
 its slopes may be wrong too. Where equations along the motion show every fault, the peak is theirs,
 and the reference only checks it. Else, where rounds end with more than noise and the scatter of the
-reference leave, R - f is regressed on steps as wide as the peak, rounds follow, and so on until the
-peak stays.
+reference leave, R - f is regressed on steps as wide as the peak, rounds follow, and so on until no
+less is left.
 
 The truth lies elsewhere within the width of the minimum, where the error of the model differs:
 impacts, ripple and slopes change. With J the slopes of the residuals r, noise s and

@@ -221,12 +221,6 @@ class _Seen:
         return self.problem.residuals(self.problem.start[None]).shape[1]
 
 
-def prior_information(problem: Problem, z: np.ndarray) -> np.ndarray:
-    """Information (d, d) near coordinates (d,) on the unknowns, without the data of a problem."""
-    _, jacobian = _of_priors(problem, z)
-    return np.asarray(jacobian @ jacobian.T / problem.noise**2)
-
-
 def _of_priors(problem: Problem, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Residuals (P,) of the priors at coordinates (d,), and their Jacobian (d, P)."""
     chart = problem.chart
