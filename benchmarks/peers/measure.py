@@ -13,6 +13,8 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from ematwin.numerics.side_by_side import cores
+
 
 @dataclass(frozen=True)
 class Line:
@@ -138,10 +140,8 @@ def missing(module: str, install: str, what: str) -> str:
 
 def machine() -> str:
     """Processor, cores and Python, in one sentence."""
-    from ematwin.bench import machine as described
-
-    found = described()
-    return f"{found['processor']}, {found['cores']} cores, Python {platform.python_version()}"
+    name = platform.processor() or platform.machine()
+    return f"{name}, {cores()} cores, Python {platform.python_version()}"
 
 
 def progress(text: str) -> None:
