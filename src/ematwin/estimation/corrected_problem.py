@@ -73,22 +73,22 @@ def corrected_at(
     if first is None:
         return None
     other = corrected_by(problem, first)
-    z = chart.from_values(point[None])[0]
-    here = residuals_each(other, point)
-    sizes = [len(one) for one in here]
-    slopes = _slopes_of(like, problem.names, sum(sizes))
     if ways is None:
         ways = _ways_unseen(problem, point, like)
-    difference = np.zeros(sum(sizes))
-    points = _beside(chart, z, ways)
+    if not (len(ways) or (like is not None and like.changes)):
+        return other
+    z = chart.from_values(point[None])[0]
+    points = np.vstack([z[None], _beside(chart, z, ways)])
     values = chart.to_values(points)
-    asked = side_by_side(lambda one: exact_residuals(problem, one), values)
-    there = [one is not None for one in asked]
-    if any(there):
+    fast = [other.residuals_of(n, values) for n in range(len(problem.comparisons))]
+    sizes = [one.shape[1] for one in fast]
+    slopes, difference = _slopes_of(like, problem.names, sum(sizes)), np.zeros(sum(sizes))
+    asked = side_by_side(lambda one: exact_residuals(problem, one), values[1:])
+    there = np.array([True, *(one is not None for one in asked)])
+    if there[1:].any():
         exact = np.array([np.concatenate(one) for one in asked if one is not None])
-        fast = [other.residuals_of(n, values[there]) for n in range(len(sizes))]
-        moves = np.vstack([np.zeros(len(z)), points[there] - z])
-        changes = np.vstack([difference, exact - np.hstack(fast)]) - moves @ slopes
+        moves = points[there] - z
+        changes = np.vstack([difference, exact - np.hstack(fast)[there][1:]]) - moves @ slopes
         data = np.concatenate([
             np.arange(size) < size - one.evidence
             for size, one in zip(sizes, problem.comparisons, strict=True)
@@ -97,8 +97,6 @@ def corrected_at(
         own = _slopes_beyond_scatter(moves, changes, data, independent)
         difference = changes.mean(axis=0) - moves.mean(axis=0) @ own
         slopes = slopes + own
-    if not slopes.any():
-        return other
     ends = np.cumsum(sizes)[:-1]
     parts = np.split(difference, ends), np.split(slopes, ends, axis=1)
     return other.with_comparisons(other.comparisons, [_Difference(chart, z, *parts)])
@@ -205,15 +203,19 @@ def reference_scatter(problem: Problem, point: np.ndarray, away: np.ndarray | No
         sides = np.random.default_rng(0).choice([-0.1, 0.1], len(point))
         away = sides * _prior_widths(problem) * nominal
     near = chart.project(chart.from_values(point[None]) + away)
-    missed = []
-    for one in (point, chart.to_values(near)[0]):
-        exact = exact_residuals(problem, one)
-        if exact is None:
-            return 0.0
-        pairs = zip(exact, residuals_each(problem, one), strict=True)
-        missed.append([answer - fast for answer, fast in pairs])
-    change = [there - here for here, there in zip(*missed, strict=True)]
-    return problem.relative_misfit(0.5 * _size(problem, change))
+    here, there = (missed_by(problem, one) for one in (point, chart.to_values(near)[0]))
+    if here is None or there is None:
+        return 0.0
+    return problem.relative_misfit(0.5 * problem.data_cost(there - here))
+
+
+def missed_by(problem: Problem, point: np.ndarray) -> np.ndarray | None:
+    """Residuals (K,) of the reference less those of a problem at a point (d,); None likewise."""
+    answer = exact_residuals(problem, point)
+    if answer is None:
+        return None
+    exact = problem.with_answer(answer).residuals(point[None])
+    return np.asarray((exact - problem.residuals(point[None]))[0])
 
 
 def missed_at(
@@ -265,17 +267,6 @@ def corrected_by(problem: Problem, missed: Sequence[Mapping[str, np.ndarray]]) -
     other = problem.with_comparisons([one.with_missed(by_channel) for one, by_channel in pairs])
     # no model error until a discrepancy shows (`ematwin.estimation.noise.with_discrepancy`)
     return other.with_noise(other.comparisons[0].noise, model_error=1.0)
-
-
-def residuals_each(problem: Problem, point: np.ndarray) -> list[np.ndarray]:
-    """Residuals (K,) of each recording at a point (d,)."""
-    return [problem.residuals_of(n, point[None])[0] for n in range(len(problem.comparisons))]
-
-
-def _size(problem: Problem, change: Sequence[np.ndarray]) -> float:
-    """Sum of squares of a change of the data."""
-    pairs = zip(change, problem.comparisons, strict=True)
-    return sum(float(np.sum(x[: len(x) - one.evidence] ** 2)) for x, one in pairs)
 
 
 def _slopes_of(like: Problem | None, names: Sequence[str], size: int) -> np.ndarray:

@@ -39,6 +39,7 @@ from ematwin.estimation.constants import AS_GOOD
 from ematwin.estimation.corrected_problem import (
     corrected_at,
     exact_residuals,
+    missed_by,
     reference_scatter,
 )
 from ematwin.estimation.descent import Descent
@@ -304,16 +305,8 @@ def with_model_error(found: Corrected, threads: int | None = None) -> Corrected:
     draws = np.random.default_rng(0).standard_normal((_ELSEWHERE, len(peak.z)))
     there = chart.project(peak.z + draws @ np.linalg.cholesky(peak.covariance).T)
 
-    def missed(z: np.ndarray) -> np.ndarray | None:
-        point = chart.to_values(z[None])
-        answer = exact_residuals(problem, point[0])
-        if answer is None:
-            return None
-        return np.asarray(
-            (problem.with_answer(answer).residuals(point) - problem.residuals(point))[0]
-        )
-
-    known = side_by_side(missed, there, threads)
+    values = chart.to_values(there)
+    known = side_by_side(lambda point: missed_by(problem, point), values, threads)
     changes = np.array([one for one in known if one is not None])
     if not len(changes):
         return found

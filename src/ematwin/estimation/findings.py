@@ -6,7 +6,6 @@
 import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -35,9 +34,6 @@ from ematwin.showing.text import (
     said_between,
     with_interval,
 )
-
-if TYPE_CHECKING:
-    pass
 
 _VAGUE = 0.05  # standard error, as a share of the range, above which a fault is not determined
 

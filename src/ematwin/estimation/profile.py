@@ -158,17 +158,17 @@ class Profiles:
 
 
 class _Side:
-    """Peaks with a fault held, from the best point on to one side.
+    """Peaks with a fault held, from the best point on down, or from there to the other side.
 
     A magnitude with a direction is held in its own chart: in the components of its vector it is no
     coordinate. The others are held in the problem's, where a magnitude of zero may grow to every
     side.
     """
 
-    def __init__(self, question: Question, fault: Unknown, sign: int) -> None:
+    def __init__(self, question: Question, fault: Unknown) -> None:
         joint = question.joint
         problem, z = joint.problem.with_noise(joint.factor * joint.problem.noise), joint.peaks[0].z
-        self.place, self.sign, self.aliases = problem.names.index(fault.name), sign, joint.aliases
+        self.place, self.sign, self.aliases = problem.names.index(fault.name), -1, joint.aliases
         information: np.ndarray | None = joint.normals[0].precision
         if any(self.place == magnitude for magnitude, _ in problem.chart.pairs):
             polar = Chart([replace(one, direction_of=None) for one in problem.unknowns])
@@ -179,6 +179,12 @@ class _Side:
             problem.chart = polar
         self.problem, self.fault = problem, fault
         self.path = [self._peak(z, information)]
+
+    def other(self) -> "_Side":
+        """The side above, from the same peak."""
+        up = copy.copy(self)
+        up.sign, up.path = 1, self.path[:1]
+        return up
 
     def _peak(self, z: np.ndarray, information: np.ndarray | None) -> Laplace:
         return peak_near(self.problem, z, information, self.aliases, {self.fault.name})
@@ -216,15 +222,15 @@ class _Tracer:
 
     def __init__(self, question: Question) -> None:
         self._joint = question.joint
-        both = [(fault, sign) for fault in question.faults for sign in (-1, 1)]
-        found = iter(side_by_side(lambda one: _Side(question, *one), both))
-        self.sides = {fault.name: (next(found), next(found)) for fault in question.faults}
+        begun = side_by_side(lambda fault: _Side(question, fault), question.faults)
+        self.sides = {side.fault.name: (side, side.other()) for side in begun}
         self._every = [side for pair in self.sides.values() for side in pair]
 
     @property
     def evaluations(self) -> int:
         """Simulations so far."""
-        return sum(peak.evaluations for side in self._every for peak in side.path)
+        first = sum(down.path[0].evaluations for down, _ in self.sides.values())
+        return first + sum(peak.evaluations for one in self._every for peak in one.path[1:])
 
     @property
     def fall(self) -> float:
