@@ -33,11 +33,17 @@ def usual_search(model: Model, actuator: ParameterSet, problem: Problem) -> Sear
 
     The healthy point is what remains of a search there.
     """
-    if problem.lacks_forms:
-        every = _along(model, actuator, problem, [{}] * len(problem.comparisons))
-        if _show_all(model, actuator, problem, every):
-            return LocalDescent(iterations=0, name=NO_SEARCH)
+    if shows_every_fault(model, actuator, problem):
+        return LocalDescent(iterations=0, name=NO_SEARCH)
     return named(model.default_search)
+
+
+def shows_every_fault(model: Model, actuator: ParameterSet, problem: Problem) -> bool:
+    """Whether equations along the motion show every fault, so that no closed loop is needed."""
+    if not problem.lacks_forms:
+        return False
+    every = _along(model, actuator, problem, [{}] * len(problem.comparisons))
+    return _show_all(model, actuator, problem, every)
 
 
 def _along(

@@ -6,7 +6,7 @@ whole loops, linearly with all. `ematwin.estimation.correction` looks for the mi
 
 Behind sampled loops the reference scatters: a small change moves a commutation past a sample, and
 the impacts after it. Differences over short steps are made of that. So the reference is asked over
-steps as wide as the unknowns are uncertain, and its difference from the fast model is regressed on
+wide steps, and its difference from the fast model is regressed on
 them (statistical linear regression; Lefebvre, Bruyninckx and De Schutter 2002, IEEE Trans. Autom.
 Control 47(8), 1406-1408). What scatter alone would make of the slopes is left out.
 """
@@ -189,19 +189,18 @@ def of_fast_model(problem: Problem) -> Problem:
     return corrected_by(problem, [{n: np.zeros_like(x) for n, x in one.items()} for one in every])
 
 
-def reference_scatter(problem: Problem, point: np.ndarray, away: np.ndarray | None = None) -> float:
+def reference_scatter(problem: Problem, point: np.ndarray) -> float:
     """The relative misfit by which the reference differs from one candidate to the next.
 
     Behind sampled loops they do: a small change moves samples, and these the impacts in a gap. A
-    recording is one such answer. The candidates are a point (d,) and one that lies ``away`` (d,),
-    in coordinates; a tenth of the width of the priors of parameters if not given: of what differs
-    from recording to recording priors are wide. 0 where the kind has no reference.
+    recording is one such answer. The candidates are a point (d,) and one beside it, by a tenth of
+    the width of the priors of parameters: of what differs from recording to recording priors are
+    wide. 0 where the kind has no reference.
     """
     chart = problem.chart
-    if away is None:
-        nominal = np.array([one.role == "nominal" for one in problem.unknowns])
-        sides = np.random.default_rng(0).choice([-0.1, 0.1], len(point))
-        away = sides * _prior_widths(problem) * nominal
+    nominal = np.array([one.role == "nominal" for one in problem.unknowns])
+    sides = np.random.default_rng(0).choice([-0.1, 0.1], len(point))
+    away = sides * _prior_widths(problem) * nominal
     near = chart.project(chart.from_values(point[None]) + away)
     here, there = (missed_by(problem, one) for one in (point, chart.to_values(near)[0]))
     if here is None or there is None:

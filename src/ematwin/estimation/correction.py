@@ -14,8 +14,8 @@ Where R - f changes with x the rounds converge slowly, or not at all. Then the l
 combined to the point from which a round would lead nowhere, if rounds were linear (Anderson 1965,
 J. ACM 12, 547-560, with steps measured in standard errors). Behind loops that the fast model lacks
 its slopes may be wrong too. Where equations along the motion show every fault, the peak is theirs,
-and the reference only checks it. Else, where rounds end with more than noise and the scatter of the
-reference leave, R - f is regressed on steps as wide as the peak, rounds follow, and so on until no
+and the reference only checks it. Else, where rounds end with more than noise leaves, R - f is
+regressed on steps that change the residuals as much as is left, rounds follow, and so on until no
 less is left.
 
 The truth lies elsewhere within the width of the minimum, where the error of the model differs:
@@ -29,7 +29,6 @@ the model in this answer. The residual beyond noise and this scatter is a discre
 the kind's `Problem.model_error`.
 """
 
-import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -60,7 +59,7 @@ _SHRINKS = 0.5  # of the step before: less is progress
 _DEPTH = 3  # rounds that are combined
 _IN_VAIN = 3  # rounds in succession that do not lower the cost by a reference that scatters
 _WIDEST = 0.1  # of a range: steps of slopes at most, where little is known before
-_REGRESSIONS = 4  # at most
+_REGRESSIONS = 6  # at most
 _ELSEWHERE = 6  # points within the width at which the error of the model is measured
 
 
@@ -163,26 +162,31 @@ def _by_regression(
 ) -> Corrected:
     """The peak by regressions of the reference, from where rounds ended.
 
-    Each is as wide as the peak before, and rounds follow it. They end where the reference leaves no
-    more than noise and its scatter, or no less than before: costs scatter by a tenth from one
-    answer to the next.
+    A regression's steps change the residuals as much as is left of them: the unknowns may be off by
+    that, whatever noise alone would allow, and scatter of the reference hides the slopes over
+    shorter ones. Rounds lead from one regression to the next. They end where the reference leaves
+    no more than noise, or no less than before: costs scatter by a tenth from one answer to the
+    next.
     """
+    spent, asked = found.peak.evaluations, found.rounds
     for _ in range(_REGRESSIONS):
-        if not _leaves_more_than_noise(near):
+        if near.here.relative_misfit(near.cost) <= AS_GOOD * near.here.recorded_misfit:
             break
-        z, information = near.z, near.peak.information
-        ways = principal(information, z, problem.chart, _WIDEST)
-        here = corrected_at(problem, problem.chart.to_values(z[None])[0], near.here, ways)
+        peak = near.peak
+        wide = peak.information * peak.problem.noise**2 / near.cost
+        ways = principal(wide, peak.z, problem.chart, _WIDEST)
+        here = corrected_at(problem, peak.point, near.here, ways)
         if here is None:
             break
-        visited = _rounds(problem, here, z, descent, information)
-        before, near = near, _lowest(visited)
-        spent = found.peak.evaluations + sum(one.peak.evaluations for one in visited)
-        asked = found.rounds + 2 * len(ways) + near.runs
-        found = Corrected(replace(near.peak, evaluations=spent), asked, near.left)
-        if near.cost > 0.9 * before.cost:
+        visited = _rounds(problem, here, peak.z, descent, peak.information)
+        spent += sum(one.peak.evaluations for one in visited)
+        asked += 2 * len(ways) + visited[-1].runs
+        lowest, near = near.cost, _lowest(visited)
+        if near.cost < lowest:
+            found = replace(found, peak=near.peak, left=near.left)
+        if len(visited) == 1 or near.cost > 0.9 * lowest:
             break
-    return found
+    return replace(found, peak=replace(found.peak, evaluations=spent), rounds=asked)
 
 
 @dataclass(frozen=True)
@@ -216,18 +220,6 @@ def _lowest(visited: list[_Round]) -> _Round:
     lowest, last = min(visited, key=lambda one: one.cost), visited[-1]
     settled = len(last.left) == 1
     return replace(lowest, runs=last.runs, left=lowest.left if settled else last.left)
-
-
-def _leaves_more_than_noise(one: _Round) -> bool:
-    """Whether a round began where the reference fits worse than noise and its scatter allow."""
-    left, usual = one.here.relative_misfit(one.cost), one.here.recorded_misfit
-    if left <= AS_GOOD * usual:
-        return False
-    draw = np.random.default_rng(0).standard_normal(len(one.z))
-    away = np.linalg.cholesky(one.peak.covariance) @ draw
-    scatter = reference_scatter(one.here, one.here.chart.to_values(one.z[None])[0], away)
-    # of this answer, and of the recording as of another
-    return left > AS_GOOD * math.hypot(usual, math.sqrt(2.0) * scatter)
 
 
 def _rounds(

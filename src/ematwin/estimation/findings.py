@@ -110,9 +110,7 @@ def obstacles_to(
         # recordings too are near instability, and check nothing
         loops = 0.0 if baseline.misfit > WORST else misfit
         misfit, limit = max(known.unexplained, loops), WORST
-    elif problem.lacks_forms and baseline.misfit > most_misfit(
-        baseline.expected_misfit, True, assessed.scatter
-    ):
+    elif problem.lacks_forms and baseline.misfit > WORST:
         told.append(
             "The twin explains healthy recordings of this actuator along their motion only: in "
             f"closed loop it leaves {100.0 * baseline.misfit:.2g} % of them. Record all positions "

@@ -24,6 +24,7 @@ from ematwin.estimation.baseline import (
     nominal_parameters,
     uncertain,
 )
+from ematwin.estimation.closed_loop import closed_loop
 from ematwin.estimation.constants import (
     EXPLAINED,
     IMPLAUSIBLE,
@@ -155,18 +156,23 @@ def _learnt(
     scatter: Mapping[str, float] = {}
     if frees_parameters(model):  # else the healthy population tells
         scatter = healthy_bias(model, actuator, baseline, comparisons, beside)
+    baseline = replace(baseline, scatter=scatter)
+    if told := end.peak.problem.is_told:
+        loop = closed_loop(model, actuator, baseline, comparisons)
+        baseline = replace(baseline, closed_loop=loop)
+        misfit = misfit if loop is None else loop.misfit
     progress(1.0)
     advice = (
         "Check the sheet and what is built in. If this actuator may be worn, do not learn from "
         "it: identify judges it by the template."
     )
     return Learnt(
-        actuator, replace(baseline, scatter=scatter),
+        actuator, baseline,
         nominal_parameters(forms.actuator, fit.nominals, prior),
         _tied(prior),
         [
             *(f"{sentence} {advice}" for sentence in beyond.values()),
-            *_notes(misfit, floor, end.peak.problem.is_told),
+            *_notes(misfit, floor, told),
         ],
         forms,
         beside,

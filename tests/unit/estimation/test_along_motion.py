@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from bldc_inputs import HALF
-from ematwin import Noise, identify, simulate
+from ematwin import Calibration, Noise, identify, simulate
 from ematwin.estimation.along_motion import informed
 from ematwin.estimation.assess import unassessed
-from ematwin.estimation.baseline import Baseline, with_all_free
+from ematwin.estimation.baseline import Baseline, ClosedLoop, with_all_free
+from ematwin.estimation.closed_loop import closed_loop
 from ematwin.estimation.findings import obstacles_to
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
@@ -175,3 +176,20 @@ def test_a_form_that_explains_what_equations_leave_is_told(turning):
         assert set(found.verdict.faults) == faults.keys()
     else:
         assert "An eccentricity that is fixed in space explains it better" in found.verdict.sentence
+
+
+def test_healthy_recordings_show_what_their_closed_loop_leaves_and_takes_for_faults():
+    healthy = simulate("reference", HALF, actuator=DRIVE, noise=Noise(white=0.02), seed=5)
+    baseline = replace(Baseline.of_template(MODEL, DRIVE), recordings=1)
+    loop = closed_loop(MODEL, DRIVE, baseline, [MODEL.compare(healthy, DRIVE)])
+    assert loop is not None
+    assert 0.001 < loop.misfit < 0.02  # white noise of 2 %, smoothed
+    assert max(loop.scatter.values()) < 0.02
+
+
+def test_without_the_output_s_position_a_recording_is_judged_by_healthy_closed_loops(recording):
+    sheet = Baseline.of_template(MODEL, DRIVE)
+    baseline = replace(sheet, misfit=0.5, recordings=3, closed_loop=ClosedLoop(0.02, {}))
+    without = recording.changed(output_position=None, output_speed=None)
+    found = identify(without, Calibration(DRIVE, baseline))
+    assert set(found.verdict.faults) >= {"friction", "backlash", "short_b", "eccentricity"}

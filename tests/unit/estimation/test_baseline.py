@@ -11,6 +11,7 @@ from ematwin import BldcActuator, simulate
 from ematwin.errors import ParameterError
 from ematwin.estimation.baseline import (
     Baseline,
+    ClosedLoop,
     baseline_of,
     with_all_free,
 )
@@ -34,6 +35,7 @@ KNOWN = Baseline(
     has_load=False,
     forms="Current loop of 50 us.",
     absent_forms=("cogging",),
+    closed_loop=ClosedLoop(0.011, {"friction": 0.004}),
 )
 
 
@@ -52,6 +54,7 @@ def same(one: Baseline, other: Baseline) -> bool:
         and dict(one.scatter) == dict(other.scatter)
         and (one.recordings, one.has_load) == (other.recordings, other.has_load)
         and (one.forms, one.absent_forms) == (other.forms, other.absent_forms)
+        and one.closed_loop == other.closed_loop
     )
 
 
@@ -83,6 +86,7 @@ def broken(**changes: object) -> dict[str, object]:
         broken(scatter=[0.1]),
         broken(scatter={"friction": "small"}),
         broken(recordings="three"),
+        broken(closed_loop={"misfit": 0.1}),
         "a baseline",
         None,
     ],
