@@ -16,7 +16,7 @@ J. ACM 12, 547-560, with steps measured in standard errors). Behind loops that t
 its slopes may be wrong too. Where equations along the motion show every fault, the peak is theirs,
 and the reference only checks it. Else, where rounds end with more than noise leaves, R - f is
 regressed on steps that change the residuals as much as is left, rounds follow, and so on until no
-less is left.
+less is left; then on steps as wide as the peak.
 
 The truth lies elsewhere within the width of the minimum, where the error of the model differs:
 impacts, ripple and slopes change. With J the slopes of the residuals r, noise s and
@@ -166,27 +166,38 @@ def _by_regression(
     that, whatever noise alone would allow, and scatter of the reference hides the slopes over
     shorter ones. Rounds lead from one regression to the next. They end where the reference leaves
     no more than noise, or no less than before: costs scatter by a tenth from one answer to the
-    next.
+    next. Over such steps slopes curve, which seems to tell alike unknowns apart: the peak and its
+    width are those of a last regression, as wide as the peak.
     """
-    spent, asked = found.peak.evaluations, found.rounds
+    first, spent, asked = near.here, found.peak.evaluations, found.rounds
+    peak = found.peak
     for _ in range(_REGRESSIONS):
         if near.here.relative_misfit(near.cost) <= AS_GOOD * near.here.recorded_misfit:
             break
-        peak = near.peak
-        wide = peak.information * peak.problem.noise**2 / near.cost
-        ways = principal(wide, peak.z, problem.chart, _WIDEST)
-        here = corrected_at(problem, peak.point, near.here, ways)
+        wide = near.peak.information * near.peak.problem.noise**2 / near.cost
+        ways = principal(wide, near.peak.z, problem.chart, _WIDEST)
+        here = corrected_at(problem, near.peak.point, near.here, ways)
         if here is None:
             break
-        visited = _rounds(problem, here, peak.z, descent, peak.information)
+        visited = _rounds(problem, here, near.peak.z, descent, near.peak.information)
         spent += sum(one.peak.evaluations for one in visited)
         asked += 2 * len(ways) + visited[-1].runs
         lowest, near = near.cost, _lowest(visited)
         if near.cost < lowest:
-            found = replace(found, peak=near.peak, left=near.left)
+            peak = near.peak
         if len(visited) == 1 or near.cost > 0.9 * lowest:
             break
-    return replace(found, peak=replace(found.peak, evaluations=spent), rounds=asked)
+    if asked == found.rounds:
+        return found
+    left = found.left
+    ways = principal(peak.information, peak.z, problem.chart, _WIDEST)
+    if here := corrected_at(problem, peak.point, first, ways):
+        noise = max(here.noise, descent.least_noise)
+        settings = replace(descent, least_noise=noise)
+        last = laplace(here, peak.point, settings, information=peak.information)
+        left = (last.z - peak.z)[None]
+        spent, asked, peak = spent + last.evaluations, asked + 2 * len(ways), last
+    return replace(found, peak=replace(peak, evaluations=spent), left=left, rounds=asked)
 
 
 @dataclass(frozen=True)
