@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from ematwin.models.bldc import batch
-from ematwin.models.bldc.constants import kernel_constants
+from ematwin.models.bldc.constants import Truer, TruerState, kernel_constants
 from ematwin.models.bldc.faults import PAPER_CASES, Faults
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.state import Truer, TruerState
 from ematwin.models.scenario import Scenario
 
 ACTUATOR = BldcActuator.load()

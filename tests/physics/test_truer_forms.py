@@ -12,13 +12,12 @@ from bldc_inputs import HALF
 from ematwin.errors import ParameterError
 from ematwin.models.bldc import batch
 from ematwin.models.bldc.channels import phase_currents
-from ematwin.models.bldc.constants import kernel_constants, truer_constants
+from ematwin.models.bldc.constants import TruerState, fault_state, kernel_constants, truer_constants
 from ematwin.models.bldc.envelope import signed_current
 from ematwin.models.bldc.faults import FAULTS, Faults, error_percent
 from ematwin.models.bldc.motor import cogging_torque, gap_factors, loop_answer, truer_shapes
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.simulate import reference_answer
-from ematwin.models.bldc.state import TruerState, fault_state
 from ematwin.models.registry import load_actuator
 from ematwin.models.scenario import Scenario, Step
 from ematwin.models.simulating import simulate

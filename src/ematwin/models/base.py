@@ -33,8 +33,8 @@ from ematwin.models.optional import (
     Study,
     Values,
 )
-from ematwin.models.parameter_set import ParameterSet, not_searchable
-from ematwin.models.scenario import Scenario, shipped_scenarios
+from ematwin.models.parameter_set import ParameterSet, not_searchable, shipped_scenarios
+from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import (
     Alias,
     Contrast,

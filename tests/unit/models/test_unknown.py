@@ -13,8 +13,7 @@ ACTUATOR = BldcActuator.load()
 
 
 def test_the_laws_are_those_of_the_kernel() -> None:
-    from ematwin.models.bldc.constants import kernel_constants
-    from ematwin.models.bldc.state import fault_state
+    from ematwin.models.bldc.constants import fault_state, kernel_constants
 
     k = [0.25, 0.5, 0.1, 0.2, 0.3, 0.4, 0.7, 0.9]
     half_gap = kernel_constants(ACTUATOR).half_gap

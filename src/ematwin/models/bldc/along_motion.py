@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ematwin.models.bldc.channels import phase_currents
-from ematwin.models.bldc.constants import kernel_constants, truer_constants
+from ematwin.models.bldc.constants import TruerState, fault_state, kernel_constants, truer_constants
 from ematwin.models.bldc.counts import (
     CUTOFF,
     SmoothingSpline,
@@ -24,12 +24,16 @@ from ematwin.models.bldc.counts import (
     steps_of,
 )
 from ematwin.models.bldc.envelope import trapezoid_shape
-from ematwin.models.bldc.loops import started
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import balanced
-from ematwin.models.bldc.reference_step import ReferenceState, all_emf_constants, drive, more_after
+from ematwin.models.bldc.reference_step import (
+    ReferenceState,
+    all_emf_constants,
+    drive,
+    more_after,
+    started,
+)
 from ematwin.models.bldc.simulate import INPUT_INTERVAL, TimeGrid, phases_of
-from ematwin.models.bldc.state import TruerState, fault_state
 from ematwin.models.bldc.unknowns import HELD, UNKNOWNS
 from ematwin.models.bldc.zeros import counted
 from ematwin.models.optional import FIRST_SAMPLE, Values
@@ -97,12 +101,12 @@ def currents_along(k, command, motion, spacing, interval, c, longest, samples, t
     while sample < samples:
         bound = (sample + 1) * interval
         dt = until_event(
-            now_more.wait, now_more.late, truer.sample_time, truer.delay,
+            now_more.wait, now_more.late, truer.speed_loop_sample_time, truer.speed_loop_delay,
             min(longest, bound - begin),
         )  # fmt: skip
         dt = until_event(
-            now_more.voltage_wait, now_more.voltage_late, truer.current_sample,
-            truer.current_delay, dt,
+            now_more.voltage_wait, now_more.voltage_late, truer.current_loop_sample_time,
+            truer.current_loop_delay, dt,
         )  # fmt: skip
         at = begin / spacing
         g = min(int(at), last)

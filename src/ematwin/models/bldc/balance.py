@@ -21,9 +21,8 @@ from ematwin.models.bldc.along_motion import (
     fault_vector,
     noise_of,
 )
-from ematwin.models.bldc.constants import kernel_constants, truer_constants
+from ematwin.models.bldc.constants import FaultState, fault_state, kernel_constants, truer_constants
 from ematwin.models.bldc.counts import speed_noise
-from ematwin.models.bldc.state import FaultState, fault_state
 from ematwin.models.optional import Values
 from ematwin.numerics.compile import plain
 from ematwin.numerics.signals import LowPass, filtered, white_noise

@@ -12,6 +12,14 @@ import math
 
 import numpy as np
 
+from ematwin.models.bldc.constants import (
+    HALF_GAP,
+    LOAD_DELAY,
+    Constants,
+    FaultState,
+    TruerState,
+    fault_state,
+)
 from ematwin.models.bldc.monitor_step import (
     Loops,
     MonitorState,
@@ -21,14 +29,6 @@ from ematwin.models.bldc.monitor_step import (
     pairs_of,
 )
 from ematwin.models.bldc.reference_step import ReferenceState, reference_step
-from ematwin.models.bldc.state import (
-    HALF_GAP,
-    LOAD_DELAY,
-    Constants,
-    FaultState,
-    TruerState,
-    fault_state,
-)
 from ematwin.numerics.compile import loop, step
 from ematwin.numerics.lanes import LANES, columns, lane_loop, wide_vectors
 from ematwin.numerics.scalar import biquad

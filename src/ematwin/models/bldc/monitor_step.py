@@ -30,6 +30,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ematwin.models.bldc.constants import FaultState
 from ematwin.models.bldc.inverter import gate_signals
 from ematwin.models.bldc.motor import (
     SIXTH_TURN,
@@ -38,7 +39,6 @@ from ematwin.models.bldc.motor import (
     offset_turned,
     phase_inductance,
 )
-from ematwin.models.bldc.state import FaultState
 from ematwin.numerics.backlash import advance_rigid_play, stop_at_ends
 from ematwin.numerics.compile import part, step
 from ematwin.numerics.friction import dithered_static, loaded_friction

@@ -53,9 +53,8 @@ def simulated(
     """
     from ematwin.models.bldc import batch  # compiles, or loads what an earlier process compiled
     from ematwin.models.bldc.constants import kernel_constants, truer_constants
-    from ematwin.models.bldc.loops import read_angle, started
     from ematwin.models.bldc.monitor_step import MonitorState
-    from ematwin.models.bldc.reference_step import ReferenceState
+    from ematwin.models.bldc.reference_step import ReferenceState, read_angle, started
 
     names: tuple[str, ...]
     further: tuple[object, ...]

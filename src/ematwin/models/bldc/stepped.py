@@ -9,8 +9,15 @@ from collections.abc import Mapping
 from typing import Any
 
 from ematwin.models.bldc import batch
-from ematwin.models.bldc.constants import kernel_constants, truer_constants
-from ematwin.models.bldc.loops import last_reading, read_angle
+from ematwin.models.bldc.constants import (
+    Constants,
+    FaultState,
+    Truer,
+    TruerState,
+    fault_state,
+    kernel_constants,
+    truer_constants,
+)
 from ematwin.models.bldc.monitor_step import (
     MonitorState,
     Pairs,
@@ -19,9 +26,13 @@ from ematwin.models.bldc.monitor_step import (
     pairs_of,
 )
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.reference_step import ReferenceState, reference_step
+from ematwin.models.bldc.reference_step import (
+    ReferenceState,
+    last_reading,
+    read_angle,
+    reference_step,
+)
 from ematwin.models.bldc.simulate import TimeGrid
-from ematwin.models.bldc.state import Constants, FaultState, Truer, TruerState, fault_state
 from ematwin.models.bldc.unknowns import FAULTS, FIXED
 from ematwin.models.stepped import Stepped, initial_position
 from ematwin.numerics.compile import part, plain

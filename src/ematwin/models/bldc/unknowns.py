@@ -1,7 +1,7 @@
 """Unknowns of a brushless actuator: its faults, in one table.
 
 ESREL 2020 paper, section 6. The magnitudes are normalised to [0, 1]; the laws that turn them into
-physical ones are those that the kernel compiles (`ematwin.models.bldc.state`).
+physical ones are those that the kernel compiles (`ematwin.models.bldc.constants`).
 """
 
 import cmath
@@ -147,8 +147,8 @@ CONTRASTS = (
 
 # Sections of forms that the reference model alone has (docs/models.md, "Truer forms").
 REFERENCE_ALONE = (
-    "emf.", "torque_ripple.", "cogging.", "presliding.", "winding_heat.", "supply.", "speed_loop.",
-    "current_loop.", "compliance.", "encoder.",
+    "emf", "torque_ripple", "cogging", "presliding", "winding_heat", "supply", "speed_loop",
+    "current_loop", "compliance", "encoder",
 )  # fmt: skip
 # Known exactly, or of no effect on the monitor model: these cannot differ between candidates.
 FIXED = (

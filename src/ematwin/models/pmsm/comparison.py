@@ -16,9 +16,8 @@ from ematwin.models.base import Model
 from ematwin.models.comparison import Candidates, Comparison, correlation_time
 from ematwin.models.plausibility import check_enough, check_moves
 from ematwin.models.pmsm.channels import ROTATING_VOLTAGES, TERMINALS, VOLTAGES, in_rotor_frame
-from ematwin.models.pmsm.constants import constants_of
 from ematwin.models.pmsm.parameters import PmsmActuator
-from ematwin.models.pmsm.unknowns import backlash_factor
+from ematwin.models.pmsm.unknowns import backlash_factor, constants_of
 from ematwin.numerics.side_by_side import cores, side_by_side
 from ematwin.numerics.signals import LowPass, white_noise
 from ematwin.recordings.recording import Recording

@@ -8,6 +8,7 @@ import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.models.base import Progress
+from ematwin.models.comparison import one_candidate
 from ematwin.models.pmsm.channels import ON_REQUEST, TERMINALS, to_phases
 from ematwin.models.pmsm.comparison import SETTLED
 from ematwin.models.pmsm.parameters import PmsmActuator
@@ -70,10 +71,9 @@ def reference_states(
     actuator: PmsmActuator, values: Mapping[str, float], theta: float, step: float
 ) -> tuple[Any, np.ndarray, np.ndarray]:
     """Constants, and the states (15,) and (12,) of plant and drive at rest at an angle."""
-    from ematwin.models.pmsm.constants import Constants, constants_of
+    from ematwin.models.pmsm.unknowns import Constants, constants_of
 
-    one = {name: np.array([value]) for name, value in values.items()}
-    c = Constants(*constants_of(actuator, one, 1, step)[0].tolist())
+    c = Constants(*constants_of(actuator, one_candidate(values), 1, step)[0].tolist())
     state, control = np.zeros(15), np.zeros(12)
     state[6] = state[8] = theta
     control[3] = theta + c.resolver / c.pole_pairs
@@ -118,12 +118,11 @@ def _monitor(
     start: float, substeps: int, every: int, progress: Progress | None,
 ) -> dict[str, np.ndarray]:  # fmt: skip
     from ematwin.models.pmsm.batch import ANSWERS, COMPARED, monitor_scores
-    from ematwin.models.pmsm.constants import Constants, constants_of
+    from ematwin.models.pmsm.unknowns import Constants, constants_of
     from ematwin.numerics.lanes import LANES
 
     ratio, step = actuator.transmission.ratio, actuator.controller.current_time / substeps
-    one = {name: np.array([value]) for name, value in values.items()}
-    constants = np.repeat(constants_of(actuator, one, 1, step), LANES, axis=0)
+    constants = np.repeat(constants_of(actuator, one_candidate(values), 1, step), LANES, axis=0)
     theta = start * ratio
     read = theta + Constants(*constants[0]).resolver / actuator.motor.pole_pairs
     target = np.zeros((COMPARED, command.size))

@@ -10,12 +10,17 @@ from typing import Any
 from ematwin.models.pmsm import batch
 from ematwin.models.pmsm.channels import phase_values
 from ematwin.models.pmsm.comparison import SETTLED
-from ematwin.models.pmsm.constants import Constants, fields_of
-from ematwin.models.pmsm.controller import ControlState, control_step
-from ematwin.models.pmsm.monitor_step import MonitorState, monitor_step, terminal_currents
+from ematwin.models.pmsm.monitor_step import (
+    ControlState,
+    MonitorState,
+    control_step,
+    monitor_step,
+    terminal_currents,
+)
 from ematwin.models.pmsm.parameters import PmsmActuator
 from ematwin.models.pmsm.reference_step import ReferenceState, leg_voltages, reference_step
 from ematwin.models.pmsm.simulate import quanta_of
+from ematwin.models.pmsm.unknowns import Constants, fields_of
 from ematwin.models.stepped import Stepped, initial_position
 from ematwin.numerics.compile import part
 from ematwin.numerics.scalar import sincos

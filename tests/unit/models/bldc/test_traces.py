@@ -5,10 +5,9 @@ import pytest
 
 from bldc_inputs import SEVERE, history
 from ematwin.models.bldc import batch
-from ematwin.models.bldc.constants import kernel_constants
+from ematwin.models.bldc.constants import Truer, TruerState, kernel_constants
 from ematwin.models.bldc.faults import PAPER_CASES, Faults
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.state import Truer, TruerState
 from naive import monitor as naive_monitor
 from naive import reference as naive_reference
 

@@ -7,13 +7,22 @@ import ematwin
 from bldc_inputs import HALF, SEVERE, history
 from ematwin.errors import ParameterError
 from ematwin.models.bldc import batch
-from ematwin.models.bldc.constants import kernel_constants, truer_constants
+from ematwin.models.bldc.constants import (
+    Truer,
+    TruerState,
+    fault_state,
+    kernel_constants,
+    truer_constants,
+)
 from ematwin.models.bldc.faults import Faults
 from ematwin.models.bldc.inverter import advance_shorted_bridge
-from ematwin.models.bldc.loops import advance_current_loop, advance_speed_loop, last_reading
 from ematwin.models.bldc.motor import truer_emf_constants
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.state import Truer, TruerState, fault_state
+from ematwin.models.bldc.reference_step import (
+    advance_current_loop,
+    advance_speed_loop,
+    last_reading,
+)
 from ematwin.models.registry import model_of
 from ematwin.models.simulating import simulate
 from ematwin.numerics.compile import plain
