@@ -5,7 +5,7 @@ import pytest
 
 from ematwin import BldcActuator, Faults
 from ematwin.errors import InputError
-from ematwin.models.bldc.unknowns import fault
+from ematwin.models.bldc.faults import fault
 from ematwin.models.registry import model_of
 from ematwin.models.unknown import Unknown
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.models.bldc.channels import phase_currents
+from ematwin.models.bldc.channels import phase_currents, trapezoid_shape
 from ematwin.models.bldc.constants import TruerState, fault_state, kernel_constants, truer_constants
 from ematwin.models.bldc.counts import (
     CUTOFF,
@@ -23,7 +23,7 @@ from ematwin.models.bldc.counts import (
     step_by_noise,
     steps_of,
 )
-from ematwin.models.bldc.envelope import trapezoid_shape
+from ematwin.models.bldc.faults import HELD, UNKNOWNS
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import balanced
 from ematwin.models.bldc.reference_step import (
@@ -34,7 +34,6 @@ from ematwin.models.bldc.reference_step import (
     started,
 )
 from ematwin.models.bldc.simulate import INPUT_INTERVAL, TimeGrid, phases_of
-from ematwin.models.bldc.unknowns import HELD, UNKNOWNS
 from ematwin.models.bldc.zeros import counted
 from ematwin.models.optional import FIRST_SAMPLE, Values
 from ematwin.numerics.compile import loop, step
@@ -151,9 +150,8 @@ class Motion:
         self.time = np.arange(len(recording)) / self.rate
         self.command = recording.channels["command"] * ratio
         self.load = recording.channels.get("load", np.zeros(len(recording))) / ratio
-        currents = phase_currents(recording)
-        assert currents is not None
-        self.currents, self.sheet = currents, actuator
+        self.currents: Any = phase_currents(recording)
+        self.sheet = actuator
         motor = recording.channels["motor_position"]
         output = recording.channels["output_position"] * ratio
         # steps of encoders, rad, 0 without; and of counts as noisy as the positions
@@ -186,12 +184,10 @@ class Motion:
         """
         if not any(self.steps):
             return None
-        other = copy.copy(self)
+        other, splines = copy.copy(self), (self.motor, self.output)
         motor, output = (
             recorded_anew(spline.values, size, counts > 0.0)
-            for spline, size, counts in zip(
-                (self.motor, self.output), self.steps, self.counts, strict=True
-            )
+            for spline, size, counts in zip(splines, self.steps, self.counts, strict=True)
         )
         other._move(motor, output, self.cutoff)
         return other

@@ -16,10 +16,9 @@ from typing import Self
 
 import numpy as np
 
-from ematwin.models.bldc import unknowns as table
-from ematwin.models.bldc.channels import PHASES, phase_currents
+from ematwin.models.bldc import faults as table
+from ematwin.models.bldc.channels import PHASES, equivalent_current, phase_currents
 from ematwin.models.bldc.constants import constants_by_candidate, kernel_constants
-from ematwin.models.bldc.envelope import equivalent_current
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import balanced
 from ematwin.models.bldc.stretches import (

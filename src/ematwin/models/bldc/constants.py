@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from ematwin.models.bldc import unknowns as law
+from ematwin.models.bldc import faults as law
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.numerics.compile import step
 from ematwin.numerics.side_by_side import by_candidate

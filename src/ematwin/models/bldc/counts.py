@@ -35,10 +35,8 @@ def step_of(position: np.ndarray) -> float:
 def steps_of(recording: Recording, actuator: Any) -> tuple[float, float]:
     """Steps (rad on the motor shaft) of the positions of motor and output; 0 if of no encoder."""
     motor, output = recording.motor_position, recording.output_position
-    return (
-        0.0 if motor is None else step_of(motor),
-        0.0 if output is None else step_of(output * actuator.transmission.ratio),
-    )
+    on_motor = None if output is None else output * actuator.transmission.ratio
+    return 0.0 if motor is None else step_of(motor), 0.0 if on_motor is None else step_of(on_motor)
 
 
 def step_by_noise(position: np.ndarray) -> float:

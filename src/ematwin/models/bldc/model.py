@@ -5,13 +5,18 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ematwin.models.base import Demand, Equation, Law, Signal, Values
-from ematwin.models.bldc import unknowns as table
-from ematwin.models.bldc.channels import CHANNELS, CURRENTS, ON_REQUEST, PHASES
-from ematwin.models.bldc.envelope import current_envelope, shown_current
+from ematwin.models.bldc import faults as table
+from ematwin.models.bldc.channels import (
+    CHANNELS,
+    CURRENTS,
+    ON_REQUEST,
+    PHASES,
+    current_envelope,
+    shown_current,
+)
 from ematwin.models.bldc.faults import Faults, PaperStudy
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.plausibility import check_phases, check_plausible
-from ematwin.models.bldc.simulate import simulate
 from ematwin.models.servo import (
     ServoModel,
     current_laws,
@@ -66,7 +71,12 @@ class BldcModel(ServoModel):
 
     aliases = staticmethod(table.aliases)
     other_forms = staticmethod(table.other_forms)
-    simulated = staticmethod(simulate)
+
+    def simulated(self, *given: Any) -> Any:
+        """The response from rest; as of `ServoModel`."""
+        from ematwin.models.bldc.simulate import simulate
+
+        return simulate(*given)
 
     def contrasts(self, actuator: Any) -> tuple[Contrast, ...]:
         """Turns lost by all phases alike, and by each beyond that."""
@@ -125,7 +135,7 @@ class BldcModel(ServoModel):
 
     def stepped(self, actuator: Any, fidelity: str) -> Any:
         """The reference or the monitor model, sample by sample."""
-        from ematwin.models.bldc.stepped import stepped
+        from ematwin.models.bldc.simulate import stepped
 
         return stepped(actuator, fidelity, self.sample_rate)
 

@@ -134,7 +134,7 @@ def truer_emf_constants(theta_m, h, fault, c, truer):
 
 
 @part
-def cogging_torque(theta_m, truer):
+def torque_of_cogging(theta_m, truer):
     """Cogging torque on the rotor, N m."""
     if truer.cogging_torque == 0.0:
         return 0.0

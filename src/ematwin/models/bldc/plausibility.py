@@ -11,9 +11,15 @@ from typing import NamedTuple
 import numpy as np
 
 from ematwin.errors import RecordError
-from ematwin.models.bldc.channels import CURRENTS, PHASES, VOLTAGES, phase_currents
+from ematwin.models.bldc.channels import (
+    CURRENTS,
+    PHASES,
+    VOLTAGES,
+    current_envelope,
+    phase_currents,
+    projected,
+)
 from ematwin.models.bldc.counts import said_of_steps
-from ematwin.models.bldc.envelope import current_envelope, projected
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import phase_sensors
 from ematwin.models.bldc.zeros import COHERENT, zeros

@@ -29,7 +29,12 @@ from ematwin.models.bldc.inverter import (
     pair_current,
     phase_constants,
 )
-from ematwin.models.bldc.motor import cogging_torque, hall_sector, split_shorts, truer_emf_constants
+from ematwin.models.bldc.motor import (
+    hall_sector,
+    split_shorts,
+    torque_of_cogging,
+    truer_emf_constants,
+)
 from ematwin.numerics.backlash import contact_torque, stop_at_ends
 from ematwin.numerics.compile import part, plain
 from ematwin.numerics.friction import (
@@ -277,7 +282,7 @@ def reference_step(state, more, command, load, fault, c, truer, dt):
     """
     kappas = all_emf_constants(state.theta_m, fault, c, truer)
     driven = drive(state, more, command, kappas, fault, c, truer, dt)
-    torque = driven.torque + cogging_torque(state.theta_m, truer)
+    torque = driven.torque + torque_of_cogging(state.theta_m, truer)
     w_m, theta_m, w_o, theta_o, bent_m, bent_o = move_masses(
         state, more, torque, load, fault, c, truer, dt
     )

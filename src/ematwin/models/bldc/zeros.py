@@ -12,8 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ematwin.models.bldc.channels import phase_currents
-from ematwin.models.bldc.envelope import projected
+from ematwin.models.bldc.channels import phase_currents, projected
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.comparison import Placed
 from ematwin.numerics.signals import Remembered, white_noise
@@ -175,9 +174,8 @@ def _refined(currents: np.ndarray, angle: np.ndarray, zero: float) -> float:
     near, fine = math.radians(3.0), math.radians(0.25)
     steps = np.arange(-near, near + 0.5 * fine, fine)
     curved, slope, _ = np.polyfit(steps, _shares(currents, angle + zero, steps), 2)
-    if curved >= 0.0:
-        return zero
-    return zero + float(np.clip(-slope / (2.0 * curved), -near, near))
+    top = float(np.clip(-slope / (2.0 * curved), -near, near)) if curved < 0.0 else 0.0
+    return zero + top
 
 
 def _apart(recording: Recording, actuator: BldcActuator, motor: float) -> float:
