@@ -43,7 +43,7 @@ class Run:
         time = np.arange(round(duration / DT) + 1) * DT
         command, load = Scenario.load_file("default").histories(time)
         self.load = load[:-1] / gear.ratio
-        self.state = np.zeros(11)
+        self.state = np.zeros(13)
         self.state[7] = 1.0
         trace = batch.reference_trace(
             faults.vector, command * gear.ratio, load / gear.ratio, self.state, C, DT, 1, 1,

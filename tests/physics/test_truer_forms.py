@@ -99,7 +99,7 @@ def test_electrical_input_is_copper_loss_and_mechanical_work_and_stored_energy(f
     dt, gear = 1e-6, actuator.transmission
     time = np.arange(round(0.25 / dt) + 1) * dt
     command, load = Scenario.load_file("default").histories(time)
-    state, more = np.zeros(11), np.array(TruerState())
+    state, more = np.zeros(13), np.array(TruerState())
     state[7] = 1.0
     k, c = Faults(**faults).vector, kernel_constants(actuator)
     truer = truer_constants(actuator)

@@ -73,7 +73,7 @@ def reference_trace(k, command, load, state, c, dt, substeps, decimation, truer,
     ----------
     k : (8,) array, fault vector
     command, load : (G,) arrays on a uniform grid, rad and N m on the motor shaft; straight lines
-    state : (11,) array, the fields of `ReferenceState`; and ``more`` (19,), those of `TruerState`.
+    state : (13,) array, the fields of `ReferenceState`; and ``more`` (17,), those of `TruerState`.
         Both hold the last state afterwards, so that a long simulation can go on from there
     dt : step, s; ``substeps`` from one grid point to the next
     decimation : grid intervals from one sample to the next

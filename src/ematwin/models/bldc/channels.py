@@ -83,20 +83,10 @@ def signed_current(record: Recording, pole_pairs: int) -> np.ndarray | None:
 
 
 def equivalent_current(
-    record: Recording, pole_pairs: int, rectify: bool | None = None
+    record: Recording, pole_pairs: int, rectify: bool = False
 ) -> tuple[np.ndarray, bool]:
-    """Equivalent current (S,), A, and whether it is a magnitude.
-
-    ``rectify`` None takes the signed current where the record determines it.
-
-    Raises `RecordError` if there is no current, or the signed one is asked for and not known.
-    """
+    """Equivalent current (S,), A, and whether it is a magnitude: if asked for, or all there is."""
     signed = None if rectify else signed_current(record, pole_pairs)
-    if rectify is False and signed is None:
-        raise RecordError(
-            "A signed comparison needs phase currents with motor_position, or a signed current; "
-            "compare magnitudes instead."
-        )
     return (current_envelope(record), True) if signed is None else (signed, False)
 
 

@@ -28,7 +28,6 @@ from ematwin.models.bldc.stretches import (
     Stretches,
     initial_state,
     joined,
-    padded,
     recorded_power,
     tasks,
 )
@@ -49,7 +48,7 @@ _STRETCH = 0.005  # s; at 10 to 20 ms some twins still stalled within a stretch
 class BldcComparison(Comparison):
     """Misfit (paper, eq. 2) of a batch of candidates against a recording.
 
-    ``rectify`` None compares signed currents where the recording has the rotor angle, else sizes.
+    Currents are signed where the recording has the rotor angle, unless to ``rectify``, else sizes.
     It has ``current`` and ``target`` (S,), A, the equivalent current as it is and filtered, and
     ``weights`` (S,), s/A. `RecordError` for a recording that is too short or constant, `InputError`
     for one that is sampled too slowly for the filter.
@@ -65,7 +64,7 @@ class BldcComparison(Comparison):
 
     def __init__(
         self, recording: Recording, actuator: BldcActuator, *, low_pass: LowPass | None = None,
-        rectify: bool | None = None, threads: int | None = None,
+        rectify: bool = False, threads: int | None = None,
     ) -> None:  # fmt: skip
         check_enough(recording)
         recording = counted(balanced(recording), actuator)
@@ -368,10 +367,10 @@ class BldcComparison(Comparison):
 
         count, parts = len(batch.faults), len(stretches)
         blocks = -(-count // LANES)
-        faults = padded(batch.faults, blocks * LANES)
-        each = None if batch.constants is None else padded(batch.constants, len(faults))
-        within = np.full(len(faults), -np.inf)  # nobody asks for the padding
-        within[:count] = limits
+        missing = (0, blocks * LANES - count), (0, 0)
+        faults = np.pad(batch.faults, missing, "edge")
+        each = None if batch.constants is None else np.pad(batch.constants, missing, "edge")
+        within = np.pad(np.full(count, limits), missing[0], "edge")
         costs = np.empty((parts, len(faults)))
         response = np.empty((*costs.shape, kept))
         power = stretches.power if kept else None

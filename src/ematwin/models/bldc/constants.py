@@ -66,11 +66,7 @@ def _inertia(actuator: BldcActuator) -> Any:
 def kernel_constants(
     actuator: BldcActuator, load_gain: Any = 1.0, load_offset: Any = 0.0, load_delay: Any = 0.0
 ) -> Any:
-    """`Constants` of an actuator, (B,) arrays where parameters are.
-
-    ``load_gain``, ``load_offset`` (N m on the output) and ``load_delay`` (s) correct the recorded
-    load.
-    """
+    """`Constants` of an actuator, (B,) arrays where parameters are; the load in N m and s."""
     of_actuator = (constant(actuator) for constant in _OF_ACTUATOR.values())
     return Constants(*of_actuator, load_gain, load_offset / actuator.transmission.ratio, load_delay)
 
@@ -158,6 +154,8 @@ class TruerState(NamedTuple):
     integral: float = 0.0  # N m
     wait: float = 0.0  # s, until the next sample of the speed loop
     late: float = 0.0  # s, until what is pending is asked for
+    read: float = 0.0  # rad, angle of the motor at the last sample of the speed loop
+    speed_seen: float = 0.0  # rad/s, by differences of such angles, filtered
     voltage: float = 0.0  # V, across the pair, by the current loop
     voltage_pending: float = 0.0  # V, that will be
     voltage_integral: float = 0.0  # V
@@ -165,17 +163,10 @@ class TruerState(NamedTuple):
     voltage_late: float = 0.0  # s, until what is pending is applied
     warmer: float = 0.0  # share of the resistance at the start that windings have gained
     sagged: float = 0.0  # V, that the supply has less than without current
-    bent_m: float = 0.0  # rad, of the bristles between motor and housing
-    bent_o: float = 0.0
-    read: float = 0.0  # rad, angle of the motor at the last sample of the speed loop
-    speed_seen: float = 0.0  # rad/s, by differences of such angles, filtered
 
 
 def truer_constants(actuator: BldcActuator, count_offset: float = 0.5) -> Truer:
-    """Constants of the forms that the reference model alone has.
-
-    ``count_offset`` says where within a step the counts of encoders begin.
-    """
+    """Constants of the reference's forms; counts begin at ``count_offset`` of a step."""
     found: dict[str, float] = {} if actuator.shorted_turns is None else {"loops": 1.0}
     for key in law.REFERENCE_ALONE:
         section, start = getattr(actuator, key), f"{key}_"

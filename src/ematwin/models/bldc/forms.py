@@ -83,10 +83,8 @@ def _speed_times(actuator: Any) -> list[Values]:
 
 
 def _first_samples(actuator: Any) -> list[list[float]]:
-    """Instants, s, in sample times until both loops sample as before; none without a current loop.
-
-    A speed loop alone does not tell its first sample.
-    """
+    """Instants, s, in sample times until both loops sample as before."""
+    # a speed loop alone does not tell its first sample
     if actuator.current_loop is None:
         return []
     own, other = actuator.current_loop.sample_time, actuator.speed_loop
@@ -191,10 +189,8 @@ COMPLIANT = Form(
 
 
 def _digital(steps: tuple[float, float], ratio: float) -> tuple[Form, Form]:
-    """Speed by differences of the counts in which positions (rad on the motor shaft) come.
-
-    And a sampled current loop beside it: a drive that samples its current counts as well.
-    """
+    """Speed by differences of counts of ``steps`` (rad of the motor), and a current loop."""
+    # a drive that samples its current counts as well
     of_motor, of_output = steps[0], steps[1] or steps[0]
     counts = {
         "encoder.motor_steps": round(_TURN / of_motor),
@@ -229,10 +225,8 @@ def _digital(steps: tuple[float, float], ratio: float) -> tuple[Form, Form]:
 
 
 def equations(recording: Recording, actuator: Any, values: Values | None) -> tuple[Equation, ...]:
-    """Controller of a recording with both positions; its mechanics where the load is known.
-
-    Currents in shorted turns brake, and are not recorded: an actuator with such has none.
-    """
+    """Controller of a recording with both positions; mechanics where the load is known."""
+    # currents in shorted turns brake, and are not recorded
     brakes = values is not None and actuator.shorted_turns is not None
     if not has_motion(recording) or brakes:
         return ()

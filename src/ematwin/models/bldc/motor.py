@@ -46,10 +46,7 @@ def offset_turned(theta_m, turning):
 
 @step
 def gap_factors(theta_m, zeta_cos, zeta_sin, turning):
-    """The factors of the three phases by eccentricity, 1 + zeta (...) above.
-
-    ``zeta_cos`` and ``zeta_sin`` are zeta cos(phi) and zeta sin(phi).
-    """
+    """Factors of the phases by eccentricity, of zeta cos(phi) and zeta sin(phi)."""
     s, c = offset_turned(theta_m, turning)
     along = c * zeta_cos - s * zeta_sin  # zeta cos(theta_m + phi), where all of it turns
     across = 0.5 * ROOT_3 * (s * zeta_cos + c * zeta_sin)  # times sin(2 pi/3)

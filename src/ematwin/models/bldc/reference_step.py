@@ -142,10 +142,8 @@ def advance_current_loop(
 
 @part
 def left_of_voltage(voltage, i, truer):
-    """Voltage across the pair after what dead time and switches take, V.
-
-    Below 0.1 A dead time takes less, as the ripple changes the sign of the current.
-    """
+    """Voltage across the pair after what dead time and switches take, V."""
+    # below 0.1 A dead time takes less, as the ripple changes the sign of the current
     return voltage - truer.current_loop_lost_voltage * clip(i / 0.1, -1.0, 1.0)
 
 
@@ -163,22 +161,20 @@ class ReferenceState(NamedTuple):
     e_electrical: float  # J, taken from the supply side of the phases
     e_copper: float  # J, lost in the resistances
     e_mechanical: float  # J, air-gap torque times speed
+    bent_m: float  # rad, of the bristles between motor and housing
+    bent_o: float
 
 
 class Driven(NamedTuple):
     """What controller, bridge and windings do over a step."""
 
     i: tuple[float, float, float]  # A, of the phases at its end
-    loops: tuple[float, float, float]  # A
+    more: TruerState  # at its end
     means: tuple[float, float, float]  # A, of the phases
     torque: float  # N m, of the air gap
     taken: float  # J
     lost: float  # J
     pair_sign: float
-    asked: tuple[float, float, float, float, float, float, float]  # of `advance_speed_loop`
-    voltage: tuple[float, float, float, float, float]  # of `advance_current_loop`
-    warmer: float
-    sagged: float  # V
     supply: Supply
 
 
@@ -232,17 +228,13 @@ def drive(state, more, command, kappas, fault, c, truer, dt):
     gained = truer.winding_heat_gain_per_watt * lost / dt
     warmer = lag(more.warmer, gained, truer.winding_heat_time_constant, dt)
     sagged = lag(more.sagged, truer.supply_resistance * supply.i_bus, truer.link_time, dt)
-    return Driven(
-        after, loops, m, torque, taken, lost, pair_sign, asked, voltage, warmer, sagged, supply
-    )  # fmt: skip
+    then = TruerState(*(loops + asked + voltage + (warmer, sagged)))
+    return Driven(after, then, m, torque, taken, lost, pair_sign, supply)
 
 
 @part
-def move_masses(state, more, torque, load, fault, c, truer, dt):
-    """Speeds and positions ``w_m, theta_m, w_o, theta_o`` after a torque on the motor.
-
-    Also by how much bristles are bent on both sides, rad.
-    """
+def move_masses(state, torque, load, fault, c, truer, dt):
+    """Speeds and positions after a torque on the motor, and how far bristles are bent, rad."""
     contact = contact_torque(
         state.theta_m, state.w_m, state.theta_o, state.w_o, fault.half_gap,
         c.contact_stiffness, c.contact_damping,
@@ -260,12 +252,12 @@ def move_masses(state, more, torque, load, fault, c, truer, dt):
         fade_m = fading(state.w_m, truer.presliding_stribeck_speed)
         fade_o = fading(state.w_o, truer.presliding_stribeck_speed)
         w_m, bent_m = advance_on_bristles(
-            state.w_m, more.bent_m, act_m, c.mobility_m,
+            state.w_m, state.bent_m, act_m, c.mobility_m,
             sliding_torque(td_m, c.static_ratio, fade_m), truer.presliding_motor_stiffness,
             fade_m * truer.presliding_damping, dt,
         )  # fmt: skip
         w_o, bent_o = advance_on_bristles(
-            state.w_o, more.bent_o, act_o, c.mobility_o,
+            state.w_o, state.bent_o, act_o, c.mobility_o,
             sliding_torque(td_o, c.static_ratio, fade_o), truer.presliding_output_stiffness,
             fade_o * truer.presliding_damping, dt,
         )  # fmt: skip
@@ -275,16 +267,12 @@ def move_masses(state, more, torque, load, fault, c, truer, dt):
 
 @part
 def reference_step(state, more, command, load, fault, c, truer, dt):
-    """Advance the reference model by ``dt`` under a command (rad) and a load (N m).
-
-    Gives the state, the state of the truer forms, the mean currents of the phases within the step,
-    and the `Supply`.
-    """
+    """Advance by ``dt``: state, state of the forms, mean phase currents, and `Supply`."""
     kappas = all_emf_constants(state.theta_m, fault, c, truer)
     driven = drive(state, more, command, kappas, fault, c, truer, dt)
     torque = driven.torque + torque_of_cogging(state.theta_m, truer)
     w_m, theta_m, w_o, theta_o, bent_m, bent_o = move_masses(
-        state, more, torque, load, fault, c, truer, dt
+        state, torque, load, fault, c, truer, dt
     )
     i_a, i_b, i_c = driven.i
     after = ReferenceState(
@@ -292,18 +280,6 @@ def reference_step(state, more, command, load, fault, c, truer, dt):
         state.e_electrical + driven.taken,
         state.e_copper + driven.lost,
         state.e_mechanical + dt * driven.torque * state.w_m,
+        bent_m, bent_o,
     )  # fmt: skip
-    return after, more_after(driven, bent_m, bent_o), driven.means, driven.supply
-
-
-@part
-def more_after(driven, bent_m, bent_o):
-    """State of the truer forms at the end of a step, with bristles bent by so much (rad)."""
-    loop_a, loop_b, loop_c = driven.loops
-    asked, pending, integral, wait, late, read, speed_seen = driven.asked
-    voltage, voltage_pending, voltage_integral, voltage_wait, voltage_late = driven.voltage
-    return TruerState(
-        loop_a, loop_b, loop_c, asked, pending, integral, wait, late,
-        voltage, voltage_pending, voltage_integral, voltage_wait, voltage_late,
-        driven.warmer, driven.sagged, bent_m, bent_o, read, speed_seen,
-    )  # fmt: skip
+    return after, driven.more, driven.means, driven.supply

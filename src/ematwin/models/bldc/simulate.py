@@ -97,7 +97,7 @@ def simulated(
         loops = started(truer, actuator.motor, current, theta_m, w_m, first_sample, integral)
         further = truer, np.array(loops)
         phases = phases_of(current, actuator.motor.pole_pairs * theta_m)
-        state = np.array(ReferenceState(*phases, w_m, theta_m, w_o, theta_o, 1.0, 0.0, 0.0, 0.0))
+        state = np.array([*phases, w_m, theta_m, w_o, theta_o, 1.0, *np.zeros(5)])
     else:
         run, names = batch.monitor_trace, batch.MONITOR_COLUMNS
         further = (None if actuator.shorted_turns is None else np.zeros(4),)
@@ -137,11 +137,9 @@ def phases_of(current: float, theta_e: float) -> tuple[float, float, float]:
 
 
 def answer_step(actuator: BldcActuator, rate: float) -> float:
-    """Step of answers that are compared, s, to a recording of so many samples a second.
-
-    The file's step resolves the instants at which a comparator switches. A modulated voltage has
-    none: behind a current loop a step 2.5 times as long changes currents by 0.03 %.
-    """
+    """Step of answers that are compared, s, at a sample rate, Hz."""
+    # The file's step resolves the instants at which a comparator switches. A modulated voltage has
+    # none: behind a current loop a step 2.5 times as long changes currents by 0.03 %.
     step = actuator.steps.reference
     if actuator.current_loop is None:
         return step
@@ -157,11 +155,9 @@ def answer_step(actuator: BldcActuator, rate: float) -> float:
 def reference_answer(
     recording: Recording, actuator: BldcActuator, values: Mapping[str, float], start: np.ndarray
 ) -> Recording:
-    """Currents, voltages and positions at the samples of a recording; NaN where it diverged.
-
-    Where within a step the counts of encoders begin is unknown: each candidate has another place,
-    and the differences count as scatter of the reference.
-    """
+    """Currents, voltages and positions at the samples of a recording; NaN if it diverged."""
+    # Where within a step the counts of encoders begin is unknown: each candidate has another place,
+    # and the differences count as scatter of the reference.
     key = [len(recording), *sorted((name, float(value)) for name, value in values.items())]
     drawn = zlib.crc32(repr(key).encode()) / 2.0**32
     actuator = actuator.with_arrays({name: x for name, x in values.items() if "." in name})
@@ -213,11 +209,7 @@ class TimeGrid:
 
 
 def stepped(actuator: BldcActuator, fidelity: str, rate: float) -> Stepped:
-    """The actuator at rest, then sample by sample at a rate (Hz).
-
-    Constants are the constants of the kernels, the fault, the first position of the output, the
-    truer forms, and pairs. The currents of a sample are means since the one before.
-    """
+    """The actuator at rest, then sample by sample at a rate (Hz), currents as means since."""
     longest = getattr(actuator.steps, fidelity)
     grid = TimeGrid(longest, 2.0 / rate, rate)
     substeps = grid.substeps * grid.decimation

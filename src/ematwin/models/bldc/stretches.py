@@ -168,10 +168,8 @@ class Batch:
     sensor: Candidates  # gains, offsets and delays of the sensors by name, (B,) each
 
     def distinct(self) -> tuple[np.ndarray, np.ndarray]:
-        """Candidates (N,) that differ beside their sensors, and which of these each one (B,) is.
-
-        Columns of a Jacobian that differ by a sensor alone need one simulation.
-        """
+        """Candidates (N,) that differ beside their sensors, and which of these each (B,) is."""
+        # columns of a Jacobian that differ by a sensor alone need one simulation
         rows = self.faults if self.constants is None else np.hstack([self.faults, self.constants])
         places: dict[bytes, int] = {}
         back = [places.setdefault(row.tobytes(), len(places)) for row in rows]
@@ -227,19 +225,9 @@ def joined(answers: np.ndarray, count: int) -> np.ndarray:
     return answers[:, :count].transpose(1, 0, 2).reshape(count, parts * kept)
 
 
-def padded(rows: np.ndarray, count: int) -> np.ndarray:
-    """The rows, the last one repeated up to ``count``."""
-    padded = np.empty((count, rows.shape[1]))
-    padded[: len(rows)] = rows
-    padded[len(rows) :] = rows[-1]
-    return padded
-
-
 def with_speeds(recording: Recording) -> Recording:
-    """The recording with speeds from its positions where it has none.
-
-    Slopes over a millisecond: those from one sample to the next are mostly an encoder's steps.
-    """
+    """The recording with speeds from its positions where it has none."""
+    # slopes over a millisecond: those of single samples are mostly an encoder's steps
     half = max(1, round(0.5e-3 * recording.sample_rate))
     n = np.arange(len(recording))
     before, after = np.maximum(n - half, 0), np.minimum(n + half, len(recording) - 1)
@@ -264,21 +252,20 @@ def initial_state(
     if recording.motor_speed is None and any(steps_of(recording, actuator)):
         recording = with_speeds(recording)
     output, motor = recording.output_position, recording.motor_position
+
+    def seen(position: np.ndarray, scale: float) -> tuple[float, float]:
+        angle, after = position[first], position[first + 1]
+        return float(angle) * scale, float(after - angle) * scale / dt
+
     if output is not None:
-        theta_o = float(output[first]) * ratio
-        w_o = float(output[first + 1] - output[first]) * ratio / dt
+        theta_o, w_o = seen(output, ratio)
     elif motor is not None:
-        theta_o = float(motor[first])
-        w_o = float(motor[first + 1] - motor[first]) / dt
+        theta_o, w_o = seen(motor, 1.0)
     else:
-        theta_o = float(recording.command[first]) * ratio
-        w_o = 0.0
+        theta_o, w_o = float(recording.command[first]) * ratio, 0.0
     if recording.output_speed is not None:
         w_o = float(recording.output_speed[first]) * ratio
-    theta_m, w_m = theta_o, w_o
-    if motor is not None:
-        theta_m = float(motor[first])
-        w_m = float(motor[first + 1] - motor[first]) / dt
+    theta_m, w_m = (theta_o, w_o) if motor is None else seen(motor, 1.0)
     if recording.motor_speed is not None:
         w_m = float(recording.motor_speed[first])
     now = current or 0.0
@@ -286,10 +273,7 @@ def initial_state(
 
 
 def _taps_at(starts: np.ndarray, taps: np.ndarray, signal: np.ndarray) -> np.ndarray:
-    """(N, 7) taps of a filter at each start, as a recorded signal (S,) has left it there.
-
-    It goes on from the recorded signal, so that a stretch has no transient.
-    """
+    """(N, 7) taps of a filter at each start, as a recorded signal (S,) has left it there."""
     found, done = np.tile(taps, (len(starts), 1)), 0
     for row, start in zip(found, starts.tolist(), strict=True):
         _, row[5:] = filtered(taps, signal[done : start + 1])

@@ -147,10 +147,7 @@ def _ways(angle: np.ndarray) -> list[np.ndarray]:
 def _best(
     currents: np.ndarray, angle: np.ndarray, steps: np.ndarray, ways: list[np.ndarray]
 ) -> float | None:
-    """The angle near one of ``steps`` on which most current lies, in the mean of the ways.
-
-    None where for one of them it lies at the first or the last step.
-    """
+    """The mean over ways of the angle with most current, near ``steps``; None at their ends."""
 
     def look() -> float | None:
         found = []

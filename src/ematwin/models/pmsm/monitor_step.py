@@ -148,10 +148,7 @@ def advance_motion(now, torque, load, c, dt):
 
 @part
 def advance_with_bristles(now, bent_m, bent_o, torque, load, c, dt):
-    """As `advance_motion`, with friction that gives; and how far bristles are bent after it, rad.
-
-    Without bristles (stiffness 0) friction sticks.
-    """
+    """As `advance_motion`, with friction that may give; and how far bristles are bent, rad."""
     if c.bristles_m == 0.0:
         return advance_motion(now, torque, load, c, dt), 0.0, 0.0
     act_m, act_o, slides_m, slides_o = torques(now, torque, load, c, dt)

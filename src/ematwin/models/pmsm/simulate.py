@@ -13,7 +13,7 @@ from ematwin.errors import InputError
 from ematwin.models.base import Progress
 from ematwin.models.comparison import one_candidate
 from ematwin.models.pmsm import batch
-from ematwin.models.pmsm.channels import ON_REQUEST, TERMINALS, phase_values, to_phases
+from ematwin.models.pmsm.channels import ON_REQUEST, TERMINALS, to_phases
 from ematwin.models.pmsm.comparison import SETTLED
 from ematwin.models.pmsm.monitor_step import (
     ControlState,
@@ -36,7 +36,7 @@ _OUTPUTS = (
     "motor_position", "output_position",
 )  # fmt: skip
 _START = len(Constants._fields)
-_PHASES = part(phase_values)
+_PHASES = part(to_phases)
 
 
 def simulate(

@@ -19,7 +19,7 @@ C = kernel_constants(ACTUATOR)
 def test_reference_model_is_that_of_the_naive_loop(values):
     faults, dt, steps = Faults(**values), 1e-6, 12_000
     command, load = history(steps, dt)
-    rest = np.zeros(11)
+    rest = np.zeros(13)
     rest[7] = 1.0
     trace = batch.reference_trace(
         faults.vector, command, load, rest, C, dt, 1, 1, Truer(), np.array(TruerState())
@@ -66,7 +66,7 @@ def test_motor_is_stopped_half_a_gap_beyond_the_end_stop_of_the_output(way):
 
 def test_reference_output_rests_on_its_end_stop_while_the_motor_pushes():
     command = np.full(80_001, 2.0 * C.travel_high)
-    rest = np.zeros(11)
+    rest = np.zeros(13)
     rest[7] = 1.0
     k = Faults().vector
     trace = batch.reference_trace(

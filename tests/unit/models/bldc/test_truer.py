@@ -108,7 +108,7 @@ def test_reference_model_with_an_offset_that_turns_in_part_is_that_of_the_naive_
     actuator, faults, dt = PLAIN.changed(FORMS["eccentricity"]), Faults(**SEVERE), 1e-6
     assert truer_constants(actuator) == Truer()  # a constant of the paper's form
     command, load = history(8_000, dt)
-    rest = np.zeros(11)
+    rest = np.zeros(13)
     rest[7] = 1.0
     trace = batch.reference_trace(
         faults.vector, command, load, rest, kernel_constants(actuator), dt, 1, 1, Truer(),
