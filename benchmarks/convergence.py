@@ -22,10 +22,10 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from ematwin.models.bldc.channels import signed_current
 from ematwin.models.bldc.comparison import BldcComparison
-from ematwin.models.bldc.envelope import signed_current
+from ematwin.models.bldc.faults import FAULTS
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.unknowns import FAULTS
 from ematwin.models.scenario import Scenario, Step
 from ematwin.models.simulating import simulate
 from ematwin.numerics.signals import LowPass

@@ -38,9 +38,9 @@ from joblib import Parallel, delayed
 from ematwin import Calibration, Noise, Recording, Scenario, calibrate, identify, simulate
 from ematwin.errors import EmatwinError
 from ematwin.estimation.forms import find_forms
+from ematwin.models.bldc.faults import UNKNOWNS
 from ematwin.models.bldc.model import MODEL
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.unknowns import UNKNOWNS
 from ematwin.models.registry import load_actuator
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))

@@ -21,11 +21,9 @@ from ematwin import Noise, simulate
 from ematwin.errors import ParameterError
 from ematwin.estimation.baseline import Baseline, uncertain, with_nuisances
 from ematwin.estimation.prior import Prior
-from ematwin.models.bldc.channels import PHASES
-from ematwin.models.bldc.envelope import signed_current
-from ematwin.models.bldc.faults import FAULTS, HEALTHY
+from ematwin.models.bldc.channels import PHASES, signed_current
+from ematwin.models.bldc.faults import FAULTS, HEALTHY, POWER, nuisances
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.unknowns import POWER, nuisances
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.recordings.recording import Recording
 

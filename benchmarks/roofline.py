@@ -27,8 +27,8 @@ import numpy as np
 import ematwin
 from ematwin.models.bldc import batch
 from ematwin.models.bldc.comparison import BldcComparison
+from ematwin.models.bldc.faults import UNKNOWNS
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.unknowns import UNKNOWNS
 from ematwin.numerics.compile import loop
 from ematwin.numerics.lanes import LANES, lane_loop, wide_vectors
 

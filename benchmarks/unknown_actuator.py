@@ -50,9 +50,8 @@ from joblib import Parallel, delayed
 from ematwin import Noise, identify, simulate
 from ematwin.errors import EmatwinError
 from ematwin.models.bldc.channels import PHASES, VOLTAGES
-from ematwin.models.bldc.faults import HEALTHY, error_percent_wrapped
+from ematwin.models.bldc.faults import FAULTS, HEALTHY, error_percent_wrapped
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.unknowns import FAULTS
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.scenario import Scenario, Step
 from ematwin.recordings.recording import Recording

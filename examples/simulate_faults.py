@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 import ematwin
-from ematwin.models.bldc.envelope import shown_current
+from ematwin.models.bldc.channels import shown_current
 from ematwin.models.bldc.faults import PAPER_CASES, Faults
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.report.recordings import comparison_page

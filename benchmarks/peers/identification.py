@@ -25,8 +25,7 @@ from benchmarks.peers.measure import Line, Part, missing, number, progress, vers
 from ematwin import Faults, simulate
 from ematwin.estimation.multistart import Multistart
 from ematwin.estimation.problem import Problem
-from ematwin.models.bldc.faults import HEALTHY, error_percent_wrapped
-from ematwin.models.bldc.unknowns import FAULTS
+from ematwin.models.bldc.faults import FAULTS, HEALTHY, error_percent_wrapped
 
 SEED = 2026
 VECTORS = 5

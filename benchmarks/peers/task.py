@@ -13,8 +13,8 @@ import numpy as np
 from ematwin import simulate
 from ematwin.models.bldc.comparison import BldcComparison
 from ematwin.models.bldc.constants import kernel_constants
+from ematwin.models.bldc.faults import FAULTS
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.unknowns import FAULTS
 
 CUTOFF = 500.0  # Hz
 INJECTED = {"friction": 0.3, "backlash": 0.1, "short_a": 0.15, "eccentricity": 0.2}

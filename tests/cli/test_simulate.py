@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import ematwin as library
-from ematwin.models.bldc.channels import phase_currents
-from ematwin.models.bldc.envelope import current_envelope
+from ematwin.models.bldc.channels import current_envelope, phase_currents
 
 
 def test_the_main_job_writes_a_record_and_a_plot(ematwin, tmp_path):

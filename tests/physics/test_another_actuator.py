@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ematwin.models.bldc.channels import phase_currents
-from ematwin.models.bldc.envelope import signed_current
+from ematwin.models.bldc.channels import phase_currents, signed_current
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.scenario import Scenario
 from ematwin.models.simulating import simulate as simulate_twin

@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from ematwin.models.bldc import batch
-from ematwin.models.bldc.constants import kernel_constants
+from ematwin.models.bldc.constants import Truer, TruerState, kernel_constants
 from ematwin.models.bldc.faults import PAPER_CASES, Faults
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.state import Truer, TruerState
 from ematwin.models.scenario import Scenario
 
 ACTUATOR = BldcActuator.load()
@@ -44,7 +43,7 @@ class Run:
         time = np.arange(round(duration / DT) + 1) * DT
         command, load = Scenario.load_file("default").histories(time)
         self.load = load[:-1] / gear.ratio
-        self.state = np.zeros(11)
+        self.state = np.zeros(13)
         self.state[7] = 1.0
         trace = batch.reference_trace(
             faults.vector, command * gear.ratio, load / gear.ratio, self.state, C, DT, 1, 1,

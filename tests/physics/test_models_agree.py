@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from ematwin.models.bldc.envelope import current_envelope, signed_current, trapezoid_shape
+from ematwin.models.bldc.channels import current_envelope, signed_current, trapezoid_shape
 from ematwin.models.bldc.faults import FAULTS, PAPER_CASES, Faults
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.scenario import Chirp, Profile, Ramp, Scenario, Step

@@ -15,10 +15,9 @@ import numpy as np
 import pytest
 
 from ematwin.models.bldc import inverter, motor
-from ematwin.models.bldc.constants import kernel_constants, truer_constants
+from ematwin.models.bldc.constants import fault_state, kernel_constants, truer_constants
 from ematwin.models.bldc.faults import Faults
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.state import fault_state
 from ematwin.numerics.compile import plain
 
 SPEED = 400.0  # rad/s: an electrical turn in 7.9 ms, back-EMF at 60 % of the supply

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from ematwin.models.pmsm import reference_step as steps_of
-from ematwin.models.pmsm.constants import Constants, constants_of
 from ematwin.models.pmsm.reference_step import ReferenceState
+from ematwin.models.pmsm.unknowns import Constants, constants_of
 from ematwin.numerics.compile import plain
 from pmsm_inputs import ACTUATOR, SMOOTH, healthy
 

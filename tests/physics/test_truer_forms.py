@@ -11,14 +11,12 @@ import ematwin
 from bldc_inputs import HALF
 from ematwin.errors import ParameterError
 from ematwin.models.bldc import batch
-from ematwin.models.bldc.channels import phase_currents
-from ematwin.models.bldc.constants import kernel_constants, truer_constants
-from ematwin.models.bldc.envelope import signed_current
+from ematwin.models.bldc.channels import phase_currents, signed_current
+from ematwin.models.bldc.constants import TruerState, fault_state, kernel_constants, truer_constants
 from ematwin.models.bldc.faults import FAULTS, Faults, error_percent
-from ematwin.models.bldc.motor import cogging_torque, gap_factors, loop_answer, truer_shapes
+from ematwin.models.bldc.motor import gap_factors, loop_answer, torque_of_cogging, truer_shapes
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.simulate import reference_answer
-from ematwin.models.bldc.state import TruerState, fault_state
 from ematwin.models.registry import load_actuator
 from ematwin.models.scenario import Scenario, Step
 from ematwin.models.simulating import simulate
@@ -101,7 +99,7 @@ def test_electrical_input_is_copper_loss_and_mechanical_work_and_stored_energy(f
     dt, gear = 1e-6, actuator.transmission
     time = np.arange(round(0.25 / dt) + 1) * dt
     command, load = Scenario.load_file("default").histories(time)
-    state, more = np.zeros(11), np.array(TruerState())
+    state, more = np.zeros(13), np.array(TruerState())
     state[7] = 1.0
     k, c = Faults(**faults).vector, kernel_constants(actuator)
     truer = truer_constants(actuator)
@@ -174,7 +172,7 @@ def test_a_rounded_shape_makes_the_mean_torque_of_the_trapezoid_in_six_steps():
 def test_cogging_does_no_work_over_a_turn():
     truer = truer_constants(COGGED)
     theta = np.linspace(0.0, 2.0 * math.pi, 1201)[:-1]
-    torque = np.array([plain(cogging_torque)(x, truer) for x in theta])
+    torque = np.array([plain(torque_of_cogging)(x, truer) for x in theta])
     assert np.abs(torque).max() == pytest.approx(0.002, rel=1e-3)
     assert abs(torque.mean()) < 1e-12
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from ematwin.errors import FileError, ParameterError
+from ematwin.models.bldc.faults import FIXED
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.unknowns import FIXED
 from ematwin.models.parameter_set import quantity
 from refusals import refusal_of
 

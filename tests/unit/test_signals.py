@@ -8,8 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ematwin.errors import InputError
-from ematwin.models.bldc.channels import PHASES, phase_currents
-from ematwin.models.bldc.envelope import current_envelope, signed_current, trapezoid_shape
+from ematwin.models.bldc.channels import (
+    PHASES,
+    current_envelope,
+    phase_currents,
+    signed_current,
+    trapezoid_shape,
+)
 from ematwin.numerics.signals import LowPass, SlopeWeighting
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording

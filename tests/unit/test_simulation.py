@@ -7,7 +7,7 @@ import ematwin
 from ematwin import BldcActuator, Noise, Recording, Scenario, simulate
 from ematwin.errors import DivergedError, InputError
 from ematwin.models.bldc import simulate as simulation
-from ematwin.models.bldc.envelope import current_envelope
+from ematwin.models.bldc.channels import current_envelope
 from ematwin.models.scenario import Chirp, Step
 
 MODELS = ("reference", "monitor")

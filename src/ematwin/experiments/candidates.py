@@ -18,8 +18,7 @@ from ematwin.errors import InputError
 from ematwin.estimation.interrupt import until_interrupted
 from ematwin.experiments.experiment import UNANSWERED, Experiment, RefusedError
 from ematwin.models.base import Model
-from ematwin.models.history import Chirp, Component, Profile, Sine, Step
-from ematwin.models.scenario import Scenario
+from ematwin.models.scenario import Chirp, Component, Profile, Scenario, Sine, Step
 from ematwin.recordings.recording import Recording
 from ematwin.showing.text import said
 

@@ -33,8 +33,8 @@ from ematwin.models.optional import (
     Study,
     Values,
 )
-from ematwin.models.parameter_set import ParameterSet, not_searchable
-from ematwin.models.scenario import Scenario, shipped_scenarios
+from ematwin.models.parameter_set import ParameterSet, not_searchable, shipped_scenarios
+from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import (
     Alias,
     Contrast,
@@ -58,64 +58,51 @@ Progress = Callable[[float], None]
 
 
 class Model(ABC):
-    """One kind of actuator.
+    """One kind of actuator."""
 
-    Attributes
-    ----------
-    kind : name, as ``kind = "..."`` in a parameter file
-    title : for people
-    parameters : class of its parameter sets
-    channels : channels that its recordings need or may have
-    command : name of the channel that is commanded
-    load : name of the channel of the load, or None
-    disturbance : name of the channel that the load of a scenario is, where that is no load
-    needs : channels that a recording must have besides the command; where one of several
-        alternatives will do, a group of them, each a tuple of channels
-    default_search : name of the search method that `identify` uses, but where equations along the
-        motion show every fault and need none
-    model_error : factor on standard errors for errors of the twin that last throughout a recording;
-        the default was measured for the brushless actuator of version 0.1. Where
-        ``recordings_differ`` calibration learns such errors, and it does not count
-    recordings_differ : whether recordings of a healthy actuator differ by more than noise, as those
-        of servos do with their temperature: calibration then learns how much, and faults are judged
-        beside it (`ematwin.estimation.random_effects`)
-    fidelities : names of its models for `simulate`, the default first
-    sample_rate : Hz, of what `simulate` gives where nothing else is said
-    compared_rate : Hz, to which faster recordings are averaged (`averaged`); None leaves them
-    on_request : channels that `simulate` gives only where they are asked for (``also``)
-    noisy : channels beside currents whose noise `simulate` adds; None takes all compared ones
-    nominal : places of the parameters that healthy recordings may determine, each with how far
-        (as a factor, one standard deviation) a template may be off
-    signed : the same of parameters of either sign, with standard deviations in their units
-    fixed : places of parameters that cannot be searched, because a batch shares them: the step
-    monitoring : how a healthy population judges recordings; None of kinds that are judged by the
-        values of their faults, with all parameters free within their tolerances
-    study : what studies of search methods need of it
-    demands : quantities of a motion that a designed test may limit, the travel first; the size of
-        the command where none is given
-    """
-
-    kind: ClassVar[str]
-    title: ClassVar[str]
-    parameters: ClassVar[type[ParameterSet]]
-    channels: ClassVar[tuple[Channel, ...]]
-    command: ClassVar[str]
-    load: ClassVar[str | None] = None
+    kind: ClassVar[str]  #: name, as ``kind = "..."`` in a parameter file
+    title: ClassVar[str]  #: for people
+    parameters: ClassVar[type[ParameterSet]]  #: class of its parameter sets
+    channels: ClassVar[tuple[Channel, ...]]  #: that its recordings need or may have
+    command: ClassVar[str]  #: name of the channel that is commanded
+    load: ClassVar[str | None] = None  #: name of the channel of the load, or None
+    #: name of the channel that the load of a scenario is, where that is no load
     disturbance: ClassVar[str | None] = None
+    #: channels that a recording must have besides the command; where one of several alternatives
+    #: will do, a group of them, each a tuple of channels
     needs: ClassVar[tuple[str | tuple[tuple[str, ...], ...], ...]] = ()
+    #: name of the search method that `identify` uses, but where equations along the motion show
+    #: every fault and need none
     default_search: ClassVar[str] = "multistart"
+    #: factor on standard errors for errors of the twin that last throughout a recording; the
+    #: default was measured for the brushless actuator of version 0.1. Where ``recordings_differ``
+    #: calibration learns such errors, and it does not count
     model_error: ClassVar[float] = 2.5
+    #: whether recordings of a healthy actuator differ by more than noise, as those of servos do
+    #: with their temperature: calibration then learns how much, and faults are judged beside it
+    #: (`ematwin.estimation.random_effects`)
     recordings_differ: ClassVar[bool] = False
+    #: names of its models for `simulate`, the default first
     fidelities: ClassVar[tuple[str, ...]] = ("twin",)
-    sample_rate: ClassVar[float] = 1000.0
+    sample_rate: ClassVar[float] = 1000.0  #: Hz, of what `simulate` gives if nothing else is said
+    #: Hz, to which faster recordings are averaged (`averaged`); None leaves them
     compared_rate: ClassVar[float | None] = None
-    on_request: ClassVar[tuple[str, ...]] = ()
+    on_request: ClassVar[tuple[str, ...]] = ()  #: channels that `simulate` gives only by ``also``
+    #: channels beside currents whose noise `simulate` adds; None takes all compared ones
     noisy: ClassVar[tuple[str, ...] | None] = None
+    #: places of the parameters that healthy recordings may determine, each with how far (as a
+    #: factor, one standard deviation) a template may be off
     nominal: ClassVar[Mapping[str, float]] = {}
+    #: the same of parameters of either sign, with standard deviations in their units
     signed: ClassVar[Mapping[str, float]] = {}
+    #: places of parameters that cannot be searched, because a batch shares them: the step
     fixed: ClassVar[tuple[str, ...]] = ()
+    #: how a healthy population judges recordings; None of kinds that are judged by the values of
+    #: their faults, with all parameters free within their tolerances
     monitoring: ClassVar[Monitoring | None] = None
-    study: ClassVar[Study] = Study()
+    study: ClassVar[Study] = Study()  #: what studies of search methods need of it
+    #: quantities of a motion that a designed test may limit, the travel first; the size of the
+    #: command where none is given
     demands: ClassVar[tuple[Demand, ...]] = ()
 
     def of_file(self, table: Mapping[str, Any], what: str) -> "Model":

@@ -89,10 +89,7 @@ def _check_unit_of_time(model: "Model", recording: Recording) -> None:
 def contradictions(
     model: "Model", recording: Recording, actuator: Any
 ) -> dict[tuple[str, ...], str]:
-    """Sentences on channels that stand still, are late or contradict the others.
-
-    By the channel, or by several where the cause may be any of them.
-    """
+    """Sentences on channels that stand still, are late or contradict others, by the channels."""
     command = recording.channels[model.command]
     if len(recording) < 100 or not np.ptp(command) > 0.0:  # of fewer nothing can be said
         return {}
@@ -122,10 +119,8 @@ def contradictions(
 
 
 def _unmoved(model: "Model", recording: Recording, name: str, must_move: bool) -> str:
-    """The sentence on a channel that stands still although the command moves; "" if there is none.
-
-    Of a part, any channel counts that has noise elsewhere, if the value is not an end of its range.
-    """
+    """The sentence on a channel that stands still while the command moves; "" if none does."""
+    # of a part, one that has noise elsewhere counts, if the value is not an end of its range
     command, values = recording.channels[model.command], recording.channels[name]
     first, last = max(_repeats(values), key=lambda ends: ends[1] - ends[0], default=(0, 0))
     if last - first <= 0.1 * values.size:  # longer shows without a law
@@ -172,7 +167,7 @@ class _Trial:
             return (), ""
         for name in self._law.channels:
             if stretches := self._still(name):
-                held = self._values(name)[stretches[0][0]]
+                held = np.ravel(self._law.channels[name])[stretches[0][0]]
                 where = [] if stretches[0] == (0, len(self._recording)) else stretches
                 siblings = [other for other in self._law.channels if other != name]
                 return (name,), _still(self._model, self._recording, name, held, where, siblings)
@@ -211,9 +206,6 @@ class _Trial:
             "delay of one of them explains it. Check these sensors, their order and scales."
         )
 
-    def _values(self, name: str) -> np.ndarray:
-        return np.atleast_2d(self._law.channels[name])[0]
-
     def _rows(
         self, samples: np.ndarray, times: Mapping[str, float] = {}, late: str = "", lag: int = 0
     ) -> np.ndarray:
@@ -227,11 +219,9 @@ class _Trial:
         }
         return np.atleast_2d(self._law.left(taken))
 
-    def _left(
-        self, samples: np.ndarray, times: Mapping[str, float] = {}, late: str = "", lag: int = 0
-    ) -> float:
-        """RMS of the residual at some samples, without noise, shapes and a few false reads."""
-        rows = self._rows(samples, times, late, lag)
+    def _left(self, samples: np.ndarray, *changes: Any) -> float:
+        """RMS of the residual of `_rows`, without noise, shapes and a few false reads."""
+        rows = self._rows(samples, *changes)
         shapes = np.vstack([np.ones(samples.size), rows[1:]]).T
         kept = np.ones(samples.size, dtype=bool)
         for _ in range(2):
@@ -242,10 +232,7 @@ class _Trial:
         return float(np.sqrt(max(0.0, np.mean(rest**2) - self._noise**2)))
 
     def _follows(self, name: str) -> tuple[float, float] | None:
-        """Gain of a channel on the value that the others imply, and their correlation.
-
-        None where the law is not linear in the channel.
-        """
+        """Gain on the value that the others imply, and correlation; None if it is not linear."""
         none, one, two = (self._rows(self._whole, {name: times})[0] for times in (0.0, 1.0, 2.0))
         share, expected = one - none, none.mean() - none
         share -= share.mean()
@@ -258,7 +245,8 @@ class _Trial:
     def _still(self, name: str) -> list[tuple[int, int]]:
         """Stretches in which a channel stands still and the law does not hold, if it does else."""
         found = [
-            (first, last) for first, last in _repeats(self._values(name))
+            (first, last)
+            for first, last in _repeats(np.atleast_2d(self._law.channels[name])[0])
             if np.ptp(self._residual[first:last]) > self._law.play
         ]  # fmt: skip
         still = np.zeros(len(self._recording), dtype=bool)

@@ -21,6 +21,11 @@ Candidates = Mapping[str, np.ndarray]
 """Values (B,) by name of the unknown; what is not named is healthy or nominal."""
 
 
+def one_candidate(values: Mapping[str, float]) -> dict[str, np.ndarray]:
+    """Values by name as those of a single candidate."""
+    return {name: np.array([value]) for name, value in values.items()}
+
+
 class Placed(NamedTuple):
     """A recording counted from where an answer shows its rotor to stand."""
 
@@ -123,7 +128,7 @@ class Comparison(ABC):
         exact = self.exact(values)
         if exact is None:
             return None
-        fast = self.responses({name: np.array([value]) for name, value in values.items()}, 1)
+        fast = self.responses(one_candidate(values), 1)
         return {name: trace - fast[name][0] for name, trace in exact.items()}
 
     def exact_residuals(self, values: Mapping[str, float]) -> np.ndarray | None:
@@ -131,8 +136,7 @@ class Comparison(ABC):
         missed = self.missed(values)
         if missed is None:
             return None
-        one = {name: np.array([value]) for name, value in values.items()}
-        return np.asarray(self.with_missed(missed).residuals(one, 1)[0])
+        return np.asarray(self.with_missed(missed).residuals(one_candidate(values), 1)[0])
 
     def with_missed(self, missed: Mapping[str, np.ndarray]) -> "Comparison":
         """With the error of the twin, (S,) arrays, subtracted from the recording; or itself."""

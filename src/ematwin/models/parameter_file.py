@@ -45,10 +45,7 @@ def stated(field: FieldInfo) -> dict[str, Any]:
 def parameter_table(
     name_or_path: str | Path, shipped: Mapping[str, Path], broken: Callable[[], list[str]] = list
 ) -> dict[str, Any]:
-    """The content of a parameter file, or of a shipped set, as it is written.
-
-    ``broken`` gives sentences on what may be missing from ``shipped``.
-    """
+    """The content of a parameter file or shipped set; ``broken`` says what may be missing."""
     path, name = Path(name_or_path), str(name_or_path)
     if path.suffix != ".toml":
         if name not in shipped:
@@ -128,19 +125,14 @@ def _corrected(
 
 
 def _read_entry(leaf: Any, field: FieldInfo, place: str, what: str, found: Read) -> float | None:
-    """The value of ``{ value, unit, source }``, SI; None where it is missing or wrong.
-
-    Source, tolerance and all that is wrong with it are noted.
-    """
+    """Value of ``{ value, unit, source }``, SI, or None; all that is wrong with it is noted."""
     needed = ("value", "unit", "source")
     known = (*needed, "tolerance")
     entry = leaf if isinstance(leaf, dict) else {}
     meant = misspelt(entry, known)
-    wrong = [
-        unknown_name(f"{place}.{key}", what, f"{place}.{meant[key]}" if key in meant else "")
-        for key in entry
-        if key not in known
-    ]
+    strange = [key for key in entry if key not in known]
+    names = [(f"{place}.{key}", f"{place}.{meant[key]}" if key in meant else "") for key in strange]
+    wrong = [unknown_name(name, what, right) for name, right in names]
     given = {meant.get(key, key): one for key, one in entry.items()}
     if not given.keys() >= set(needed):
         wrong.append(

@@ -88,6 +88,12 @@ def folder_of(module: str) -> Path:
     return Path.cwd() if file is None else Path(file).parent
 
 
+def shipped_scenarios(module: str = "ematwin.models.bldc") -> dict[str, Path]:
+    """Names and files of the scenarios in the folder ``scenarios`` beside a module."""
+    folder = folder_of(module) / "scenarios"
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
 def not_searchable(place: str) -> InputError:
     """The error that a parameter is fixed."""
     return InputError(

@@ -72,10 +72,14 @@ def propose_map(path: Any, actuator: Any = None, found: Survey | None = None) ->
     recording, why = _read(path, model, draft.entries)
     _find_units(draft, model, recording, chosen)
     taken = {entry.channel for entry in draft.entries.values()}
+    time, interval = draft.entries.get("time"), 0.0
+    if time is not None and not time.is_open:
+        interval = _size(draft.found[time.channel], draft.channels["time"])
+        interval *= unit_factor(time.unit, "s", time.channel)
     proposal = Proposal(
         model.kind, draft.entries, tuple(draft.questions),
         unused=tuple(one.name for one in found.channels if one.name not in taken),
-        rate=_rate(draft),
+        rate=1.0 / interval if interval > 0.0 else None,  # NaN where no time is known
     )  # fmt: skip
     if any(one.needed for one in proposal.questions):
         return proposal
@@ -144,16 +148,6 @@ def _not_refused(
     if not any(kept.values()):
         return dict(left)  # it is refused for another reason
     return {name: [unit for unit in some if unit in kept[name]] for name, some in left.items()}
-
-
-def _rate(draft: Draft) -> float | None:
-    """Samples per second that the proposed channel of time gives, Hz."""
-    entry = draft.entries.get("time")
-    if entry is None or entry.is_open:
-        return None
-    step = _size(draft.found[entry.channel], draft.channels["time"])
-    step *= unit_factor(entry.unit, "s", entry.channel)
-    return 1.0 / step if step > 0.0 else None  # NaN where no time is known
 
 
 def _of_usual_size(one: Surveyed, channel: Channel) -> list[str]:

@@ -118,19 +118,17 @@ def _model_of_kind(kind: str, there: str) -> Model:
 
 def _no_kind(kind: object, there: str) -> ParameterError:
     """The error that names all kinds, and those broken ones that may be meant."""
-    said = (
-        f"{there} is no kind of actuator {kind!r}; choose one of {', '.join([*models(), _STATED])}."
-    )
+    known = ", ".join([*models(), _STATED])
+    said = f"{there} is no kind of actuator {kind!r}; choose one of {known}."
     return ParameterError(" ".join([said, *broken_kinds()]))
 
 
 def shipped_actuators() -> dict[str, Path]:
     """Names and files of all parameter sets that come with the kinds."""
-    return {
-        name: path
-        for model in models().values()
-        for name, path in model.parameters.shipped().items()
-    }
+    found: dict[str, Path] = {}
+    for model in models().values():
+        found |= model.parameters.shipped()
+    return found
 
 
 def load_actuator(name_or_path: "str | Path | ParameterSet | Any | None" = None) -> ParameterSet:

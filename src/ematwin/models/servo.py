@@ -177,11 +177,9 @@ def star_laws(recording: Recording, phases: Sequence[str], text: str, most: floa
     values = {name: recording.channels[name] for name in phases}
     size = float(np.sqrt(np.mean([one**2 for one in values.values()])))
     # sensors and converters of phases differ by less than 5 % of it
-    return [Law(text, values, _sum, 0.05 * size, most * size)]
-
-
-def _sum(taken: Mapping[str, np.ndarray]) -> np.ndarray:
-    return np.sum(list(taken.values()), axis=0)
+    return [
+        Law(text, values, lambda taken: np.sum([*taken.values()], axis=0), 0.05 * size, most * size)
+    ]
 
 
 def current_laws(recording: Recording) -> list[Law]:

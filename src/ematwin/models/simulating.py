@@ -9,6 +9,7 @@ import numpy as np
 
 from ematwin.errors import DivergedError, InputError
 from ematwin.models.base import Model, Progress, Values
+from ematwin.models.comparison import one_candidate
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.scenario import Scenario
@@ -45,8 +46,7 @@ def of_twin(
     inputs = {model.command: command}
     if model.load or (model.disturbed and scenario.load):
         inputs[model.disturbed] = load
-    one = {name: np.array([value]) for name, value in values.items()}
-    answer = model.respond(actuator, Recording(time, inputs), one, 1)
+    answer = model.respond(actuator, Recording(time, inputs), one_candidate(values), 1)
     channels = {**inputs, **{name: trace[0] for name, trace in answer.items()}}
     if progress is not None:
         progress(1.0)

@@ -11,8 +11,8 @@ from bldc_inputs import HALF
 from ematwin.estimation.rivals import Rival, weighed
 from ematwin.estimation.verdict import Verdict
 from ematwin.models.base import OtherForm
+from ematwin.models.bldc.faults import fixed_in_space, other_forms
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.unknowns import fixed_in_space, other_forms
 
 PLAIN = BldcActuator.load()
 SHORTS = ("short_a", "short_b", "short_c")

@@ -7,9 +7,8 @@ import ematwin
 from ematwin.errors import InputError
 from ematwin.estimation.baseline import Baseline
 from ematwin.models.base import Model
-from ematwin.models.history import Step
 from ematwin.models.parameter_set import ParameterSet, Section, quantity
-from ematwin.models.scenario import Scenario
+from ematwin.models.scenario import Scenario, Step
 from ematwin.models.unknown import Unknown
 from ematwin.monitoring.calibration import Calibration
 from ematwin.recordings.channel import Channel

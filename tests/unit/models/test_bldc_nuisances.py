@@ -6,7 +6,7 @@ from scipy.interpolate import CubicSpline
 
 from ematwin import BldcActuator, Faults, Noise, Recording, simulate
 from ematwin.models.bldc.comparison import BldcComparison
-from ematwin.models.bldc.unknowns import FAULTS, aliases, nuisances
+from ematwin.models.bldc.faults import FAULTS, aliases, nuisances
 from ematwin.models.registry import model_of
 from ematwin.models.scenario import Scenario
 from ematwin.numerics.signals import LowPass

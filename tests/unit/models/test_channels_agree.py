@@ -21,7 +21,7 @@ def pmsm(**changed):
     """A swing at two frequencies, with the torque that it may take, and noise of 1 %."""
     motor = 20.0 * np.sin(2.0 * np.pi * 1.5 * TIME) + 4.0 * np.sin(2.0 * np.pi * 4.0 * TIME)
     torque = 2.0 * np.cos(2.0 * np.pi * 1.5 * TIME) + np.sin(2.0 * np.pi * 3.0 * TIME)
-    phases = to_phases(0.0 * torque, torque, SERVO.motor.pole_pairs * motor)
+    phases = np.stack(to_phases(0.0 * torque, torque, SERVO.motor.pole_pairs * motor))
     rng = np.random.default_rng(1)
     noisy = phases + 0.01 * rng.standard_normal(phases.shape)
     output = motor / SERVO.transmission.ratio

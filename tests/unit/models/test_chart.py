@@ -5,8 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from ematwin.models.bldc.faults import error_percent_wrapped
-from ematwin.models.bldc.unknowns import UNKNOWNS
+from ematwin.models.bldc.faults import UNKNOWNS, error_percent_wrapped
 from ematwin.models.chart import Chart
 
 vectors = arrays(float, (3, 8), elements=st.floats(0.0, 1.0))

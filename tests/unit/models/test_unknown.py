@@ -5,7 +5,7 @@ import pytest
 
 from ematwin import BldcActuator, Faults
 from ematwin.errors import InputError
-from ematwin.models.bldc.unknowns import fault
+from ematwin.models.bldc.faults import fault
 from ematwin.models.registry import model_of
 from ematwin.models.unknown import Unknown
 
@@ -13,8 +13,7 @@ ACTUATOR = BldcActuator.load()
 
 
 def test_the_laws_are_those_of_the_kernel() -> None:
-    from ematwin.models.bldc.constants import kernel_constants
-    from ematwin.models.bldc.state import fault_state
+    from ematwin.models.bldc.constants import fault_state, kernel_constants
 
     k = [0.25, 0.5, 0.1, 0.2, 0.3, 0.4, 0.7, 0.9]
     half_gap = kernel_constants(ACTUATOR).half_gap

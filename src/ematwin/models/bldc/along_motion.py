@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.models.bldc.channels import phase_currents
-from ematwin.models.bldc.constants import kernel_constants, truer_constants
+from ematwin.models.bldc.channels import phase_currents, trapezoid_shape
+from ematwin.models.bldc.constants import TruerState, fault_state, kernel_constants, truer_constants
 from ematwin.models.bldc.counts import (
     CUTOFF,
     SmoothingSpline,
@@ -23,14 +23,16 @@ from ematwin.models.bldc.counts import (
     step_by_noise,
     steps_of,
 )
-from ematwin.models.bldc.envelope import trapezoid_shape
-from ematwin.models.bldc.loops import started
+from ematwin.models.bldc.faults import HELD, UNKNOWNS
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import balanced
-from ematwin.models.bldc.reference_step import ReferenceState, all_emf_constants, drive, more_after
+from ematwin.models.bldc.reference_step import (
+    ReferenceState,
+    all_emf_constants,
+    drive,
+    started,
+)
 from ematwin.models.bldc.simulate import INPUT_INTERVAL, TimeGrid, phases_of
-from ematwin.models.bldc.state import TruerState, fault_state
-from ematwin.models.bldc.unknowns import HELD, UNKNOWNS
 from ematwin.models.bldc.zeros import counted
 from ematwin.models.optional import FIRST_SAMPLE, Values
 from ematwin.numerics.compile import loop, step
@@ -57,10 +59,8 @@ def emf_along(k, angles, c, truer):  # type: ignore[no-untyped-def]
 
 @step
 def until_event(wait, late, span, delay, dt):  # type: ignore[no-untyped-def]
-    """A step ``dt`` that ends where a loop samples or answers, if that is sooner, s.
-
-    Arguments as of `advance_speed_loop`: with fixed steps samples would come late.
-    """
+    """A step ``dt`` (s) that ends where a loop samples or answers, if that is sooner."""
+    # with fixed steps samples would come late
     due = wait <= _INSTANT
     sample, answer = wait + span if due else wait, delay if due else late
     dt = min(dt, sample) if span > 0.0 else dt
@@ -97,27 +97,28 @@ def currents_along(k, command, motion, spacing, interval, c, longest, samples, t
     while sample < samples:
         bound = (sample + 1) * interval
         dt = until_event(
-            now_more.wait, now_more.late, truer.sample_time, truer.delay,
+            now_more.wait, now_more.late, truer.speed_loop_sample_time, truer.speed_loop_delay,
             min(longest, bound - begin),
         )  # fmt: skip
         dt = until_event(
-            now_more.voltage_wait, now_more.voltage_late, truer.current_sample,
-            truer.current_delay, dt,
+            now_more.voltage_wait, now_more.voltage_late, truer.current_loop_sample_time,
+            truer.current_loop_delay, dt,
         )  # fmt: skip
         at = begin / spacing
         g = min(int(at), last)
         s = at - g
         theta_m, w_m = between(motion[0], g, s), between(motion[1], g, s)
         now = ReferenceState(
-            i_a, i_b, i_c, w_m, theta_m, 0.0, between(motion[2], g, s), pair_sign, 0.0, 0.0, 0.0
-        )
+            i_a, i_b, i_c, w_m, theta_m, 0.0, between(motion[2], g, s), pair_sign,
+            0.0, 0.0, 0.0, 0.0, 0.0,
+        )  # fmt: skip
         kappas = (
             c.k_e * between(motion[3], g, s), c.k_e * between(motion[4], g, s),
             c.k_e * between(motion[5], g, s),
         )  # fmt: skip
         done = drive(now, now_more, between(command, g, s), kappas, fault, c, truer, dt)
         i_a, i_b, i_c = done.i
-        pair_sign, now_more = done.pair_sign, more_after(done, 0.0, 0.0)
+        pair_sign, now_more = done.pair_sign, done.more
         for n in range(3):
             found[sample, n] += dt / interval * done.means[n]
         begin += dt
@@ -147,9 +148,8 @@ class Motion:
         self.time = np.arange(len(recording)) / self.rate
         self.command = recording.channels["command"] * ratio
         self.load = recording.channels.get("load", np.zeros(len(recording))) / ratio
-        currents = phase_currents(recording)
-        assert currents is not None
-        self.currents, self.sheet = currents, actuator
+        self.currents: Any = phase_currents(recording)
+        self.sheet = actuator
         motor = recording.channels["motor_position"]
         output = recording.channels["output_position"] * ratio
         # steps of encoders, rad, 0 without; and of counts as noisy as the positions
@@ -176,18 +176,14 @@ class Motion:
         return self.motor.values - self.output.values
 
     def recorded_anew(self) -> "Motion | None":
-        """The motion by encoders whose counts begin elsewhere, or with other noise; None if clean.
-
-        It differs from this one as this one does from the truth.
-        """
+        """The motion by encoders whose counts begin elsewhere, or other noise; None if clean."""
+        # it differs from this one as this one does from the truth
         if not any(self.steps):
             return None
-        other = copy.copy(self)
+        other, splines = copy.copy(self), (self.motor, self.output)
         motor, output = (
             recorded_anew(spline.values, size, counts > 0.0)
-            for spline, size, counts in zip(
-                (self.motor, self.output), self.steps, self.counts, strict=True
-            )
+            for spline, size, counts in zip(splines, self.steps, self.counts, strict=True)
         )
         other._move(motor, output, self.cutoff)
         return other
@@ -278,11 +274,9 @@ class Controller:
         return self._equivalent(currents)
 
     def changes(self, actuator: Any) -> dict[str, np.ndarray]:
-        """How the residual (S - 1,), A, changes with what may pass for a form.
-
-        The skew (s) may pass for a lag, and a current that an integral term held at first (A) hides
-        it. As if the current followed its demand: the ripple of a comparator drowns such a change.
-        """
+        """How the residual (S - 1,), A, changes with what may pass for a form."""
+        # A skew (s) may pass for a lag, and a current that an integral held at first (A) hides
+        # it. As if the current followed its demand: ripple of a comparator drowns such a change.
         motion, own, count = self._motion, actuator.controller, self._seen.size + 1
         demand = own.position_gain * own.speed_gain / (2.0 * actuator.motor.emf_constant)
         pace = np.gradient(motion.command[:count], motion.time[:count])[1:]
@@ -292,27 +286,22 @@ class Controller:
     def least(self, actuator: Any) -> float:
         """Share of the recorded current that noise and the error of the equation leave."""
         noise = noise_of(self._signed, self._low_pass, self._motion.rate, self._seen.size)
-        noise = math.hypot(noise, self._of_counts(actuator))
-        return math.hypot(noise / self.size, self.alike(actuator))
+        # counts of recorded positions, and in the loops
+        others = [] if self._anew is None else [self._anew.left(actuator)]
+        if actuator.encoder is not None:
+            others.append(self.left(actuator, counts=True))
+        here = self.left(actuator) if others else 0.0
+        squares = sum(float(np.sum((one - here) ** 2)) for one in others)
+        return math.hypot(math.hypot(noise, math.sqrt(squares)) / self.size, self.alike(actuator))
 
     @cached_property
     def _anew(self) -> "Controller | None":
         other = self._motion.recorded_anew()
         return None if other is None else Controller(other, self._low_pass)
 
-    def _of_counts(self, actuator: Any) -> float:
-        """Norm of the residual that counts cause, of recorded positions and in the loops, A."""
-        others = [] if self._anew is None else [self._anew.left(actuator)]
-        if actuator.encoder is not None:
-            others.append(self.left(actuator, counts=True))
-        here = self.left(actuator) if others else 0.0
-        return math.sqrt(sum(float(np.sum((one - here) ** 2)) for one in others))
-
     def alike(self, actuator: Any) -> float:
-        """Share that simulators of other make and the ripple of a comparator leave.
-
-        The ripple of two simulations differs as much as the ripple of a simulation and a recording.
-        """
+        """Share that simulators of other make and the ripple of a comparator leave."""
+        # ripples of two simulations differ as much as those of a simulation and a recording
         if actuator.current_loop is not None:
             return LEAST
         ripple = float(np.linalg.norm(self.left(actuator) - self.left(actuator, faster=1.3)))

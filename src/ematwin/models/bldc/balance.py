@@ -21,9 +21,8 @@ from ematwin.models.bldc.along_motion import (
     fault_vector,
     noise_of,
 )
-from ematwin.models.bldc.constants import kernel_constants, truer_constants
+from ematwin.models.bldc.constants import FaultState, fault_state, kernel_constants, truer_constants
 from ematwin.models.bldc.counts import speed_noise
-from ematwin.models.bldc.state import FaultState, fault_state
 from ematwin.models.optional import Values
 from ematwin.numerics.compile import plain
 from ematwin.numerics.signals import LowPass, filtered, white_noise
@@ -100,10 +99,7 @@ class TorqueBalance:
         return np.asarray(actuator.motor.emf_constant * scale * current)
 
     def made(self, actuator: Any, values: Values | None) -> tuple[np.ndarray, np.ndarray, float]:
-        """Equivalent current of the recorded ones, as it is and smoothed as positions are.
-
-        Both (S,), A, and the size of the EMF shapes.
-        """
+        """Equivalent current, as it is and smoothed (S,), A, and the size of the EMF shapes."""
         forms = tuple(getattr(actuator, key) for key in _OF_WINDINGS)
         return self._recent(forms, tuple(fault_vector(values or {})[2:7].tolist()))
 
@@ -316,10 +312,8 @@ def _whitening(count: int, of_angle: float, of_acceleration: float, rate: float)
 
 
 def _rests(twist: np.ndarray, pushed: np.ndarray, gap: float) -> np.ndarray:
-    """(K,) of bool: whether twists (K,), rad, are of the face that is pushed, the upper one or not.
-
-    If these are less than half of the gap (rad) apart, one shows: the one pushed more often.
-    """
+    """(K,) of bool: whether twists (K,), rad, are of the face that is pushed."""
+    # faces less than half of the gap apart are one: that pushed more often
     if not pushed.any() or pushed.all():
         return np.ones(len(twist), bool)
     low, high = float(np.median(twist[~pushed])), float(np.median(twist[pushed]))

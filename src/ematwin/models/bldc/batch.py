@@ -12,6 +12,14 @@ import math
 
 import numpy as np
 
+from ematwin.models.bldc.constants import (
+    HALF_GAP,
+    LOAD_DELAY,
+    Constants,
+    FaultState,
+    TruerState,
+    fault_state,
+)
 from ematwin.models.bldc.monitor_step import (
     Loops,
     MonitorState,
@@ -21,14 +29,6 @@ from ematwin.models.bldc.monitor_step import (
     pairs_of,
 )
 from ematwin.models.bldc.reference_step import ReferenceState, reference_step
-from ematwin.models.bldc.state import (
-    HALF_GAP,
-    LOAD_DELAY,
-    Constants,
-    FaultState,
-    TruerState,
-    fault_state,
-)
 from ematwin.numerics.compile import loop, step
 from ematwin.numerics.lanes import LANES, columns, lane_loop, wide_vectors
 from ematwin.numerics.scalar import biquad
@@ -73,7 +73,7 @@ def reference_trace(k, command, load, state, c, dt, substeps, decimation, truer,
     ----------
     k : (8,) array, fault vector
     command, load : (G,) arrays on a uniform grid, rad and N m on the motor shaft; straight lines
-    state : (11,) array, the fields of `ReferenceState`; and ``more`` (19,), those of `TruerState`.
+    state : (13,) array, the fields of `ReferenceState`; and ``more`` (17,), those of `TruerState`.
         Both hold the last state afterwards, so that a long simulation can go on from there
     dt : step, s; ``substeps`` from one grid point to the next
     decimation : grid intervals from one sample to the next

@@ -1,8 +1,15 @@
-"""Channels of a recording of a brushless actuator."""
+"""Channels of a recording of a brushless actuator, and its equivalent current.
+
+That is the single current of the monitor model (docs/models.md, "The misfit"): the envelope of the
+phase currents, or their projection on the EMF shapes.
+"""
 
 import numpy as np
 
+from ematwin.errors import RecordError
+from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.servo import COMMAND_AND_LOAD, star_channels
+from ematwin.numerics.signals import LowPass
 from ematwin.recordings.channel import TIME, Channel
 from ematwin.recordings.recording import Recording
 
@@ -34,3 +41,58 @@ def phase_currents(recording: Recording) -> np.ndarray | None:
     if not set(PHASES) <= recording.channels.keys():
         return None
     return np.column_stack([recording.channels[name] for name in PHASES])
+
+
+def trapezoid_shape(theta_e: np.ndarray) -> np.ndarray:
+    """EMF shape f at electrical angles (rad): trapezoid with flats of 120 degrees."""
+    turns = theta_e / (2.0 * np.pi) - 0.25
+    return np.clip(3.0 - 12.0 * np.abs(turns - np.round(turns)), -1.0, 1.0)
+
+
+def projected(currents: np.ndarray, theta_e: np.ndarray) -> np.ndarray:
+    """(S,) array, A, phase currents (S, 3) on the EMF shapes at electrical angles (S,), rad."""
+    lags, found = 2.0 * np.pi / 3.0 * np.arange(3), np.empty(len(theta_e))
+    for start in range(0, len(theta_e), 65_536):  # long records take memory enough
+        part = slice(start, start + 65_536)
+        shapes = trapezoid_shape(theta_e[part, None] - lags)
+        found[part] = 0.5 * (currents[part] * shapes).sum(axis=1)
+    return found
+
+
+def current_envelope(record: Recording) -> np.ndarray:
+    """(S,) array, A, never negative: envelope of the phases, or magnitude of ``current``."""
+    currents = phase_currents(record)
+    if currents is not None:
+        return np.asarray(0.5 * np.abs(currents).sum(axis=1))
+    if record.current is None:
+        raise RecordError(
+            f"{record.name} has no current; give current_a, current_b and current_c, or current."
+        )
+    return np.abs(record.current)
+
+
+def signed_current(record: Recording, pole_pairs: int) -> np.ndarray | None:
+    """(S,) array, A, signed equivalent current; None where the record does not determine it."""
+    currents = phase_currents(record)
+    if record.motor_position is not None and currents is not None:
+        return projected(currents, pole_pairs * record.motor_position)
+    no_phases = not any(name in record.channels for name in PHASES)
+    if no_phases and record.current is not None and (record.current < 0.0).any():
+        return record.current
+    return None
+
+
+def equivalent_current(
+    record: Recording, pole_pairs: int, rectify: bool = False
+) -> tuple[np.ndarray, bool]:
+    """Equivalent current (S,), A, and whether it is a magnitude: if asked for, or all there is."""
+    signed = None if rectify else signed_current(record, pole_pairs)
+    return (current_envelope(record), True) if signed is None else (signed, False)
+
+
+def shown_current(recording: Recording, actuator: BldcActuator) -> np.ndarray:
+    """Equivalent current (S,), A: signed if that can be told, low-passed if sampled fast enough."""
+    current, _ = equivalent_current(recording, actuator.motor.pole_pairs)
+    low_pass = LowPass()
+    fast_enough = recording.sample_rate >= 4.0 * low_pass.cutoff
+    return low_pass.apply(current, recording.sample_rate) if fast_enough else current

@@ -1,6 +1,11 @@
 """How badly candidates explain a recording of a brushless actuator (docs/models.md, "The misfit").
 
 A recording is prepared once. A batch of candidates is then simulated and scored without traces.
+`restarted` compares stretch by stretch, each simulated anew from its recorded state: multiple
+shooting (Bock and Plitt 1984, Proc. 9th IFAC World Congress, 242-247) with states that were
+measured, so that only the faults are left to find. An error of the twin lasts to the end of its
+stretch: near the torque at which a motor stalls, the misfit over the whole recording jumps from
+vector to vector. A vector that explains the whole recording is still the better answer.
 """
 
 import copy
@@ -11,10 +16,9 @@ from typing import Self
 
 import numpy as np
 
-from ematwin.models.bldc import unknowns as table
-from ematwin.models.bldc.channels import PHASES, phase_currents
+from ematwin.models.bldc import faults as table
+from ematwin.models.bldc.channels import PHASES, equivalent_current, phase_currents
 from ematwin.models.bldc.constants import constants_by_candidate, kernel_constants
-from ematwin.models.bldc.envelope import equivalent_current
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import balanced
 from ematwin.models.bldc.stretches import (
@@ -24,33 +28,33 @@ from ematwin.models.bldc.stretches import (
     Stretches,
     initial_state,
     joined,
-    padded,
     recorded_power,
     tasks,
 )
 from ematwin.models.bldc.zeros import counted, turned
-from ematwin.models.comparison import Candidates, Comparison, Placed
+from ematwin.models.comparison import Candidates, Comparison, Placed, one_candidate
 from ematwin.models.plausibility import check_enough, check_moves
 from ematwin.numerics.filters import advanced
-from ematwin.numerics.side_by_side import cores, side_by_side
+from ematwin.numerics.side_by_side import by_candidate, cores, side_by_side
 from ematwin.numerics.signals import LowPass, SlopeWeighting, filtered, means, white_noise
 from ematwin.recordings.recording import Recording
 
 SMOOTH_CUTOFF = 100.0  # Hz: misfits of currents low-passed there have wide basins
 KEPT = 5_000  # samples of a response: more are thinned, as far as the low-pass allows
 _OVERSAMPLING = 8.0  # rate of kept samples over the cutoff, at least
+_STRETCH = 0.005  # s; at 10 to 20 ms some twins still stalled within a stretch
 
 
 class BldcComparison(Comparison):
     """Misfit (paper, eq. 2) of a batch of candidates against a recording.
 
-    ``rectify`` None compares signed currents where the recording has the rotor angle, else sizes.
+    Currents are signed where the recording has the rotor angle, unless to ``rectify``, else sizes.
     It has ``current`` and ``target`` (S,), A, the equivalent current as it is and filtered, and
     ``weights`` (S,), s/A. `RecordError` for a recording that is too short or constant, `InputError`
     for one that is sampled too slowly for the filter.
     """
 
-    kept: int  # samples of a response, at most
+    kept = KEPT  # samples of a response, at most
     _stands_for = 1  # samples as recorded, each sample
     model_error, has_reference = table.MODEL_ERROR, True
     power: Power | None = None  # where it counts as evidence
@@ -60,9 +64,8 @@ class BldcComparison(Comparison):
 
     def __init__(
         self, recording: Recording, actuator: BldcActuator, *, low_pass: LowPass | None = None,
-        rectify: bool | None = None, threads: int | None = None,
+        rectify: bool = False, threads: int | None = None,
     ) -> None:  # fmt: skip
-        self.kept = KEPT
         check_enough(recording)
         recording = counted(balanced(recording), actuator)
         self.recording, self.actuator = recording, actuator
@@ -79,11 +82,13 @@ class BldcComparison(Comparison):
         current = None if self.rectify else float(self.current[0])
         self.state = initial_state(recording, actuator, current)
         self.constants = kernel_constants(actuator)
-        held = {table.HELD}
-        self.ignores = frozenset(table.POWER) | (set() if actuator.integrates else held)
-        self.unseen = frozenset(
-            place for place, *_ in actuator.parameters() if place.startswith(table.REFERENCE_ALONE)
-        ) | (held if actuator.integrates else set())
+        unseen = {
+            place
+            for place, *_ in actuator.parameters()
+            if place.partition(".")[0] in table.REFERENCE_ALONE
+        }
+        self.unseen = frozenset(unseen | {table.HELD} if actuator.integrates else unseen)
+        self.ignores = frozenset(table.POWER) | ({table.HELD} - self.unseen)
         self.threads = threads or cores()
         self._filter(low_pass or LowPass())
 
@@ -94,19 +99,25 @@ class BldcComparison(Comparison):
         other._filter(self.low_pass)
         return other
 
-    def exact(self, values: Mapping[str, float]) -> dict[str, np.ndarray]:
+    def exact(self, values: Mapping[str, float]) -> dict[str, np.ndarray] | None:
         """Filtered current (A) and, if it counts, power (W) of the reference, (S,) arrays."""
-        shown = self._shown(*self._answered(values), self._one(values))
+        if not self.has_reference:
+            return None
+        shown = self._shown(*self._answered(values), self.batch(one_candidate(values), 1))
         return {name: rows[0] for name, rows in shown.items()}
 
-    def exact_residuals(self, values: Mapping[str, float]) -> np.ndarray:
+    def exact_residuals(self, values: Mapping[str, float]) -> np.ndarray | None:
         """Weighted residuals (K,) of the reference, without the monitor model and its error."""
+        if not self.has_reference:
+            return None
         if self._missed is None or self._missed:
             return self.with_missed({}).exact_residuals(values)
-        stride = -(-self.target.size // self.kept_of(self.whole))
         current, watts = self._answered(values)
-        some = None if watts is None else watts[:, ::stride].copy()
-        parts = self._compared(self.whole, self._one(values), current[:, ::stride].copy(), some)
+        some = slice(None, None, self.stretches.stride)
+        parts = self._compared(
+            self.stretches, self.batch(one_candidate(values), 1), current[:, some].copy(),
+            None if watts is None else watts[:, some].copy(),
+        )  # fmt: skip
         return np.concatenate(parts, axis=1)[0]
 
     def _answered(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray | None]:
@@ -117,11 +128,10 @@ class BldcComparison(Comparison):
         current, _ = equivalent_current(answer, self.actuator.motor.pole_pairs, self.rectify)
         current[0] = self.current[0]  # as the twin's: nothing has been simulated yet
         response, watts = filtered(self.taps, current)[0][None], None
-        if self.power is not None and self._filtered_power is not None:
-            power = self.power.of(answer)
-            power[0] = self._filtered_power.target[0]
-            taps = np.r_[self.taps[:5], self._filtered_power.states[0]]
-            watts = filtered(taps, power)[0][None]
+        if (known := self._filtered_power) is not None:
+            power = known.recorded.of(answer)
+            power[0] = known.target[0]
+            watts = filtered(np.r_[self.taps[:5], known.states[0]], power)[0][None]
         return response, watts
 
     def _shown(
@@ -143,7 +153,7 @@ class BldcComparison(Comparison):
         other.power = power
         unseen = {"voltage_drop"} if power.by_phases else set()
         other.ignores = self.ignores - set(table.POWER) | unseen
-        other._filter_power()
+        other._cut()
         return other
 
     def coarse(self) -> "BldcComparison":
@@ -156,8 +166,7 @@ class BldcComparison(Comparison):
 
     def _filtered_missed(self, name: str) -> np.ndarray | float:
         """Error of the twin in a channel (S,), which passed a low-pass as wide or wider."""
-        assert self._missed is not None
-        trace = self._missed.get(name)
+        trace = (self._missed or {}).get(name)
         if trace is None or self._passed == self.low_pass:
             return 0.0 if trace is None else trace
         return self.low_pass.apply(trace, self.recording.sample_rate)
@@ -188,9 +197,8 @@ class BldcComparison(Comparison):
 
     def _stepped(self, longest: float) -> Self:
         """This, with steps of the monitor model of at most ``longest`` seconds."""
-        interval = self.recording.interval
-        self.substeps = max(1, math.ceil(interval / longest - 1e-9))
-        self.step = interval / self.substeps
+        self.substeps = max(1, math.ceil(self.recording.interval / longest - 1e-9))
+        self.step = self.recording.interval / self.substeps
         return self
 
     def placed(self, values: Mapping[str, float]) -> Placed | None:
@@ -200,48 +208,61 @@ class BldcComparison(Comparison):
             return None
         from ematwin.models.bldc.batch import monitor_trace
 
-        k = self._one(values).faults[0]
         trace = monitor_trace(
-            k, self.command, self.load, self.state.copy(), self.constants, self.step, self.substeps,
-            1, None if self.actuator.shorted_turns is None else np.zeros(4),
+            self.batch(one_candidate(values), 1).faults[0], self.command, self.load,
+            self.state.copy(), self.constants, self.step, self.substeps, 1,
+            None if self.actuator.shorted_turns is None else np.zeros(4),
         )  # fmt: skip
         angle = self.actuator.motor.pole_pairs * trace[:, 1]
         behind = turned(currents[1:], angle, trace[:, 0])
         return None if behind is None else behind.placed(self.recording, self.actuator)
 
-    def restarted(self) -> Comparison | None:
+    def restarted(self) -> "BldcComparison | None":
         """By stretches, each from its recorded positions; None without positions."""
-        from ematwin.models.bldc.multiple_shooting import Restarted, has_states
-
-        return Restarted(self) if has_states(self.recording) else None
+        if not {"motor_position", "output_position"} <= self.recording.channels.keys():
+            return None
+        other = copy.copy(self)
+        other.length, other.has_reference, other.unplaced = _STRETCH, False, False
+        other.unseen = frozenset()
+        other._cut()
+        return other
 
     @property
     def whole(self) -> Stretches:
         """The whole recording, as one stretch."""
         return Stretches(
             self.command, self.load, self.target, self.weights, np.zeros(1, dtype=np.int64),
-            self.target.size, self.state[None], self.taps[None], self.kept, self._filtered_power,
+            self.target.size, self.state[None], self.taps[None], self.kept,
+            int(self.recording.sample_rate / (_OVERSAMPLING * self.low_pass.cutoff)),
+            self._filtered_power,
         )  # fmt: skip
 
-    def _filter_power(self) -> None:
-        """Form the power to compare, if it counts: its squares add up to `independent`."""
-        if self.power is None:
-            return
+    def _cut(self) -> None:
+        """Form the stretches that are compared, and the power where it counts."""
+        self._filtered_power = None if self.power is None else self._compared_power(self.power)
+        self.stretches = self.whole
+        if self.length is not None:
+            self.stretches = self.whole.cut(
+                self.recording, self.actuator, self.length, self.current, self.rectify
+            )
+            weights = self.stretches.weighted(self.weights, 1)
+            self.scale = float(np.sum(weights * self.target[self.stretches.places(1)] ** 2))
+        if self.power is not None:
+            self.evidence = len(self.stretches) * self.stretches.shown
+
+    def _compared_power(self, power: Power) -> PowerStretches:
+        """The power to compare: its squares add up to `independent`."""
         rate = self.recording.sample_rate
-        target = self.low_pass.apply(self.power.watts, rate)
-        error = self.power.error(target, self.low_pass, rate)
+        target = self.low_pass.apply(power.watts, rate)
+        error = power.error(target, self.low_pass, rate)
         counting = self.weights > 0.0
         weights = counting * self.independent / (counting.sum() * error**2)
         states = self.low_pass.taps(rate, float(target[0]))[None, 5:]
-        if self._missed is not None:
-            target = target - self._filtered_missed("power")
-        self._filtered_power = PowerStretches(target, weights, states)
-        self.evidence = self.kept_of(self.whole)
+        return PowerStretches(power, target - self._filtered_missed("power"), weights, states)
 
     def _filter(self, low_pass: LowPass) -> None:
         """Form target, weights and filter for a low-pass."""
-        recording = self.recording
-        self.low_pass = low_pass
+        recording, self.low_pass = self.recording, low_pass
         self.target = low_pass.apply(self.current, recording.sample_rate)
         self.weights = self._stands_for * SlopeWeighting().weights(self.target, recording.interval)
         self.weights[0] = 0.0  # the twin starts there; nothing has been simulated yet
@@ -258,32 +279,30 @@ class BldcComparison(Comparison):
         # simulators of other make (0.0 to 0.18 %)
         self.expected_misfit = 0.003 if self._missed is None else 0.002
         self.noise = self.expected_misfit * math.sqrt(self.scale / self.independent)
-        if self._missed is not None:
-            self.target = self.target - self._filtered_missed("current")
+        self.target = self.target - self._filtered_missed("current")
         passed = self._white_noise**2 * low_pass.noise_gain(recording.sample_rate)
         self.recorded_noise = math.sqrt(passed * float(np.sum(self.weights)) / self.scale)
-        self._filter_power()
+        self._cut()
 
     def costs(self, candidates: Candidates, count: int) -> np.ndarray:
         """Costs (B,), A s; infinite where the simulation diverged."""
-        return self.costs_within(candidates, count, None)
+        return self.costs_within(candidates, count, np.full(count, np.inf))
 
-    def costs_within(
-        self, candidates: Candidates, count: int, limits: np.ndarray | None
-    ) -> np.ndarray:
+    def costs_within(self, candidates: Candidates, count: int, limits: np.ndarray) -> np.ndarray:
         """Costs (B,), A s; infinite above a limit, where the simulation is stopped early."""
         batch = self.batch(candidates, count)
         if not batch.sensor:
-            return self.run(self.whole, batch, 0, limits=limits)[0]
+            return self.run(self.stretches, batch, 0, limits=limits)[0]
         from ematwin.numerics.lanes import LANES
 
         # what a sensor shows is known of whole answers only: as many at a time as memory allows,
         # and of long ones as many samples as a residual keeps
-        whole, many, most = replace(self.whole, power=None), count, 4_000_000  # samples
-        if whole.samples * LANES <= most:
-            whole, many = replace(whole, kept=whole.samples), most // whole.samples
+        every, many, most = replace(self.stretches, power=None), count, 4_000_000  # samples
+        samples = len(every) * every.samples
+        if samples * LANES <= most:
+            every, many = replace(every, kept=every.samples), most // samples
         parts = (batch.part(slice(n, n + many)) for n in range(0, count, many))
-        left = (self.residuals_of(whole, part)[0] for part in parts)
+        left = (self.residuals_of(every, part)[0] for part in parts)
         costs = np.concatenate([np.einsum("bs,bs->b", one, one) for one in left])
         return np.where(np.isfinite(costs), costs, np.inf)
 
@@ -302,18 +321,15 @@ class BldcComparison(Comparison):
         how = f"{'magnitude' if self.rectify else 'signed'}, {self.low_pass.cutoff:g} Hz low-pass"
         return {"current": (f"Equivalent current ({how})", "A")}
 
-    def residuals(
-        self, candidates: Candidates, count: int, stretches: Stretches | None = None
-    ) -> np.ndarray:
-        """Weighted residuals (B, K), the evidence last; over the whole recording if not given."""
-        parts = self.residuals_of(stretches or self.whole, self.batch(candidates, count))
+    def residuals(self, candidates: Candidates, count: int) -> np.ndarray:
+        """Weighted residuals (B, K), the evidence last."""
+        parts = self.residuals_of(self.stretches, self.batch(candidates, count))
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 
     def residuals_of(self, stretches: Stretches, batch: Batch) -> list[np.ndarray]:
         """Weighted residuals (B, K) over stretches: of the current and, as evidence, the power."""
-        kept = self.kept_of(stretches)
         chosen, back = batch.distinct()
-        costs, response, watts = self.run(stretches, batch.part(chosen), kept)
+        costs, response, watts = self.run(stretches, batch.part(chosen), stretches.shown)
         if len(chosen) < len(back):
             costs, response, watts = costs[back], response[back], watts[back]
         response[~np.isfinite(costs)] = np.nan  # a friction that is no number holds all at rest
@@ -323,34 +339,24 @@ class BldcComparison(Comparison):
         self, stretches: Stretches, batch: Batch, response: np.ndarray, watts: np.ndarray | None
     ) -> list[np.ndarray]:
         """Currents (B, K), and power where it counts, changed in place to weighted residuals."""
-        stride = -(-stretches.samples // self.kept_of(stretches))
         late, found, power = batch.late(self.recording.interval), [], stretches.power
-        if watts is not None and power is not None and self.power is not None:
-            watts = batch.sensed_power(self.power, watts, response)
-            stretches.compare(watts, power.target, power.weights, stride, late)
+        if watts is not None and power is not None:
+            watts = batch.sensed_power(power.recorded, watts, response)
+            stretches.compare(watts, power.target, power.weights, late)
             found.append(watts)
         response = batch.sensed(response)
-        stretches.compare(response, stretches.target, stretches.weights, stride, late)
+        stretches.compare(response, stretches.target, stretches.weights, late)
         return [response, *found]
-
-    def kept_of(self, stretches: Stretches) -> int:
-        """How many samples of a response over a stretch are kept."""
-        fastest = _OVERSAMPLING * self.low_pass.cutoff
-        return stretches.kept_within(int(self.recording.sample_rate / fastest))
-
-    def _one(self, values: Mapping[str, float]) -> Batch:
-        return self.batch({name: np.array([value]) for name, value in values.items()}, 1)
 
     def batch(self, candidates: Candidates, count: int) -> Batch:
         """Candidates as the kernel takes them."""
-        faults = np.empty((count, len(table.UNKNOWNS)))
-        for n, one in enumerate(table.UNKNOWNS):
-            faults[:, n] = candidates.get(one.name, one.healthy)
+        given = [candidates.get(one.name, one.healthy) for one in table.UNKNOWNS]
+        faults = by_candidate(given, count)
         sensor = {name: candidates[name] for name in table.SENSOR if name in candidates}
         return Batch(faults, constants_by_candidate(self.actuator, candidates, count), sensor)
 
     def run(
-        self, stretches: Stretches, batch: Batch, kept: int, limits: np.ndarray | None = None
+        self, stretches: Stretches, batch: Batch, kept: int, limits: np.ndarray | float = np.inf
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Costs (B,) summed over N stretches, responses and, if it counts, power, W, (B, N kept).
 
@@ -361,12 +367,10 @@ class BldcComparison(Comparison):
 
         count, parts = len(batch.faults), len(stretches)
         blocks = -(-count // LANES)
-        faults = padded(batch.faults, blocks * LANES)
-        each = None if batch.constants is None else padded(batch.constants, len(faults))
-        within = np.full(len(faults), np.inf)
-        if limits is not None:
-            within[:count] = limits
-            within[count:] = -np.inf  # nobody asks for the padding
+        missing = (0, blocks * LANES - count), (0, 0)
+        faults = np.pad(batch.faults, missing, "edge")
+        each = None if batch.constants is None else np.pad(batch.constants, missing, "edge")
+        within = np.pad(np.full(count, limits), missing[0], "edge")
         costs = np.empty((parts, len(faults)))
         response = np.empty((*costs.shape, kept))
         power = stretches.power if kept else None

@@ -35,10 +35,8 @@ def step_of(position: np.ndarray) -> float:
 def steps_of(recording: Recording, actuator: Any) -> tuple[float, float]:
     """Steps (rad on the motor shaft) of the positions of motor and output; 0 if of no encoder."""
     motor, output = recording.motor_position, recording.output_position
-    return (
-        0.0 if motor is None else step_of(motor),
-        0.0 if output is None else step_of(output * actuator.transmission.ratio),
-    )
+    on_motor = None if output is None else output * actuator.transmission.ratio
+    return 0.0 if motor is None else step_of(motor), 0.0 if on_motor is None else step_of(on_motor)
 
 
 def step_by_noise(position: np.ndarray) -> float:
@@ -113,19 +111,14 @@ def speed_noise(size: float, cutoff: float, rate: float) -> float:
 
 
 def comparable_cutoff(size: float) -> float:
-    """Cutoff (Hz) of a low-pass of currents that follow from speeds by steps of ``size`` (rad).
-
-    Coarse counts leave as much below it as 10,000 below the usual one, about 1 % of a current.
-    """
+    """Cutoff (Hz) for currents that follow from speeds by steps of ``size`` (rad)."""
+    # coarse counts leave as much below it as 10,000 below the usual one, about 1 % of a current
     usual = 2.0 * math.pi / 10_000
     return LowPass().cutoff * min(1.0, (usual / max(size, _FINEST)) ** (2.0 / 3.0))
 
 
 def recorded_anew(motion: np.ndarray, size: float, counts: bool) -> np.ndarray:
-    """Positions (S,) as an encoder would show them whose counts begin elsewhere.
-
-    Without ``counts`` they have noise as large in place of its steps.
-    """
+    """Positions (S,) in counts that begin elsewhere; without ``counts`` with as much noise."""
     if size == 0.0:
         return motion
     if not counts:

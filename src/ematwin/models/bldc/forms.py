@@ -14,12 +14,13 @@ from typing import Any
 from ematwin.models.bldc.along_motion import LEAST, Controller, Motion, has_motion
 from ematwin.models.bldc.balance import Contact, Crossing, TorqueBalance
 from ematwin.models.bldc.counts import comparable_cutoff
-from ematwin.models.bldc.unknowns import HELD, LOAD
+from ematwin.models.bldc.faults import HELD, LOAD
 from ematwin.models.optional import FIRST_SAMPLE, Equation, Form, Values
 from ematwin.models.servo import possible_coggings
 from ematwin.numerics.signals import LowPass
 from ematwin.recordings.recording import Recording
 
+_TURN = 2.0 * math.pi
 _SAMPLED = (50e-6, 62.5e-6, 80e-6, 100e-6, 125e-6)  # s, of current loops: 20 to 8 kHz
 _USUAL = (*_SAMPLED, 2e-4 / 3, 75e-6, 2.5e-4 / 3)
 _ANY = tuple(1e-6 * n for n in range(50, 126))  # one that is nearly right samples elsewhere as well
@@ -33,9 +34,9 @@ _FRICTION = (
     "transmission.efficiency_opposing",  # which also makes the load count for more or less
     "transmission.efficiency_aiding",
 )
-_OF_MOTOR = (
-    "motor.emf_constant", "motor.inertia", "motor.viscous_damping", "motor.friction_torque",
-)  # fmt: skip
+_OF_MOTOR = tuple(
+    f"motor.{name}" for name in ("emf_constant", "inertia", "viscous_damping", "friction_torque")
+)
 _OF_OUTPUT = ("transmission.output_inertia", *_FRICTION)
 
 
@@ -71,21 +72,19 @@ def _current_times(
     ]
 
 
-_current_delays = partial(_current_times, None, (0.0, 1.0))
+def _sampled_speeds(actuator: Any) -> list[Values]:
+    return [{**_speed(actuator), **one} for one in _sampled("speed_loop", _SLOWER)]
 
 
 def _speed_times(actuator: Any) -> list[Values]:
     """A drive that samples its current samples its speed as well."""
-    if actuator.current_loop is None and not SAMPLED.is_stated(actuator):
-        return []
-    return [{**_speed(actuator), **one} for one in _sampled("speed_loop", _SLOWER)]
+    sampled = actuator.current_loop is not None or SAMPLED.is_stated(actuator)
+    return _sampled_speeds(actuator) if sampled else []
 
 
 def _first_samples(actuator: Any) -> list[list[float]]:
-    """Instants, s, in sample times until both loops sample as before; none without a current loop.
-
-    A speed loop alone does not tell its first sample.
-    """
+    """Instants, s, in sample times until both loops sample as before."""
+    # a speed loop alone does not tell its first sample
     if actuator.current_loop is None:
         return []
     own, other = actuator.current_loop.sample_time, actuator.speed_loop
@@ -98,11 +97,6 @@ def _first_samples(actuator: Any) -> list[list[float]]:
 def _integrals(actuator: Any) -> list[Values]:
     gain, times = actuator.controller.speed_gain, (0.01, 0.03, 0.1)  # s
     return [{**_speed(actuator), "speed_loop.integral_gain": gain / time} for time in times]
-
-
-def _said_of_integral(actuator: Any) -> str:
-    time = actuator.controller.speed_gain / actuator.speed_loop.integral_gain
-    return f"integral term in the speed loop ({1e3 * time:.3g} ms)"
 
 
 def _current_loops(
@@ -118,12 +112,6 @@ def _current_loops(
         }
         for bandwidth, sampled in product(bandwidths, _sampled("current_loop", times, delays))
     ]
-
-
-def _said_of_current_loop(actuator: Any) -> str:
-    own = actuator.current_loop
-    bandwidth = own.proportional_gain / actuator.motor.inductance / (2.0 * math.pi)
-    return f"current loop of {1e6 * own.sample_time:.3g} us, about {1e-3 * bandwidth:.2g} kHz"
 
 
 def _coggings(actuator: Any) -> list[Values]:
@@ -146,31 +134,33 @@ def _fadings(actuator: Any) -> list[Values]:
 
 
 def _softer(actuator: Any) -> list[Values]:
-    contact = actuator.contact
+    known = {"stiffness": actuator.contact.stiffness, "damping": actuator.contact.damping}
     return [
-        {
-            "compliance.stiffness": share * contact.stiffness,
-            "compliance.damping": share * contact.damping,
-        }
+        {f"compliance.{name}": share * value for name, value in known.items()}
         for share in (0.3, 0.1, 0.03)
     ]
 
 
 INTEGRAL = Form(
     "integral term in the speed loop", lambda a: a.integrates, ("speed_loop.integral_gain",),
-    _integrals, _said_of_integral, ("speed_loop.integral_gain",),
+    _integrals,
+    lambda a: "integral term in the speed loop "
+              f"({1e3 * (a.controller.speed_gain / a.speed_loop.integral_gain):.3g} ms)",
+    ("speed_loop.integral_gain",),
 )  # fmt: skip
 SAMPLED = Form(
     "sampled speed loop",
     lambda a: a.speed_loop is not None and a.speed_loop.sample_time > 0.0,
     ("speed_loop.sample_time", "speed_loop.delay"),
-    lambda a: [{**_speed(a), **one} for one in _sampled("speed_loop", _SLOWER)],
+    _sampled_speeds,
     lambda a: f"speed loop sampled each {1e6 * a.speed_loop.sample_time:.3g} us",
     alternatives=lambda a: _sampled("speed_loop", _SLOWER),
 )
 CURRENT_LOOP = Form(
     "current loop", lambda a: a.current_loop is not None,
-    ("current_loop.sample_time", "current_loop.delay"), _current_loops, _said_of_current_loop,
+    ("current_loop.sample_time", "current_loop.delay"), _current_loops,
+    lambda a: f"current loop of {1e6 * a.current_loop.sample_time:.3g} us, about "
+              f"{1e-3 * (a.current_loop.proportional_gain / a.motor.inductance / _TURN):.2g} kHz",
     ("current_loop.proportional_gain", "current_loop.integral_gain", "current_loop.lost_voltage"),
     lambda a: _sampled("current_loop", _SAMPLED),
 )  # fmt: skip
@@ -199,14 +189,12 @@ COMPLIANT = Form(
 
 
 def _digital(steps: tuple[float, float], ratio: float) -> tuple[Form, Form]:
-    """Speed by differences of the counts in which positions (rad on the motor shaft) come.
-
-    And a sampled current loop beside it: a drive that samples its current counts as well.
-    """
+    """Speed by differences of counts of ``steps`` (rad of the motor), and a current loop."""
+    # a drive that samples its current counts as well
     of_motor, of_output = steps[0], steps[1] or steps[0]
     counts = {
-        "encoder.motor_steps": round(2.0 * math.pi / of_motor),
-        "encoder.output_steps": round(2.0 * math.pi * ratio / of_output),
+        "encoder.motor_steps": round(_TURN / of_motor),
+        "encoder.output_steps": round(_TURN * ratio / of_output),
     }
 
     def starts(actuator: Any) -> list[Values]:
@@ -237,10 +225,8 @@ def _digital(steps: tuple[float, float], ratio: float) -> tuple[Form, Form]:
 
 
 def equations(recording: Recording, actuator: Any, values: Values | None) -> tuple[Equation, ...]:
-    """Controller of a recording with both positions; its mechanics where the load is known.
-
-    Currents in shorted turns brake, and are not recorded: an actuator with such has none.
-    """
+    """Controller of a recording with both positions; mechanics where the load is known."""
+    # currents in shorted turns brake, and are not recorded
     brakes = values is not None and actuator.shorted_turns is not None
     if not has_motion(recording) or brakes:
         return ()
@@ -294,7 +280,8 @@ def _controller(
         at=partial(_controller, controller, forms, actuator),
         # how soon a loop answers hardly matters at a wrong sample time
         together=tuple(
-            (partial(_current_times, times, (1.0,)), _current_delays, _speed_times)
+            (partial(_current_times, times, (1.0,)), partial(_current_times, None, (0.0, 1.0)),
+             _speed_times)
             for times in (_USUAL, _ANY)
         ),
         first_samples=_first_samples,

@@ -88,10 +88,7 @@ def dot(x, y):
 
 @step
 def _terminal(v, i, v_open, driven, v_supply, v_diode):
-    """Voltage of a terminal, and whether its leg conducts; as driven, or by its diodes.
-
-    ``v_open`` is the voltage that the terminal would have without current.
-    """
+    """Voltage of a terminal that has ``v_open`` without current; whether its leg conducts."""
     lower = (i > 0.0) | ((i == 0.0) & (v_open < -v_diode))
     upper = (i < 0.0) | ((i == 0.0) & (v_open > v_supply + v_diode))
     free = -v_diode if lower else (v_supply + v_diode if upper else v_open)
@@ -127,11 +124,9 @@ def terminal_voltages(g, i, e, r, y, v_supply, v_diode):
 
 @step
 def _phase_after(i, v, v_n, e, r, y, on, g, dt):
-    """Phase current after ``dt``, and the share of it after which the diode of an off leg blocks.
-
-    A badly shorted phase gains amperes in a microsecond: without this, a step would pass zero by as
-    much, and energy would be lost or made.
-    """
+    """Phase current after ``dt``, and the share of it after which an off leg's diode blocks."""
+    # A badly shorted phase gains amperes in a microsecond: without this, a step would pass zero by
+    # as much, and energy would be lost or made.
     after = i + dt * y * (v - v_n - r * i - e) if on else 0.0
     return after, i / (i - after) if (g == 0.0) & (i * after < 0.0) else 1.0
 
@@ -149,11 +144,7 @@ def phase_constants(h, c):
 
 @step
 def _conduct(i, e, g, phases, c, dt):
-    """Advance the phases until ``dt`` or until the diode of an off leg blocks.
-
-    Gives the share of ``dt`` done, the currents then, the energies taken in and lost, and the
-    `Supply` meanwhile.
-    """
+    """Advance until a diode blocks: share done, currents, energies taken and lost, `Supply`."""
     r, y = phases
     v, v_n, on = terminal_voltages(g, i, e, r, y, c.v_supply, c.v_diode)
     n_a, share_a = _phase_after(i[0], v[0], v_n, e[0], r[0], y[0], on[0], g[0], dt)
@@ -224,11 +215,7 @@ def copper_loss(m, loop, mu, r, contact):
 
 @part
 def advance_shorted_bridge(i, loops, e, g, h, mu, c, dt):
-    """`advance_bridge` with ``loops`` (3), A, of shares ``mu`` (3) of the turns.
-
-    Gives currents and loop currents after ``dt``, the means of both, the energies taken in and
-    lost, and the `Supply`.
-    """
+    """`advance_bridge` with ``loops`` (3), A: these after ``dt`` and their means as well."""
     a = seen_phase(i[0], loops[0], e[0], h[0], mu[0], c, dt)
     b = seen_phase(i[1], loops[1], e[1], h[1], mu[1], c, dt)
     p = seen_phase(i[2], loops[2], e[2], h[2], mu[2], c, dt)

@@ -4,35 +4,27 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ematwin.models import servo
 from ematwin.models.base import Demand, Equation, Law, Signal, Values
-from ematwin.models.bldc import unknowns as table
-from ematwin.models.bldc.channels import CHANNELS, CURRENTS, ON_REQUEST, PHASES
-from ematwin.models.bldc.envelope import current_envelope, shown_current
+from ematwin.models.bldc import channels as recorded
+from ematwin.models.bldc import faults as table
 from ematwin.models.bldc.faults import Faults, PaperStudy
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.plausibility import check_phases, check_plausible
-from ematwin.models.bldc.simulate import simulate
-from ematwin.models.servo import (
-    ServoModel,
-    current_laws,
-    little_motion,
-    motion_laws,
-    tracking_signals,
-)
 from ematwin.models.unknown import Contrast, Unknown
 from ematwin.recordings.recording import Recording
 
 
-class BldcModel(ServoModel):
+class BldcModel(servo.ServoModel):
     """Six-step brushless motor, gear with backlash, fault parameters of the ESREL 2020 paper."""
 
     kind = "bldc"
     title = "brushless motor with six-step drive, gear and backlash"
     parameters = BldcActuator
-    channels = CHANNELS
-    needs = ((PHASES, ("current",)),)
+    channels = recorded.CHANNELS
+    needs = ((recorded.PHASES, ("current",)),)
     sample_rate = 20_000.0
-    on_request = ON_REQUEST
+    on_request = recorded.ON_REQUEST
     noisy = ()
     fixed = table.FIXED
     compared_rate = 20_000.0
@@ -56,7 +48,7 @@ class BldcModel(ServoModel):
     demands = (
         Demand("travel", "rad", ("command", "output_position")),
         Demand("speed", "rad/s", ("output_speed",)),
-        Demand("current", "A", CURRENTS),
+        Demand("current", "A", recorded.CURRENTS),
         Demand("load", "N*m", ("load",)),
     )
 
@@ -66,7 +58,12 @@ class BldcModel(ServoModel):
 
     aliases = staticmethod(table.aliases)
     other_forms = staticmethod(table.other_forms)
-    simulated = staticmethod(simulate)
+
+    def simulated(self, *given: Any) -> Any:
+        """The response from rest; as of `ServoModel`."""
+        from ematwin.models.bldc.simulate import simulate
+
+        return simulate(*given)
 
     def contrasts(self, actuator: Any) -> tuple[Contrast, ...]:
         """Turns lost by all phases alike, and by each beyond that."""
@@ -82,16 +79,14 @@ class BldcModel(ServoModel):
 
     def laws(self, recording: Recording, actuator: Any) -> list[Law]:
         """Phases of a star, sides of the gear, and speeds beside positions."""
-        return [*current_laws(recording), *motion_laws(self, recording, actuator)]
+        return [*servo.current_laws(recording), *servo.motion_laws(self, recording, actuator)]
 
     def excitation(self, recording: Recording, actuator: Any) -> list[str]:
-        """Whether every phase conducts, and the gap is crossed.
-
-        Six sectors make a turn of the field. In half of one each pair of phases conducts, and the
-        other half repeats it with the opposite sign.
-        """
+        """Whether every phase conducts, and the gap is crossed."""
+        # Six sectors make a turn of the field. In half of one each pair of phases conducts, and the
+        # other half repeats it with the opposite sign.
         said = "half an electrical turn: not every pair of phases takes part"
-        return little_motion(recording, actuator, np.pi / actuator.motor.pole_pairs, said)
+        return servo.little_motion(recording, actuator, np.pi / actuator.motor.pole_pairs, said)
 
     def as_faults(self, values: Values) -> Faults:
         """Values by name as a fault vector."""
@@ -110,7 +105,7 @@ class BldcModel(ServoModel):
 
     def averaged(self, recording: Recording) -> Recording:
         """At 20 kHz or a little more; as it is where power is recorded, a product of two means."""
-        has_power = any(name in recording.channels for name in ON_REQUEST)
+        has_power = any(name in recording.channels for name in recorded.ON_REQUEST)
         return recording if has_power else super().averaged(recording)
 
     def check_channels(self, recording: Recording) -> None:
@@ -125,13 +120,13 @@ class BldcModel(ServoModel):
 
     def stepped(self, actuator: Any, fidelity: str) -> Any:
         """The reference or the monitor model, sample by sample."""
-        from ematwin.models.bldc.stepped import stepped
+        from ematwin.models.bldc.simulate import stepped
 
         return stepped(actuator, fidelity, self.sample_rate)
 
     def summary(self, recording: Recording, actuator: Any) -> dict[str, float]:
         """RMS and peak of the equivalent current, A."""
-        envelope = current_envelope(recording)
+        envelope = recorded.current_envelope(recording)
         return {
             "current_rms": float(np.sqrt(np.mean(envelope**2))),
             "current_peak": float(envelope.max()),
@@ -139,9 +134,9 @@ class BldcModel(ServoModel):
 
     def signals(self, recording: Recording, actuator: Any) -> list[Signal]:
         """Equivalent current, output position, following error."""
-        current = shown_current(recording, actuator)
+        current = recorded.shown_current(recording, actuator)
         shown = Signal("Equivalent current, 500 Hz low-pass", "A", current)
-        return [shown, *tracking_signals(recording)]
+        return [shown, *servo.tracking_signals(recording)]
 
 
 MODEL = BldcModel()

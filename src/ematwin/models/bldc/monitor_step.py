@@ -30,6 +30,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ematwin.models.bldc.constants import FaultState
 from ematwin.models.bldc.inverter import gate_signals
 from ematwin.models.bldc.motor import (
     SIXTH_TURN,
@@ -38,7 +39,6 @@ from ematwin.models.bldc.motor import (
     offset_turned,
     phase_inductance,
 )
-from ematwin.models.bldc.state import FaultState
 from ematwin.numerics.backlash import advance_rigid_play, stop_at_ends
 from ematwin.numerics.compile import part, step
 from ematwin.numerics.friction import dithered_static, loaded_friction
@@ -215,10 +215,7 @@ def answer_impact(state, impact, i_ref, fall, rise, kappa_eq, c, dt):
 
 @part
 def monitor_step(state, command, load, fault, pairs, c, dt):
-    """Advance the monitor model by ``dt``; ``command`` and ``load`` are taken in its middle.
-
-    Gives the state, and the mean electrical power of the step.
-    """
+    """Advance by ``dt``, command and load of its middle: the state, and the mean power, W."""
     half = 0.5 * dt
     r_eq, per_l_eq, kappa_eq = equivalent_phase(
         state.theta_m + half * state.w_m, dt * state.w_m, pairs, c
@@ -252,10 +249,7 @@ class Loops(NamedTuple):
 
 @part
 def sector_of_step(theta_e, moved_e):
-    """Sector, 0 to 6; ``theta_e`` is the angle in the middle, which changes by ``moved_e``.
-
-    A step in which the next pair takes over has a sector between both, by their shares.
-    """
+    """Sector, 0 to 6, at a middle ``theta_e``; between two where the next pair takes over."""
     width = max(abs(moved_e) / SIXTH_TURN, _STANDS)
     begin = theta_e / SIXTH_TURN - 0.5 - 0.5 * width
     first = np.floor(begin)
@@ -282,10 +276,7 @@ def _loop_in_pair(gate, gate_before, i, w, kappa, mu, loop, c, dt):
 
 @part
 def looped_monitor_step(state, loops, command, load, fault, c, dt):
-    """Advance the monitor model and `Loops` by ``dt``; arguments as in `monitor_step`.
-
-    Gives the state, the loops, and the mean electrical power of the step.
-    """
+    """As `monitor_step` with `Loops`: the state, the loops, and the mean power, W."""
     half = 0.5 * dt
     theta_mid = state.theta_m + half * state.w_m
     w_mid = state.w_m + 0.5 * state.dw_m

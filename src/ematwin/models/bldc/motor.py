@@ -46,10 +46,7 @@ def offset_turned(theta_m, turning):
 
 @step
 def gap_factors(theta_m, zeta_cos, zeta_sin, turning):
-    """The factors of the three phases by eccentricity, 1 + zeta (...) above.
-
-    ``zeta_cos`` and ``zeta_sin`` are zeta cos(phi) and zeta sin(phi).
-    """
+    """Factors of the phases by eccentricity, of zeta cos(phi) and zeta sin(phi)."""
     s, c = offset_turned(theta_m, turning)
     along = c * zeta_cos - s * zeta_sin  # zeta cos(theta_m + phi), where all of it turns
     across = 0.5 * ROOT_3 * (s * zeta_cos + c * zeta_sin)  # times sin(2 pi/3)
@@ -124,19 +121,19 @@ def truer_emf_constants(theta_m, h, fault, c, truer):
     """kappa_k of the three phases, V s/rad; ``h`` (3) are the shares of their turns left."""
     gap_a, gap_b, gap_c = gap_factors(theta_m, fault.zeta_cos, fault.zeta_sin, c.turning)
     f_a, f_b, f_c = truer_shapes(
-        c.pole_pairs * theta_m, truer.rounding, truer.harmonic_5, truer.harmonic_7
+        c.pole_pairs * theta_m, truer.emf_rounding, truer.emf_harmonic_5, truer.emf_harmonic_7
     )
     k_e = c.k_e
-    if truer.ripple != 0.0:
-        s, _ = sincos(truer.ripple_cycles * theta_m + truer.ripple_phase)
-        k_e *= 1.0 + truer.ripple * s
+    if truer.torque_ripple_share != 0.0:
+        s, _ = sincos(truer.torque_ripple_cycles * theta_m + truer.torque_ripple_phase)
+        k_e *= 1.0 + truer.torque_ripple_share * s
     return h[0] * k_e * gap_a * f_a, h[1] * k_e * gap_b * f_b, h[2] * k_e * gap_c * f_c
 
 
 @part
-def cogging_torque(theta_m, truer):
+def torque_of_cogging(theta_m, truer):
     """Cogging torque on the rotor, N m."""
-    if truer.cogging == 0.0:
+    if truer.cogging_torque == 0.0:
         return 0.0
     s, _ = sincos(truer.cogging_cycles * theta_m + truer.cogging_phase)
-    return -truer.cogging * s
+    return -truer.cogging_torque * s

@@ -27,17 +27,9 @@ from typing import Any, Self
 import numpy as np
 from pydantic import model_validator
 
+from ematwin.models import sections
 from ematwin.models.bldc import sections as form
 from ematwin.models.parameter_set import Section, quantity
-from ematwin.models.sections import (
-    Gear,
-    ServoParameters,
-    Steps,
-    StribeckPresliding,
-    Supply,
-    TorqueRipple,
-    WindingHeat,
-)
 from ematwin.numerics.linear_algebra import largest_share, spectral_radius
 
 
@@ -89,7 +81,7 @@ class Controller(Section):
     )
 
 
-class Transmission(Gear):
+class Transmission(sections.Gear):
     """Gear, backlash contact, output."""
 
     ratio: float = quantity("", "motor turns for one turn of the output", exact=True, gt=0)
@@ -116,7 +108,7 @@ class Transmission(Gear):
     travel_high: float = quantity("rad", "upper end stop of the output")
 
 
-class BldcActuator(ServoParameters):
+class BldcActuator(sections.ServoParameters):
     """One brushless actuator, all values in SI.
 
     Load one with `BldcActuator.load("servo48")` or `BldcActuator.load("mine.toml")`; make a variant
@@ -131,7 +123,7 @@ class BldcActuator(ServoParameters):
     drive: Drive
     controller: Controller
     transmission: Transmission
-    steps: Steps
+    steps: sections.Steps
     shorted_turns: form.ShortedTurns | None = None
     eccentricity: form.Eccentricity | None = None
     emf: form.Emf | None = None
@@ -139,10 +131,10 @@ class BldcActuator(ServoParameters):
     speed_loop: form.SpeedLoop | None = None
     current_loop: form.CurrentLoop | None = None
     compliance: form.Compliance | None = None
-    torque_ripple: TorqueRipple | None = None
-    presliding: StribeckPresliding | None = None
-    winding_heat: WindingHeat | None = None
-    supply: Supply | None = None
+    torque_ripple: sections.TorqueRipple | None = None
+    presliding: sections.StribeckPresliding | None = None
+    winding_heat: sections.WindingHeat | None = None
+    supply: sections.Supply | None = None
     encoder: form.Encoder | None = None
 
     @property

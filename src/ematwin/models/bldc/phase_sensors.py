@@ -137,11 +137,9 @@ class _Sensors:
         self._precision[3:, 3:] = self._to_gains.T @ self._to_gains / 0.01**2
 
     def fitted(self) -> _Fit | None:
-        """The fit with the smallest offsets, of those that leave as little.
-
-        A phase that holds a current may pass for an open one: a large offset counts only where
-        each phase was open for a good while and the currents as shown leave far more.
-        """
+        """The fit with the smallest offsets, of those that leave as little."""
+        # A phase that holds a current may pass for an open one: a large offset counts only where
+        # each phase was open for a good while and the currents as shown leave far more.
         middle = np.median(self._shown, axis=0)
         large = [n for n in self._there if abs(middle[n]) > 0.005 * self._rms]
         fits = []
@@ -182,11 +180,8 @@ class _Sensors:
         return free[:3], 1.0 + self._to_gains @ free[3:]
 
     def _step(self, is_open: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Offsets and free gains after a step of Gauss and Newton, and their covariance.
-
-        Residuals are what is orthogonal to the direction in which the current appears, in units of
-        the noise.
-        """
+        """Offsets and free gains after a step of Gauss and Newton, and their covariance."""
+        # residuals: what is orthogonal to the direction in which the current appears, by the noise
         noise, there = self._noise[self._there], self._there
         offsets, gains = self._errors(free)
         residuals, slopes = [], []

@@ -11,9 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ematwin.errors import RecordError
-from ematwin.models.bldc.channels import CURRENTS, PHASES, VOLTAGES, phase_currents
+from ematwin.models.bldc import channels as recorded
 from ematwin.models.bldc.counts import said_of_steps
-from ematwin.models.bldc.envelope import current_envelope, projected
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import phase_sensors
 from ematwin.models.bldc.zeros import COHERENT, zeros
@@ -34,7 +33,7 @@ def check_plausible(record: Recording, actuator: BldcActuator) -> list[str]:
     warnings = _check_motion(record, actuator)
     limit = actuator.drive.current_limit
     said = f"{actuator.name} limits it to {limit:g} A"
-    check_sizes(record.channels, (*CURRENTS, "bus_current"), limit, "A", said)
+    check_sizes(record.channels, (*recorded.CURRENTS, "bus_current"), limit, "A", said)
     warnings += _check_voltages(record, actuator)
     check_motion(record, actuator)
     sensors = phase_sensors(record)
@@ -54,9 +53,9 @@ def check_plausible(record: Recording, actuator: BldcActuator) -> list[str]:
 def check_phases(recording: Recording) -> None:
     """Raise `RecordError` unless a recording has all three phases or the equivalent current."""
     what = recording.name if recording.source or recording.labels else "The record"
-    phases = [name for name in PHASES if name in recording.channels]
-    if phases and len(phases) < len(PHASES):
-        missing = [name for name in PHASES if name not in phases]
+    phases = [name for name in recorded.PHASES if name in recording.channels]
+    if phases and len(phases) < len(recorded.PHASES):
+        missing = [name for name in recorded.PHASES if name not in phases]
         raise RecordError(
             f"{what} has {', '.join(phases)} but not {', '.join(missing)}; all three phases are "
             "needed, or the channel current in their place."
@@ -100,7 +99,7 @@ def _check_length(record: Recording) -> None:
 
 
 def _check_motion(record: Recording, actuator: BldcActuator) -> list[str]:
-    envelope = current_envelope(record)
+    envelope = recorded.current_envelope(record)
     inputs = (record.channels.get(name) for name in ("command", "load"))
     moves = any(np.ptp(values) > 0.0 for values in inputs if values is not None)
     # noise of a sensor is less
@@ -126,19 +125,19 @@ def _check_motion(record: Recording, actuator: BldcActuator) -> list[str]:
 def _check_voltages(record: Recording, actuator: BldcActuator) -> list[str]:
     """Sentences on voltages that cannot be used; refuses impossible ones."""
     supply = actuator.drive.supply_voltage
-    known = [name for name in VOLTAGES if name in record.channels]
+    known = [name for name in recorded.VOLTAGES if name in record.channels]
     values = record.channels
     between = {f"{a} to {b}": values[a] - values[b] for a, b in combinations(known, 2)}
     said = f"the supply of {actuator.name} has {supply:g} V"
     traces = {**between, **record.channels}
     check_sizes(traces, (*between, "bus_voltage"), supply, "V", said)
-    if 0 < len(known) < len(VOLTAGES):
-        missing = [name for name in VOLTAGES if name not in known]
+    if 0 < len(known) < len(recorded.VOLTAGES):
+        missing = [name for name in recorded.VOLTAGES if name not in known]
         return [
             f"{', '.join(missing)} is missing, so the voltages are not used. Of two voltages "
             "against the third terminal, the third is zero."
         ]
-    if known and not set(PHASES) <= record.channels.keys():
+    if known and not set(recorded.PHASES) <= record.channels.keys():
         return ["Voltages are not used without the currents of all three phases."]
     return []
 
@@ -149,7 +148,7 @@ def check_order(record: Recording, actuator: BldcActuator) -> list[str]:
     Projected on the EMF shapes there they give the whole equivalent current if the order is right,
     and half of it or less if not. `RecordError` if another order, sign or zero fits far better.
     """
-    currents = phase_currents(record)
+    currents = recorded.phase_currents(record)
     if currents is None or record.motor_position is None:
         return []
     every = max(1, len(record) // 5_000)  # samples looked at
@@ -161,10 +160,13 @@ def check_order(record: Recording, actuator: BldcActuator) -> list[str]:
     if whole == 0.0:
         return []
     turned = actuator.motor.emf_constant * np.gradient(record.motor_position[::every])
-    to_load = _work_of_load(record, actuator, every)
+    output = record.motor_position / actuator.transmission.ratio
+    output = output if record.output_position is None else record.output_position
+    load = 0.0 * output if record.load is None else record.load
+    to_load = float(load[::every] @ np.gradient(output[::every]))  # work, J, by so many samples
 
     def fit(currents: np.ndarray, angle: np.ndarray) -> _Fit:
-        signed = projected(currents, angle)
+        signed = recorded.projected(currents, angle)
         work = float(signed @ turned)  # of the motor
         sign = int(work > to_load) - int(-work > to_load)
         return _Fit(float(np.mean(signed**2)) / whole, sign)
@@ -224,12 +226,3 @@ class _Fit(NamedTuple):
     # Friction and windings only take: the work of the motor exceeds that given to the load. 1: it
     # does so as given; -1: only with the opposite sign; 0: with both, an aiding load hides it
     sign: int
-
-
-def _work_of_load(record: Recording, actuator: BldcActuator, every: int) -> float:
-    """Work (J) given to the load, by so many samples."""
-    motor, output = record.motor_position, record.output_position
-    if record.load is None or motor is None:
-        return 0.0
-    output = motor / actuator.transmission.ratio if output is None else output
-    return float(record.load[::every] @ np.gradient(output[::every]))

@@ -1,7 +1,9 @@
-"""One step of the reference model: controller, bridge, three phases, two masses, about 1 us.
+"""One step of the reference model: sampled loops, bridge, three phases, two masses, about 1 us.
 
-docs/models.md, "Reference model". Angles, speeds, torques and inertias are on the motor shaft; the
-output is reflected to it by the gear ratio. `ReferenceState` is advanced by semi-implicit Euler.
+docs/models.md, "Reference model" and "Truer forms". The loops are textbook PI controllers with
+zero-order hold; a sample time of zero is the continuous loop, each step a sample. Angles, speeds,
+torques and inertias are on the motor shaft; the output is reflected to it by the gear ratio.
+`ReferenceState` is advanced by semi-implicit Euler.
 
 One step holds all truer forms. The constants of a form that is left out (the defaults of `Truer`)
 make it vanish, and branches on them skip sines and loops without effect. An actuator without forms
@@ -11,8 +13,11 @@ No lanes run it, so that LLVM alone inlines its larger parts (`part`). With numb
 took nearly three times as long to compile, and gave the same results at the same speed.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import numpy as np
+
+from ematwin.models.bldc.constants import Truer, TruerState
 from ematwin.models.bldc.inverter import (
     Electrical,
     Supply,
@@ -24,11 +29,14 @@ from ematwin.models.bldc.inverter import (
     pair_current,
     phase_constants,
 )
-from ematwin.models.bldc.loops import advance_current_loop, advance_speed_loop, left_of_voltage
-from ematwin.models.bldc.motor import cogging_torque, hall_sector, split_shorts, truer_emf_constants
-from ematwin.models.bldc.state import TruerState
+from ematwin.models.bldc.motor import (
+    hall_sector,
+    split_shorts,
+    torque_of_cogging,
+    truer_emf_constants,
+)
 from ematwin.numerics.backlash import contact_torque, stop_at_ends
-from ematwin.numerics.compile import part
+from ematwin.numerics.compile import part, plain
 from ematwin.numerics.friction import (
     advance_mobile,
     advance_on_bristles,
@@ -37,6 +45,106 @@ from ematwin.numerics.friction import (
     sliding_torque,
 )
 from ematwin.numerics.scalar import clip, lag
+
+_SOON = 0.499  # of a step: a sample belongs to the nearest one
+
+
+@part
+def read_angle(theta, size, offset):
+    """Angle that an encoder with steps of ``size`` (rad) shows; as it is where that is 0."""
+    some = size if size > 0.0 else 1.0
+    shown = some * (np.floor(theta / some + offset) + 0.5 - offset)
+    return shown if size > 0.0 else theta
+
+
+@part
+def last_reading(truer, theta_m, w_m):
+    """Angle (rad) read a sample time ago by the encoder of a motor that turns at ``w_m``."""
+    before = theta_m - truer.speed_loop_sample_time * w_m
+    return read_angle(before, truer.motor_step, truer.count_offset)
+
+
+def started(
+    truer: Truer, motor: Any, current: float, theta_m: float, w_m: float,
+    first_sample: float = 0.0, integral: float = 0.0,
+) -> TruerState:  # fmt: skip
+    """State of loops that have held a current (A) in a motor (rad) that turns at ``w_m``.
+
+    The integral term of the speed loop has asked for ``integral`` (A) of it. Both loops sample
+    ``first_sample`` seconds from now, and at their intervals before and after.
+    """
+    voltage = motor.resistance * current + 2.0 * motor.emf_constant * w_m
+    sampled = truer.speed_loop_sample_time > 0.0
+    return TruerState(
+        asked=current, pending=current, integral=2.0 * motor.emf_constant * integral,
+        voltage=voltage, voltage_pending=voltage, voltage_integral=voltage,
+        read=plain(last_reading)(truer, theta_m, w_m), speed_seen=w_m,
+        wait=first_sample % truer.speed_loop_sample_time if sampled else 0.0,
+        voltage_wait=first_sample % truer.current_loop_sample_time,
+    )  # fmt: skip
+
+
+@part
+def advance_speed_loop(
+    asked, pending, integral, wait, late, read, speed_seen,
+    command, theta_m, theta_o, w_m, gain, c, truer, dt,
+):  # fmt: skip
+    """The loop over a step: its first seven arguments afterwards.
+
+    ``asked`` is in A, ``wait`` the time until the next sample, ``late`` until ``pending`` is asked
+    for, s; ``read`` and ``speed_seen`` are of the encoder; ``gain`` of the position loop in 1/s.
+    """
+    soon = _SOON * dt
+    asked = pending if late <= soon else asked
+    span = truer.speed_loop_sample_time if truer.speed_loop_sample_time > 0.0 else dt
+    due = wait <= soon
+    now = read_angle(theta_m, truer.motor_step, truer.count_offset)
+    counted = speed_seen + truer.filter_share * ((now - read) / span - speed_seen)
+    behind = command - read_angle(theta_o, truer.output_step, truer.count_offset)
+    speed = counted if truer.motor_step > 0.0 else w_m
+    error = clip(gain * behind, -c.w_max, c.w_max) - speed
+    grown = integral + truer.speed_loop_integral_gain * span * error
+    wish = c.k_demand * error + grown / (2.0 * c.k_e)
+    beyond = (abs(wish) > c.i_max) & (wish * error > 0.0)
+    pending = wish if due else pending
+    read = now if due else read
+    speed_seen = counted if due else speed_seen
+    integral = integral if beyond | (not due) else grown
+    late = truer.speed_loop_delay if due else late
+    wait = wait + span if due else wait
+    asked = pending if late <= soon else asked
+    return asked, pending, integral, wait - dt, late - dt, read, speed_seen
+
+
+@part
+def advance_current_loop(
+    voltage, pending, integral, wait, late, i_ref, i_seen, supply, truer, dt
+):  # fmt: skip
+    """The loop over a step: ``voltage``, ``pending``, ``integral`` (V), ``wait``, ``late`` after.
+
+    ``wait`` is the time until the next sample, ``late`` until ``pending`` is applied, s.
+    """
+    soon = _SOON * dt
+    voltage = pending if late <= soon else voltage
+    error = i_ref - i_seen
+    wish = truer.current_loop_proportional_gain * error + integral
+    within = clip(wish, -supply, supply)
+    grows = (within == wish) | ((wish - within) * error < 0.0)
+    grown = integral + truer.current_loop_integral_gain * truer.current_loop_sample_time * error
+    due = wait <= soon
+    pending = within if due else pending
+    integral = grown if due & grows else integral
+    late = truer.current_loop_delay if due else late
+    wait = wait + truer.current_loop_sample_time if due else wait
+    voltage = pending if late <= soon else voltage
+    return voltage, pending, integral, wait - dt, late - dt
+
+
+@part
+def left_of_voltage(voltage, i, truer):
+    """Voltage across the pair after what dead time and switches take, V."""
+    # below 0.1 A dead time takes less, as the ripple changes the sign of the current
+    return voltage - truer.current_loop_lost_voltage * clip(i / 0.1, -1.0, 1.0)
 
 
 class ReferenceState(NamedTuple):
@@ -53,22 +161,20 @@ class ReferenceState(NamedTuple):
     e_electrical: float  # J, taken from the supply side of the phases
     e_copper: float  # J, lost in the resistances
     e_mechanical: float  # J, air-gap torque times speed
+    bent_m: float  # rad, of the bristles between motor and housing
+    bent_o: float
 
 
 class Driven(NamedTuple):
     """What controller, bridge and windings do over a step."""
 
     i: tuple[float, float, float]  # A, of the phases at its end
-    loops: tuple[float, float, float]  # A
+    more: TruerState  # at its end
     means: tuple[float, float, float]  # A, of the phases
     torque: float  # N m, of the air gap
     taken: float  # J
     lost: float  # J
     pair_sign: float
-    asked: tuple[float, float, float, float, float, float, float]  # of `advance_speed_loop`
-    voltage: tuple[float, float, float, float, float]  # of `advance_current_loop`
-    warmer: float
-    sagged: float  # V
     supply: Supply
 
 
@@ -104,7 +210,7 @@ def drive(state, more, command, kappas, fault, c, truer, dt):
         more.voltage_late, i_ref, i_pair, now.v_supply, truer, dt,
     )  # fmt: skip
     modulated = left_of_voltage(voltage[0], i_pair, truer) / now.v_supply
-    share = modulated if truer.current_gain > 0.0 else pair_sign
+    share = modulated if truer.current_loop_proportional_gain > 0.0 else pair_sign
     share = 1e-12 if share == 0.0 else share  # 0 would mean that a leg is off
     g = pair[0] * share, pair[1] * share, pair[2] * share
 
@@ -119,19 +225,16 @@ def drive(state, more, command, kappas, fault, c, truer, dt):
         )
     turned = m[0] - mu[0] * mean[0], m[1] - mu[1] * mean[1], m[2] - mu[2] * mean[2]
     torque = dot(kappas, turned)
-    warmer = lag(more.warmer, truer.heating * lost / dt, truer.heating_time, dt)
+    gained = truer.winding_heat_gain_per_watt * lost / dt
+    warmer = lag(more.warmer, gained, truer.winding_heat_time_constant, dt)
     sagged = lag(more.sagged, truer.supply_resistance * supply.i_bus, truer.link_time, dt)
-    return Driven(
-        after, loops, m, torque, taken, lost, pair_sign, asked, voltage, warmer, sagged, supply
-    )  # fmt: skip
+    then = TruerState(*(loops + asked + voltage + (warmer, sagged)))
+    return Driven(after, then, m, torque, taken, lost, pair_sign, supply)
 
 
 @part
-def move_masses(state, more, torque, load, fault, c, truer, dt):
-    """Speeds and positions ``w_m, theta_m, w_o, theta_o`` after a torque on the motor.
-
-    Also by how much bristles are bent on both sides, rad.
-    """
+def move_masses(state, torque, load, fault, c, truer, dt):
+    """Speeds and positions after a torque on the motor, and how far bristles are bent, rad."""
     contact = contact_torque(
         state.theta_m, state.w_m, state.theta_o, state.w_o, fault.half_gap,
         c.contact_stiffness, c.contact_damping,
@@ -141,21 +244,22 @@ def move_masses(state, more, torque, load, fault, c, truer, dt):
     direction = state.w_o if state.w_o != 0.0 else act_o
     td_m = fault.friction * c.t_m
     td_o = fault.friction * loaded_friction(direction, -load, c.t_o, c.c_opposing, c.c_aiding)
-    if truer.bristles_m == 0.0:  # friction sticks without giving, which no stiffness comes near
+    if truer.presliding_motor_stiffness == 0.0:  # friction sticks without giving
         bent_m, bent_o = 0.0, 0.0
         w_m = advance_mobile(state.w_m, act_m, c.mobility_m, c.static_ratio * td_m, td_m, dt)
         w_o = advance_mobile(state.w_o, act_o, c.mobility_o, c.static_ratio * td_o, td_o, dt)
     else:
-        fade_m, fade_o = fading(state.w_m, truer.w_stribeck), fading(state.w_o, truer.w_stribeck)
+        fade_m = fading(state.w_m, truer.presliding_stribeck_speed)
+        fade_o = fading(state.w_o, truer.presliding_stribeck_speed)
         w_m, bent_m = advance_on_bristles(
-            state.w_m, more.bent_m, act_m, c.mobility_m,
-            sliding_torque(td_m, c.static_ratio, fade_m), truer.bristles_m,
-            fade_m * truer.bristle_damping, dt,
+            state.w_m, state.bent_m, act_m, c.mobility_m,
+            sliding_torque(td_m, c.static_ratio, fade_m), truer.presliding_motor_stiffness,
+            fade_m * truer.presliding_damping, dt,
         )  # fmt: skip
         w_o, bent_o = advance_on_bristles(
-            state.w_o, more.bent_o, act_o, c.mobility_o,
-            sliding_torque(td_o, c.static_ratio, fade_o), truer.bristles_o,
-            fade_o * truer.bristle_damping, dt,
+            state.w_o, state.bent_o, act_o, c.mobility_o,
+            sliding_torque(td_o, c.static_ratio, fade_o), truer.presliding_output_stiffness,
+            fade_o * truer.presliding_damping, dt,
         )  # fmt: skip
     theta_o, w_o = stop_at_ends(state.theta_o + dt * w_o, w_o, c.travel_low, c.travel_high)
     return w_m, state.theta_m + dt * w_m, w_o, theta_o, bent_m, bent_o
@@ -163,16 +267,12 @@ def move_masses(state, more, torque, load, fault, c, truer, dt):
 
 @part
 def reference_step(state, more, command, load, fault, c, truer, dt):
-    """Advance the reference model by ``dt`` under a command (rad) and a load (N m).
-
-    Gives the state, the state of the truer forms, the mean currents of the phases within the step,
-    and the `Supply`.
-    """
+    """Advance by ``dt``: state, state of the forms, mean phase currents, and `Supply`."""
     kappas = all_emf_constants(state.theta_m, fault, c, truer)
     driven = drive(state, more, command, kappas, fault, c, truer, dt)
-    torque = driven.torque + cogging_torque(state.theta_m, truer)
+    torque = driven.torque + torque_of_cogging(state.theta_m, truer)
     w_m, theta_m, w_o, theta_o, bent_m, bent_o = move_masses(
-        state, more, torque, load, fault, c, truer, dt
+        state, torque, load, fault, c, truer, dt
     )
     i_a, i_b, i_c = driven.i
     after = ReferenceState(
@@ -180,18 +280,6 @@ def reference_step(state, more, command, load, fault, c, truer, dt):
         state.e_electrical + driven.taken,
         state.e_copper + driven.lost,
         state.e_mechanical + dt * driven.torque * state.w_m,
+        bent_m, bent_o,
     )  # fmt: skip
-    return after, more_after(driven, bent_m, bent_o), driven.means, driven.supply
-
-
-@part
-def more_after(driven, bent_m, bent_o):
-    """State of the truer forms at the end of a step, with bristles bent by so much (rad)."""
-    loop_a, loop_b, loop_c = driven.loops
-    asked, pending, integral, wait, late, read, speed_seen = driven.asked
-    voltage, voltage_pending, voltage_integral, voltage_wait, voltage_late = driven.voltage
-    return TruerState(
-        loop_a, loop_b, loop_c, asked, pending, integral, wait, late,
-        voltage, voltage_pending, voltage_integral, voltage_wait, voltage_late,
-        driven.warmer, driven.sagged, bent_m, bent_o, read, speed_seen,
-    )  # fmt: skip
+    return after, driven.more, driven.means, driven.supply

@@ -1,17 +1,47 @@
-"""Simulate a brushless actuator: over a scenario, or over a recorded command and load."""
+"""Simulate a brushless actuator: over a scenario, over a recorded motion, or sample by sample."""
 
 import math
 import zlib
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.models.base import Progress
+from ematwin.models.bldc import batch
 from ematwin.models.bldc.channels import UNITS
+from ematwin.models.bldc.constants import (
+    Constants,
+    FaultState,
+    Truer,
+    TruerState,
+    fault_state,
+    kernel_constants,
+    truer_constants,
+)
+from ematwin.models.bldc.faults import FAULTS, FIXED, HELD, UNKNOWNS
+from ematwin.models.bldc.inverter import gate_signals
+from ematwin.models.bldc.monitor_step import (
+    MonitorState,
+    Pairs,
+    looped_monitor_step,
+    monitor_step,
+    pairs_of,
+)
+from ematwin.models.bldc.motor import hall_sector
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.unknowns import FAULTS, HELD, UNKNOWNS
+from ematwin.models.bldc.reference_step import (
+    ReferenceState,
+    last_reading,
+    read_angle,
+    reference_step,
+    started,
+)
 from ematwin.models.scenario import Scenario
+from ematwin.models.stepped import Stepped, initial_position
+from ematwin.numerics.compile import part, plain
+from ematwin.numerics.lanes import columns
 from ematwin.recordings.recording import Recording
 
 _MOST_SAMPLES = 10_000_000  # of a record: some 1 GB
@@ -19,6 +49,13 @@ _MOST_POINTS = 50_000_000  # of the inputs: some 2 GB
 INPUT_INTERVAL = 1e-5  # s, at most, where steps are shorter
 _WHOLE = 1e-6  # of a step: rounding
 SLICE_STEPS = 1_000_000  # steps between two reports of progress: about 0.1 s
+# where in the constants of `stepped` each part begins
+_FAULT = len(Constants._fields)  # where it begins in the constants
+_START = _FAULT + len(FaultState._fields)
+_TRUER = _START + 1
+_PAIRS = _TRUER + len(Truer._fields)
+_READ = TruerState._fields.index("read")
+_, read_truer, _ = columns(Truer)
 
 
 def simulate(
@@ -51,12 +88,6 @@ def simulated(
     current (A), speed and angle of motor and output there. Counts begin at ``count_offset`` of a
     step, loops sample at ``first_sample`` (s); the speed loop's integral asks for ``integral``, A.
     """
-    from ematwin.models.bldc import batch  # compiles, or loads what an earlier process compiled
-    from ematwin.models.bldc.constants import kernel_constants, truer_constants
-    from ematwin.models.bldc.loops import read_angle, started
-    from ematwin.models.bldc.monitor_step import MonitorState
-    from ematwin.models.bldc.reference_step import ReferenceState
-
     names: tuple[str, ...]
     further: tuple[object, ...]
     current, w_m, theta_m, w_o, theta_o = start
@@ -66,7 +97,7 @@ def simulated(
         loops = started(truer, actuator.motor, current, theta_m, w_m, first_sample, integral)
         further = truer, np.array(loops)
         phases = phases_of(current, actuator.motor.pole_pairs * theta_m)
-        state = np.array(ReferenceState(*phases, w_m, theta_m, w_o, theta_o, 1.0, 0.0, 0.0, 0.0))
+        state = np.array([*phases, w_m, theta_m, w_o, theta_o, 1.0, *np.zeros(5)])
     else:
         run, names = batch.monitor_trace, batch.MONITOR_COLUMNS
         further = (None if actuator.shorted_turns is None else np.zeros(4),)
@@ -101,20 +132,14 @@ def simulated(
 
 def phases_of(current: float, theta_e: float) -> tuple[float, float, float]:
     """Phase currents (A) of a current through the pair that conducts at an angle (rad)."""
-    from ematwin.models.bldc.inverter import gate_signals
-    from ematwin.models.bldc.motor import hall_sector
-    from ematwin.numerics.compile import plain
-
     a, b, c = plain(gate_signals)(plain(hall_sector)(theta_e), current)
     return float(a), float(b), float(c)
 
 
 def answer_step(actuator: BldcActuator, rate: float) -> float:
-    """Step of answers that are compared, s, to a recording of so many samples a second.
-
-    The file's step resolves the instants at which a comparator switches. A modulated voltage has
-    none: behind a current loop a step 2.5 times as long changes currents by 0.03 %.
-    """
+    """Step of answers that are compared, s, at a sample rate, Hz."""
+    # The file's step resolves the instants at which a comparator switches. A modulated voltage has
+    # none: behind a current loop a step 2.5 times as long changes currents by 0.03 %.
     step = actuator.steps.reference
     if actuator.current_loop is None:
         return step
@@ -130,11 +155,9 @@ def answer_step(actuator: BldcActuator, rate: float) -> float:
 def reference_answer(
     recording: Recording, actuator: BldcActuator, values: Mapping[str, float], start: np.ndarray
 ) -> Recording:
-    """Currents, voltages and positions at the samples of a recording; NaN where it diverged.
-
-    Where within a step the counts of encoders begin is unknown: each candidate has another place,
-    and the differences count as scatter of the reference.
-    """
+    """Currents, voltages and positions at the samples of a recording; NaN if it diverged."""
+    # Where within a step the counts of encoders begin is unknown: each candidate has another place,
+    # and the differences count as scatter of the reference.
     key = [len(recording), *sorted((name, float(value)) for name, value in values.items())]
     drawn = zlib.crc32(repr(key).encode()) / 2.0**32
     actuator = actuator.with_arrays({name: x for name, x in values.items() if "." in name})
@@ -183,3 +206,109 @@ class TimeGrid:
             )
         self.samples, self.rate = samples, rate
         self.time = np.arange((samples - 1) * self.decimation + 1) / (rate * self.decimation)
+
+
+def stepped(actuator: BldcActuator, fidelity: str, rate: float) -> Stepped:
+    """The actuator at rest, then sample by sample at a rate (Hz), currents as means since."""
+    longest = getattr(actuator.steps, fidelity)
+    grid = TimeGrid(longest, 2.0 / rate, rate)
+    substeps = grid.substeps * grid.decimation
+
+    def constants(candidates: Mapping[str, Any]) -> list[Any]:
+        own = actuator.varied(candidates, FIXED)
+        c = kernel_constants(own)
+        fault = plain(fault_state)([candidates[name] for name in FAULTS], c.half_gap)
+        pairs = plain(pairs_of)(fault, c) if fidelity == "monitor" else ()
+        return [*c, *fault, candidates["initial_position"], *truer_constants(own), *pairs]
+
+    make = _reference if fidelity == "reference" else _monitor
+    return Stepped(
+        inputs=("command", "load"), constants=constants, interval=1.0 / rate, substeps=substeps,
+        starts=(initial_position(actuator),), **make(actuator, grid.step, substeps),
+    )  # fmt: skip
+
+
+def _monitor(actuator: BldcActuator, dt: float, substeps: int) -> dict[str, Any]:
+    ratio, share = actuator.transmission.ratio, 1.0 / substeps
+    looped = actuator.shorted_turns is not None
+    loops = len(MonitorState._fields)
+    total = loops + 4
+
+    @part
+    def begin(c, u, x):
+        x[:, 0] = 0.0
+        x[2, 0] = x[4, 0] = c[_START, 0] * ratio
+
+    @part
+    def sample(c, x, u, n, y):
+        now = batch.read_state(x, 0)
+        y[0, 0] = x[total, 0]
+        y[1, 0], y[2, 0] = now.theta_m, now.w_m
+        y[3, 0], y[4, 0] = now.theta_o / ratio, now.w_o / ratio
+        x[total, 0] = 0.0
+
+    @part
+    def advance(c, x, u):
+        own, fault = batch.read_constants(c, 0), batch.read_fault(c[_FAULT:], 0)
+        now, command = batch.read_state(x, 0), u[0, 0] * ratio
+        load = own.load_gain * (u[1, 0] / ratio) + own.load_offset
+        if looped:
+            now, after, _ = looped_monitor_step(
+                now, batch.read_loops(x[loops:], 0), command, load, fault, own, dt
+            )
+            batch.write_loops(x[loops:], 0, after)
+        else:
+            pairs = batch.read_pairs(c[_PAIRS:], 0)
+            now, _ = monitor_step(now, command, load, fault, pairs, own, dt)
+        batch.write_state(x, 0, now)
+        x[total, 0] += share * now.i
+
+    return {
+        "begin": begin, "sample": sample, "advance": advance, "at": (0.5, 0.5),
+        "outputs": batch.MONITOR_COLUMNS[:5], "state_count": total + 1,
+        "constant_count": _PAIRS + len(Pairs._fields),
+    }  # fmt: skip
+
+
+def _reference(actuator: BldcActuator, dt: float, substeps: int) -> dict[str, Any]:
+    ratio, share = actuator.transmission.ratio, 1.0 / substeps
+    more = len(ReferenceState._fields)
+    total = more + len(TruerState._fields)
+
+    @part
+    def begin(c, u, x):
+        x[:, 0] = 0.0
+        start = c[_START, 0] * ratio
+        x[4, 0] = x[6, 0] = start
+        x[7, 0] = 1.0
+        x[more + _READ, 0] = last_reading(read_truer(c[_TRUER:], 0), start, 0.0)
+
+    @part
+    def sample(c, x, u, n, y):
+        now = batch.read_reference(x, 0)
+        for m in range(3):
+            y[m, 0] = x[total + m, 0]
+            x[total + m, 0] = 0.0
+        forms = read_truer(c[_TRUER:], 0)
+        y[3, 0] = read_angle(now.theta_m, forms.motor_step, forms.count_offset)
+        y[5, 0] = read_angle(now.theta_o, forms.output_step, forms.count_offset) / ratio
+        y[4, 0], y[6, 0] = now.w_m, now.w_o / ratio
+
+    @part
+    def advance(c, x, u):
+        own, fault = batch.read_constants(c, 0), batch.read_fault(c[_FAULT:], 0)
+        now, command, load = batch.read_reference(x, 0), u[0, 0] * ratio, u[1, 0] / ratio
+        now, after, means, _ = reference_step(
+            now, batch.read_more(x[more:], 0), command, load, fault, own,
+            read_truer(c[_TRUER:], 0), dt,
+        )  # fmt: skip
+        batch.write_reference(x, 0, now)
+        batch.write_more(x[more:], 0, after)
+        for m in range(3):
+            x[total + m, 0] += share * means[m]
+
+    return {
+        "begin": begin, "sample": sample, "advance": advance, "at": (0.0, 0.0),
+        "outputs": batch.REFERENCE_COLUMNS[:7], "state_count": total + 3,
+        "constant_count": _PAIRS,
+    }  # fmt: skip

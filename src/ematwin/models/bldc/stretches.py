@@ -6,17 +6,17 @@ much looks like a torque constant that is 3 % smaller: the voltage for each ampe
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ematwin.models.bldc.channels import PHASES, VOLTAGES
+from ematwin.models.bldc.constants import V_SUPPLY
 from ematwin.models.bldc.counts import steps_of
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.state import V_SUPPLY
 from ematwin.models.comparison import Candidates
 from ematwin.numerics.filters import compare
-from ematwin.numerics.signals import LowPass
+from ematwin.numerics.signals import LowPass, filtered
 from ematwin.recordings.recording import Recording
 
 # Relative error of the twin's power, against the reference model with means of 50 us: 0.8 to 2.1 %
@@ -66,6 +66,7 @@ def recorded_power(recording: Recording, actuator: BldcActuator) -> Power | None
 class PowerStretches:
     """Recorded power, to be compared."""
 
+    recorded: Power
     target: np.ndarray  # (S,), W, filtered
     weights: np.ndarray  # (S,), 1/W^2
     states: np.ndarray  # (N, 2), of the low-pass at the first sample of each stretch
@@ -84,17 +85,51 @@ class Stretches:
     states: np.ndarray  # (N, 7), of the monitor model at each start
     taps: np.ndarray  # (N, 7), of the low-pass and its state at each start
     kept: int  # samples of a response over a stretch, at most
+    thinned: int  # from one of these to the next, at most
     power: PowerStretches | None = None  # where it counts
 
     def __len__(self) -> int:
         return len(self.starts)
 
-    def kept_within(self, most: int) -> int:
-        """How many samples of a response over a stretch are kept, every ``most``-th at least."""
-        wished = min(max(1, most), -(-self.samples // self.kept))
-        kept = -(-self.samples // wished)
-        stride = -(-self.samples // kept)
-        return -(-self.samples // stride)
+    def cut(
+        self, recording: Recording, actuator: BldcActuator, length: float, currents: np.ndarray,
+        rectified: bool,
+    ) -> "Stretches":  # fmt: skip
+        """Stretches of a whole recording, of a ``length`` (s); each ends where another may start.
+
+        The low-pass starts each as the recorded currents (S,), A, and power left it.
+        """
+        size, most = len(recording), 400  # of a longer recording as many, evenly spread
+        samples = max(2, round(length * recording.sample_rate))
+        starts = np.arange(0, max(1, size - samples), samples)
+        if len(starts) > most:
+            starts = starts[np.linspace(0, len(starts) - 1, most).astype(int)]
+        recording, power = with_speeds(recording), self.power
+        states = [
+            initial_state(recording, actuator, None if rectified else float(currents[n]), n)
+            for n in starts.tolist()
+        ]
+        if power is not None:
+            taps = np.r_[self.taps[0, :5], power.states[0]]
+            taps = _taps_at(starts, taps, power.recorded.watts)
+            # contiguous, as of a whole recording: another layout compiles the kernel once more
+            power = replace(power, states=np.ascontiguousarray(taps[:, 5:]))
+        return replace(
+            self, starts=starts, samples=min(samples + 1, size), states=np.stack(states),
+            taps=_taps_at(starts, self.taps[0], currents), kept=max(8, self.kept // len(starts)),
+            power=power,
+        )  # fmt: skip
+
+    @property
+    def stride(self) -> int:
+        """Samples from one of a response that is kept to the next."""
+        wished = min(max(1, self.thinned), -(-self.samples // self.kept))
+        return -(-self.samples // -(-self.samples // wished))
+
+    @property
+    def shown(self) -> int:
+        """How many samples of a response over a stretch are kept."""
+        return -(-self.samples // self.stride)
 
     def places(self, stride: int) -> np.ndarray:
         """(N, K) integer array: every so many samples of each stretch, from its start on."""
@@ -107,13 +142,13 @@ class Stretches:
         return found
 
     def compare(
-        self, rows: np.ndarray, target: np.ndarray, weights: np.ndarray, stride: int,
-        late: np.ndarray | None,
-    ) -> None:  # fmt: skip
-        """Change rows (B, N K), of every so many samples, to weighted residuals.
+        self, rows: np.ndarray, target: np.ndarray, weights: np.ndarray, late: np.ndarray | None
+    ) -> None:
+        """Change kept rows (B, N K) to weighted residuals.
 
         ``late`` (B,) is by how many samples the target is ahead of each row; None is not at all.
         """
+        stride = self.stride
         places = self.places(stride)
         if late is None:
             rows -= target[places].ravel()
@@ -133,10 +168,8 @@ class Batch:
     sensor: Candidates  # gains, offsets and delays of the sensors by name, (B,) each
 
     def distinct(self) -> tuple[np.ndarray, np.ndarray]:
-        """Candidates (N,) that differ beside their sensors, and which of these each one (B,) is.
-
-        Columns of a Jacobian that differ by a sensor alone need one simulation.
-        """
+        """Candidates (N,) that differ beside their sensors, and which of these each (B,) is."""
+        # columns of a Jacobian that differ by a sensor alone need one simulation
         rows = self.faults if self.constants is None else np.hstack([self.faults, self.constants])
         places: dict[bytes, int] = {}
         back = [places.setdefault(row.tobytes(), len(places)) for row in rows]
@@ -192,19 +225,9 @@ def joined(answers: np.ndarray, count: int) -> np.ndarray:
     return answers[:, :count].transpose(1, 0, 2).reshape(count, parts * kept)
 
 
-def padded(rows: np.ndarray, count: int) -> np.ndarray:
-    """The rows, the last one repeated up to ``count``."""
-    padded = np.empty((count, rows.shape[1]))
-    padded[: len(rows)] = rows
-    padded[len(rows) :] = rows[-1]
-    return padded
-
-
 def with_speeds(recording: Recording) -> Recording:
-    """The recording with speeds from its positions where it has none.
-
-    Slopes over a millisecond: those from one sample to the next are mostly an encoder's steps.
-    """
+    """The recording with speeds from its positions where it has none."""
+    # slopes over a millisecond: those of single samples are mostly an encoder's steps
     half = max(1, round(0.5e-3 * recording.sample_rate))
     n = np.arange(len(recording))
     before, after = np.maximum(n - half, 0), np.minimum(n + half, len(recording) - 1)
@@ -229,22 +252,31 @@ def initial_state(
     if recording.motor_speed is None and any(steps_of(recording, actuator)):
         recording = with_speeds(recording)
     output, motor = recording.output_position, recording.motor_position
+
+    def seen(position: np.ndarray, scale: float) -> tuple[float, float]:
+        angle, after = position[first], position[first + 1]
+        return float(angle) * scale, float(after - angle) * scale / dt
+
     if output is not None:
-        theta_o = float(output[first]) * ratio
-        w_o = float(output[first + 1] - output[first]) * ratio / dt
+        theta_o, w_o = seen(output, ratio)
     elif motor is not None:
-        theta_o = float(motor[first])
-        w_o = float(motor[first + 1] - motor[first]) / dt
+        theta_o, w_o = seen(motor, 1.0)
     else:
-        theta_o = float(recording.command[first]) * ratio
-        w_o = 0.0
+        theta_o, w_o = float(recording.command[first]) * ratio, 0.0
     if recording.output_speed is not None:
         w_o = float(recording.output_speed[first]) * ratio
-    theta_m, w_m = theta_o, w_o
-    if motor is not None:
-        theta_m = float(motor[first])
-        w_m = float(motor[first + 1] - motor[first]) / dt
+    theta_m, w_m = (theta_o, w_o) if motor is None else seen(motor, 1.0)
     if recording.motor_speed is not None:
         w_m = float(recording.motor_speed[first])
     now = current or 0.0
     return np.array([now, w_m, theta_m, w_o, theta_o, 0.0, now])
+
+
+def _taps_at(starts: np.ndarray, taps: np.ndarray, signal: np.ndarray) -> np.ndarray:
+    """(N, 7) taps of a filter at each start, as a recorded signal (S,) has left it there."""
+    found, done = np.tile(taps, (len(starts), 1)), 0
+    for row, start in zip(found, starts.tolist(), strict=True):
+        _, row[5:] = filtered(taps, signal[done : start + 1])
+        taps = row
+        done = start + 1
+    return found

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ematwin.models.bldc.channels import phase_currents
-from ematwin.models.bldc.envelope import projected
+from ematwin.models.bldc.channels import phase_currents, projected
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.comparison import Placed
 from ematwin.numerics.signals import Remembered, white_noise
@@ -148,10 +147,7 @@ def _ways(angle: np.ndarray) -> list[np.ndarray]:
 def _best(
     currents: np.ndarray, angle: np.ndarray, steps: np.ndarray, ways: list[np.ndarray]
 ) -> float | None:
-    """The angle near one of ``steps`` on which most current lies, in the mean of the ways.
-
-    None where for one of them it lies at the first or the last step.
-    """
+    """The mean over ways of the angle with most current, near ``steps``; None at their ends."""
 
     def look() -> float | None:
         found = []
@@ -175,9 +171,8 @@ def _refined(currents: np.ndarray, angle: np.ndarray, zero: float) -> float:
     near, fine = math.radians(3.0), math.radians(0.25)
     steps = np.arange(-near, near + 0.5 * fine, fine)
     curved, slope, _ = np.polyfit(steps, _shares(currents, angle + zero, steps), 2)
-    if curved >= 0.0:
-        return zero
-    return zero + float(np.clip(-slope / (2.0 * curved), -near, near))
+    top = float(np.clip(-slope / (2.0 * curved), -near, near)) if curved < 0.0 else 0.0
+    return zero + top
 
 
 def _apart(recording: Recording, actuator: BldcActuator, motor: float) -> float:

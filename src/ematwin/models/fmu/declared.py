@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ematwin.errors import FileError, ParameterError
 from ematwin.models.fmu.archive import Archive, Scale, Variable, archive_at, scale_of
-from ematwin.models.history import Finite, Hertz, Seconds
+from ematwin.models.scenario import Finite, Hertz, Seconds
 from ematwin.models.unknown import Times, Unknown
 from ematwin.quantities import parse_quantity, to_si
 from ematwin.showing.text import in_unit

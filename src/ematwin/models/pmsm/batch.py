@@ -7,10 +7,10 @@ and compared as they arise.
 
 import numpy as np
 
-from ematwin.models.pmsm.constants import Constants
-from ematwin.models.pmsm.controller import ControlState, control_step
 from ematwin.models.pmsm.monitor_step import (
+    ControlState,
     MonitorState,
+    control_step,
     lost_in_legs,
     monitor_step,
     terminal_currents,
@@ -22,6 +22,7 @@ from ematwin.models.pmsm.reference_step import (
     phase_currents,
     reference_step,
 )
+from ematwin.models.pmsm.unknowns import Constants
 from ematwin.numerics.compile import loop, part, step
 from ematwin.numerics.lanes import LANES, columns, lane_loop, wide_vectors
 from ematwin.numerics.scalar import biquad, sincos

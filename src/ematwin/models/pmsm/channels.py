@@ -62,12 +62,7 @@ def to_rotor(a: np.ndarray, b: np.ndarray, c: np.ndarray, angle: np.ndarray) -> 
     return np.stack([turned.real, turned.imag])
 
 
-def to_phases(d: np.ndarray, q: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """d and q (S,) as phases (3, S); the reverse of `to_rotor`."""
-    return np.stack(phase_values(d, q, angle))
-
-
-def phase_values(d: Any, q: Any, angle: Any) -> tuple[Any, Any, Any]:
+def to_phases(d: Any, q: Any, angle: Any) -> tuple[Any, Any, Any]:
     """d and q as the phases a, b, c, numbers or arrays (inverse Park and Clarke transforms)."""
     s, co = np.sin(angle), np.cos(angle)
     alpha, beta = co * d - s * q, s * d + co * q

@@ -16,9 +16,8 @@ from ematwin.models.base import Model
 from ematwin.models.comparison import Candidates, Comparison, correlation_time
 from ematwin.models.plausibility import check_enough, check_moves
 from ematwin.models.pmsm.channels import ROTATING_VOLTAGES, TERMINALS, VOLTAGES, in_rotor_frame
-from ematwin.models.pmsm.constants import constants_of
 from ematwin.models.pmsm.parameters import PmsmActuator
-from ematwin.models.pmsm.unknowns import backlash_factor
+from ematwin.models.pmsm.unknowns import backlash_factor, constants_of
 from ematwin.numerics.side_by_side import cores, side_by_side
 from ematwin.numerics.signals import LowPass, white_noise
 from ematwin.recordings.recording import Recording
@@ -165,10 +164,7 @@ class PmsmComparison(Comparison):
         return other
 
     def exact(self, values: Mapping[str, float]) -> dict[str, np.ndarray] | None:
-        """Response of the reference model, low-passed, (S,) arrays by name.
-
-        None where a recording begins in motion: the integrals of its loops are not known.
-        """
+        """Low-passed response of the reference, (S,) arrays; None where it begins in motion."""
         if self.before == 0:
             return None
         from ematwin.models.pmsm.simulate import channels_of, reference_columns
@@ -212,21 +208,20 @@ class PmsmComparison(Comparison):
 
     def costs(self, candidates: Candidates, count: int) -> np.ndarray:
         """Sums of weighted squares (B,); infinite where a candidate diverged."""
-        constants = self._constants(candidates, count)
-        costs, _ = self.run(constants, self._target, self.every, keep=False)
+        costs, _ = self._simulated(
+            self._constants(candidates, count), self._target, self.every, keep=False
+        )
         return np.where(np.isfinite(costs), costs, np.inf)
 
     def residuals(self, candidates: Candidates, count: int) -> np.ndarray:
         """Weighted residuals (B, K), channel after channel."""
         constants = self._constants(candidates, count)
-        _, answer = self.run(constants, self._target, self.every, keep=True)
-        return self.left_by(answer[:, : len(COMPARED)])
+        return self.left_by(self._simulated(constants, self._target, self.every)[1])
 
     def answers_of(self, actuators: Sequence[PmsmActuator]) -> np.ndarray:
         """Low-passed answers (B, 6, kept) of B healthy actuators whose loops sample alike."""
         constants = [constants_of(one, {}, 1, self.step) for one in actuators]
-        _, answer = self.run(np.concatenate(constants), self._target, self.every, keep=True)
-        return answer[:, : len(COMPARED)]
+        return self._simulated(np.concatenate(constants), self._target, self.every)[1]
 
     def left_by(self, answers: np.ndarray) -> np.ndarray:
         """Weighted residuals (B, K) of answers (B, 6, kept), channel after channel."""
@@ -241,7 +236,7 @@ class PmsmComparison(Comparison):
         """Response of the twin, low-passed, (B, S) arrays by name."""
         full = np.zeros((len(COMPARED), self._ticks.size))
         full[:, 0] = self._target[:, 0]
-        _, answer = self.run(self._constants(candidates, count), full, 1, keep=True)
+        answer = self._simulated(self._constants(candidates, count), full, 1)[1]
         found = {COMPARED[n]: answer[:, n].copy() for n in self._rows}
         if self._on_each_tick:
             return found
@@ -250,18 +245,17 @@ class PmsmComparison(Comparison):
             for name, rows in found.items()
         }
 
-    def run(
-        self, constants: np.ndarray, target: np.ndarray, every: int, *, keep: bool
+    def _simulated(
+        self, constants: np.ndarray, target: np.ndarray, every: int, *, keep: bool = True
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Costs (B,), not finite where one diverged, and, if kept, answers (B, 7, K)."""
+        """Costs (B,), not finite where one diverged, and, if kept, answers (B, 6, K)."""
         from ematwin.models.pmsm.batch import monitor_scores
         from ematwin.numerics.lanes import LANES
 
         count = len(constants)
         lost = ~np.isfinite(constants).all(axis=1)
         blocks = -(-count // LANES)
-        lanes = np.repeat(constants[-1:], blocks * LANES, axis=0)
-        lanes[:count] = constants
+        lanes = np.pad(constants, ((0, blocks * LANES - count), (0, 0)), "edge")
         costs = np.empty(len(lanes))
         answer = np.empty((len(lanes), 7, target.shape[1]) if keep else (0, 0, 0))
         taps = self.low_pass.taps(1.0 / self.actuator.controller.current_time, 0.0)[:5]
@@ -279,7 +273,7 @@ class PmsmComparison(Comparison):
         costs[:count][lost] = math.nan
         if keep:
             answer[:count][lost] = math.nan
-        return costs[:count], answer[:count]
+        return costs[:count], answer[:count, : len(COMPARED)]
 
 
 def only_measured(recording: Recording) -> bool:

@@ -136,10 +136,7 @@ class Response:
 def equation(
     compared: PmsmComparison, sheet: Any, fitted: tuple[str, ...], actuator: Any = None
 ) -> Equation:
-    """The response to a healthy recording, with the forms that may be otherwise than in a sheet.
-
-    The reference corrects it at an actuator, or else at that of the sheet.
-    """
+    """The response to a healthy recording, corrected at an actuator, or that of the sheet."""
     response = Response(compared, actuator or sheet)
     smooth = tuple(place for place in fitted if place != _COGGING[2])  # half a turn off it is stuck
     return Equation(

@@ -9,7 +9,6 @@ from ematwin.models.pmsm import channels as recorded
 from ematwin.models.pmsm import unknowns as table
 from ematwin.models.pmsm.parameters import PmsmActuator
 from ematwin.models.pmsm.plausibility import check_phases, check_plausible, laws
-from ematwin.models.pmsm.simulate import simulate
 from ematwin.models.servo import ServoModel, little_motion, motion_laws, tracking_signals
 from ematwin.models.unknown import Contrast
 from ematwin.recordings.recording import Recording
@@ -64,7 +63,12 @@ class PmsmModel(ServoModel):
 
     unknowns = staticmethod(table.unknowns)
     aliases = staticmethod(table.aliases)
-    simulated = staticmethod(simulate)
+
+    def simulated(self, *given: Any) -> Any:
+        """The response from rest; as of `ServoModel`."""
+        from ematwin.models.pmsm.simulate import simulate
+
+        return simulate(*given)
 
     def contrasts(self, actuator: Any) -> tuple[Contrast, ...]:
         """What heat may do as well."""
@@ -111,7 +115,7 @@ class PmsmModel(ServoModel):
 
     def stepped(self, actuator: Any, fidelity: str) -> Any:
         """The reference or the monitor model, sample by sample."""
-        from ematwin.models.pmsm.stepped import stepped
+        from ematwin.models.pmsm.simulate import stepped
 
         return stepped(actuator, fidelity)
 

@@ -123,21 +123,15 @@ def laws(recording: Recording, actuator: Any) -> list[Law]:
     explains it.
     """
     voltages = star_laws(recording, VOLTAGES, "the phase voltages do not add up to zero", np.inf)
-    if not _against_each_other(recording):
+    # Terminals may be measured against one of them, which is zero then. The other two are line
+    # voltages, which go together; beside a dead sensor two phases oppose.
+    known = [recording.channels[name] for name in TERMINALS if name in recording.channels]
+    moving = [values for values in known if values.any()]
+    if len(moving) != 2 or float(moving[0] @ moving[1]) <= 0.0:
         text = "the terminal voltages do not add up to zero"
         voltages += star_laws(recording, TERMINALS, text, np.inf)
     rotor = _rotor_laws(recording, actuator.motor.pole_pairs)
     return [*current_laws(recording), *voltages, *rotor]
-
-
-def _against_each_other(recording: Recording) -> bool:
-    """Whether terminals are measured against one of them, which is zero then.
-
-    The other two are line voltages, which go together; beside a dead sensor two phases oppose.
-    """
-    known = [recording.channels[name] for name in TERMINALS if name in recording.channels]
-    others = [values for values in known if values.any()]
-    return len(others) == 2 and float(others[0] @ others[1]) > 0.0
 
 
 def _rotor_laws(recording: Recording, pole_pairs: int) -> list[Law]:

@@ -61,10 +61,7 @@ def phase_emf(sine, wider, c):
 
 @step
 def currents_of(psi_alpha, psi_beta, s, co, c):
-    """Currents in the stator's frame that make a flux, and the same in the rotor's frame.
-
-    ``s`` and ``co`` of the rotor's electrical angle.
-    """
+    """Currents that make a flux: in the stator's frame, and in that of the rotor."""
     i_d = (co * psi_alpha + s * psi_beta) / c.l_d
     i_q = (co * psi_beta - s * psi_alpha) / c.l_q
     return co * i_d - s * i_q, s * i_d + co * i_q, i_d, i_q

@@ -1,4 +1,7 @@
-"""Simulate a PMSM servo: model, scenario and faults in, a `Recording` out."""
+"""Simulate a PMSM servo: model, scenario and faults in, a `Recording` out; or sample by sample.
+
+The drive has held its first position under the first load for a while before the first sample.
+"""
 
 import math
 from collections.abc import Mapping
@@ -8,20 +11,39 @@ import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.models.base import Progress
+from ematwin.models.comparison import one_candidate
+from ematwin.models.pmsm import batch
 from ematwin.models.pmsm.channels import ON_REQUEST, TERMINALS, to_phases
 from ematwin.models.pmsm.comparison import SETTLED
+from ematwin.models.pmsm.monitor_step import (
+    ControlState,
+    MonitorState,
+    control_step,
+    monitor_step,
+    terminal_currents,
+)
 from ematwin.models.pmsm.parameters import PmsmActuator
+from ematwin.models.pmsm.reference_step import ReferenceState, leg_voltages, reference_step
+from ematwin.models.pmsm.unknowns import Constants, constants_of, fields_of
 from ematwin.models.scenario import Scenario
+from ematwin.models.stepped import Stepped, initial_position
+from ematwin.numerics.compile import part
+from ematwin.numerics.lanes import LANES
+from ematwin.numerics.scalar import sincos
+
+_OUTPUTS = (
+    "current_a", "current_b", "current_c", "voltage_a", "voltage_b", "voltage_c",
+    "motor_position", "output_position",
+)  # fmt: skip
+_START = len(Constants._fields)
+_PHASES = part(to_phases)
 
 
 def simulate(
     fidelity: str, actuator: PmsmActuator, scenario: Scenario, values: Mapping[str, float],
     rate: float, step: float, start: float, progress: Progress | None,
 ) -> tuple[np.ndarray, dict[str, np.ndarray], float]:  # fmt: skip
-    """The response to a scenario; arguments as in `ematwin.models.servo.ServoModel.simulated`.
-
-    The drive has held its first position for a while when the scenario begins.
-    """
+    """The response to a scenario; arguments as in `ematwin.models.servo.ServoModel.simulated`."""
     tick, most = actuator.controller.current_time, 20_000_000
     each = 1.0 / (rate * tick)
     every = round(each)  # ticks from one sample to the next
@@ -70,10 +92,7 @@ def reference_states(
     actuator: PmsmActuator, values: Mapping[str, float], theta: float, step: float
 ) -> tuple[Any, np.ndarray, np.ndarray]:
     """Constants, and the states (15,) and (12,) of plant and drive at rest at an angle."""
-    from ematwin.models.pmsm.constants import Constants, constants_of
-
-    one = {name: np.array([value]) for name, value in values.items()}
-    c = Constants(*constants_of(actuator, one, 1, step)[0].tolist())
+    c = Constants(*constants_of(actuator, one_candidate(values), 1, step)[0].tolist())
     state, control = np.zeros(15), np.zeros(12)
     state[6] = state[8] = theta
     control[3] = theta + c.resolver / c.pole_pairs
@@ -89,8 +108,6 @@ def reference_columns(
     Command and load (K,) are at the ticks of the current loops, rad and N m on the output, where
     ``start`` is the angle at rest; ``substeps`` make a tick, ``every`` ticks a sample.
     """
-    from ematwin.models.pmsm.batch import REFERENCE_COLUMNS, reference_trace
-
     ratio, ticks = actuator.transmission.ratio, np.array(actuator.ticks)
     step = actuator.controller.current_time / substeps
     c, state, control = reference_states(actuator, values, start * ratio, step)
@@ -102,41 +119,36 @@ def reference_columns(
     for first in range(0, command.size, stride):
         last = min(first + stride, command.size)
         more = slice(first, min(last + 1, command.size))  # the slice runs up to its successor
-        pieces.append(reference_trace(
+        pieces.append(batch.reference_trace(
             command[more] * ratio, load[more] / ratio, state, control, c, step, substeps, ticks,
             quanta_of(actuator), every, last - first,
         ))  # fmt: skip
         if progress is not None:
             progress(last / command.size)
     trace = np.concatenate(pieces)
-    wanted = (*REFERENCE_COLUMNS[:7], *TERMINALS)
-    return {name: trace[:, REFERENCE_COLUMNS.index(name)].copy() for name in wanted}
+    wanted = (*batch.REFERENCE_COLUMNS[:7], *TERMINALS)
+    return {name: trace[:, batch.REFERENCE_COLUMNS.index(name)].copy() for name in wanted}
 
 
 def _monitor(
     actuator: PmsmActuator, values: Mapping[str, float], command: np.ndarray, load: np.ndarray,
     start: float, substeps: int, every: int, progress: Progress | None,
 ) -> dict[str, np.ndarray]:  # fmt: skip
-    from ematwin.models.pmsm.batch import ANSWERS, COMPARED, monitor_scores
-    from ematwin.models.pmsm.constants import Constants, constants_of
-    from ematwin.numerics.lanes import LANES
-
     ratio, step = actuator.transmission.ratio, actuator.controller.current_time / substeps
-    one = {name: np.array([value]) for name, value in values.items()}
-    constants = np.repeat(constants_of(actuator, one, 1, step), LANES, axis=0)
+    constants = np.repeat(constants_of(actuator, one_candidate(values), 1, step), LANES, axis=0)
     theta = start * ratio
     read = theta + Constants(*constants[0]).resolver / actuator.motor.pole_pairs
-    target = np.zeros((COMPARED, command.size))
+    target = np.zeros((batch.COMPARED, command.size))
 
     def answers(measured: bool) -> dict[str, np.ndarray]:
-        answer = np.empty((LANES, len(ANSWERS), command.size))
-        monitor_scores(
+        answer = np.empty((LANES, len(batch.ANSWERS), command.size))
+        batch.monitor_scores(
             constants, command * ratio, load / ratio, 0,
             np.array([read, 0.0, theta, 0.0, 0.0, 0.0]), step, substeps, np.array(actuator.ticks),
-            np.array([1.0, 0.0, 0.0, 0.0, 0.0]), target, np.zeros(COMPARED), 1, measured,
+            np.array([1.0, 0.0, 0.0, 0.0, 0.0]), target, np.zeros(batch.COMPARED), 1, measured,
             np.empty(LANES), answer,
         )  # fmt: skip
-        return dict(zip(ANSWERS, answer[0, :, ::every], strict=True))
+        return dict(zip(batch.ANSWERS, answer[0, :, ::every], strict=True))
 
     found, at_terminals = answers(False), answers(True)
     if progress is not None:
@@ -158,3 +170,117 @@ def channels_of(columns: Mapping[str, np.ndarray], actuator: PmsmActuator) -> di
     found |= {n: columns[n] for n in (*ON_REQUEST, "motor_position")}
     found["output_position"] = columns["output_position"] / actuator.transmission.ratio
     return found
+
+
+def stepped(actuator: PmsmActuator, fidelity: str) -> Stepped:
+    """The servo, its drive holding a position, then tick by tick."""
+    tick = actuator.controller.current_time
+    substeps = actuator.substeps(getattr(actuator.steps, fidelity))
+
+    def constants(candidates: Mapping[str, Any]) -> list[Any]:
+        own = fields_of(actuator, candidates, tick / substeps)
+        return [*own, candidates["initial_position"]]
+
+    make = _stepped_reference if fidelity == "reference" else _stepped_monitor
+    return Stepped(
+        inputs=("command", "load"), outputs=_OUTPUTS, constants=constants, interval=tick,
+        substeps=substeps, at=(0.0, 0.5), constant_count=_START + 1,
+        starts=(initial_position(actuator),), held=actuator.whole_ticks(SETTLED),
+        **make(actuator, tick, substeps),
+    )  # fmt: skip
+
+
+@part
+def _show(y, seen, pole_pairs, theta_m, theta_o, ratio):
+    """Fill the outputs with the log of the drive."""
+    angle = pole_pairs * theta_m
+    y[0, 0], y[1, 0], y[2, 0] = _PHASES(seen.i_d, seen.i_q, angle)
+    y[3, 0], y[4, 0], y[5, 0] = _PHASES(seen.v_d, seen.v_q, angle)
+    y[6, 0] = theta_m
+    y[7, 0] = theta_o / ratio
+
+
+def _resting(ratio: float, loops: int) -> Any:
+    """Function that fills the state at rest; the states of the loops follow those in the plant."""
+
+    @part
+    def begin(c, u, x):
+        own = batch.lane(c, 0)
+        theta = c[_START, 0] * ratio
+        x[:, 0] = 0.0
+        x[6, 0] = x[8, 0] = theta
+        x[loops + 3, 0] = theta + own.resolver / own.pole_pairs
+        u[0, 0] = c[_START, 0]
+
+    return begin
+
+
+def _stepped_monitor(actuator: PmsmActuator, tick: float, substeps: int) -> dict[str, Any]:
+    ratio, dt = actuator.transmission.ratio, tick / substeps
+    speed_ticks, position_ticks = actuator.ticks
+    loops = len(MonitorState._fields)
+    applied = loops + len(ControlState._fields)
+
+    @part
+    def sample(c, x, u, n, y):
+        own, now, drive = batch.lane(c, 0), batch.plant_of(x, 0), batch.loops_of(x[loops:], 0)
+        s, co = sincos(own.pole_pairs * now.theta_m)
+        i_a, i_b, _ = terminal_currents(s, co, now)
+        x[applied, 0], x[applied + 1, 0] = drive.v_alpha, drive.v_beta
+        reading = now.theta_m + own.resolver / own.pole_pairs
+        after, seen = control_step(
+            drive, u[0, 0] * ratio, reading, now.theta_o,
+            own.gain_a * i_a + own.offset_a, own.gain_b * i_b + own.offset_b,
+            n % position_ticks == 0, n % speed_ticks == 0, speed_ticks, tick, own,
+        )  # fmt: skip
+        batch.write_loops(x[loops:], 0, after)
+        _show(y, seen, own.pole_pairs, reading, now.theta_o, ratio)
+
+    @part
+    def advance(c, x, u):
+        own = batch.lane(c, 0)
+        load = own.load_gain * (u[1, 0] / ratio) + own.load_offset
+        after = monitor_step(batch.plant_of(x, 0), x[applied, 0], x[applied + 1, 0], load, own, dt)
+        batch.write_plant(x, 0, after)
+
+    return {
+        "begin": _resting(ratio, loops), "sample": sample, "advance": advance,
+        "state_count": applied + 2,
+    }  # fmt: skip
+
+
+def _stepped_reference(actuator: PmsmActuator, tick: float, substeps: int) -> dict[str, Any]:
+    ratio, dt = actuator.transmission.ratio, tick / substeps
+    speed_ticks, position_ticks = actuator.ticks
+    of_current, of_motor, of_output = quanta_of(actuator).tolist()
+    loops = len(ReferenceState._fields)
+    applied = loops + len(ControlState._fields)
+
+    @part
+    def sample(c, x, u, n, y):
+        own, now, drive = (
+            batch.lane(c, 0),
+            batch.read_reference(x, 0),
+            batch.loops_of(x[loops:], 0),
+        )
+        v_a, v_b, v_c = leg_voltages(drive.v_alpha, drive.v_beta, own.v_supply)
+        x[applied, 0], x[applied + 1, 0], x[applied + 2, 0] = v_a, v_b, v_c
+        after, seen, _, _, theta_m, theta_o = batch.read_by_drive(
+            now, drive, u[0, 0] * ratio, of_current, of_motor, of_output,
+            n % position_ticks == 0, n % speed_ticks == 0, speed_ticks, tick, own,
+        )  # fmt: skip
+        batch.write_loops(x[loops:], 0, after)
+        _show(y, seen, own.pole_pairs, theta_m, theta_o, ratio)
+
+    @part
+    def advance(c, x, u):
+        own = batch.lane(c, 0)
+        load = own.load_gain * (u[1, 0] / ratio) + own.load_offset
+        v_a, v_b, v_c = x[applied, 0], x[applied + 1, 0], x[applied + 2, 0]
+        after = reference_step(batch.read_reference(x, 0), v_a, v_b, v_c, load, own, dt)
+        batch.write_reference(x, 0, after)
+
+    return {
+        "begin": _resting(ratio, loops), "sample": sample, "advance": advance,
+        "state_count": applied + 3,
+    }  # fmt: skip

@@ -1,18 +1,21 @@
-"""Unknowns of a PMSM servo, in one table: faults and nuisances.
+"""Unknowns of a PMSM servo, in one table, and what kernels make of them: `Constants`.
 
 Laws convert the faults to SI.
 """
 
 import math
-from collections.abc import Mapping
+from collections import namedtuple
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
+from ematwin.models.pmsm.parameters import PmsmActuator
 from ematwin.models.servo import dry_friction, load_nuisances
 from ematwin.models.servo import normalised_fault as _fault
 from ematwin.models.unknown import Alias, Contrast, Unknown
+from ematwin.numerics.side_by_side import by_candidate
 
 # Laws of the faults, in SI; each magnitude is normalised to [0, 1].
 FRICTION, BACKLASH = 2.0, 9.0  # added at most, of the healthy value
@@ -200,3 +203,118 @@ CONTRASTS = (
         "Lost flux cannot be told from magnets that are merely warm.",
     ),
 )  # fmt: skip
+
+
+# What both models need of one candidate, by name, of a servo (a) and its unknowns (k). SI, on the
+# motor shaft; windings and voltages are of one phase, peak.
+_OF_CANDIDATE: dict[str, Callable[[Any, Mapping[str, Any]], Any]] = {
+    "pole_pairs": lambda a, k: float(a.motor.pole_pairs),
+    "resistance": lambda a, k: a.motor.resistance,  # ohm
+    "l_d": lambda a, k: a.motor.inductance_d,  # H
+    "l_q": lambda a, k: a.motor.inductance_q,  # H
+    # V s/rad of the shaft, amplitude; what magnets are left included
+    "k_e": lambda a, k: a.motor.pole_pairs * a.motor.flux * flux_left(k["demagnetisation"]),
+    "h_5": lambda a, k: a.motor.harmonic_5,
+    "h_7": lambda a, k: a.motor.harmonic_7,
+    # static change of the flux with the place in the bore; and that which turns with the rotor
+    "static_x": lambda a, k: _offset(a, k, "static", np.cos),
+    "static_y": lambda a, k: _offset(a, k, "static", np.sin),
+    "dynamic_x": lambda a, k: _offset(a, k, "dynamic", np.cos),
+    "dynamic_y": lambda a, k: _offset(a, k, "dynamic", np.sin),
+    # ohm, in the connector
+    "added_a": lambda a, k: CONNECTOR * a.motor.resistance * k["connector_a"],
+    "added_b": lambda a, k: CONNECTOR * a.motor.resistance * k["connector_b"],
+    "added_c": lambda a, k: CONNECTOR * a.motor.resistance * k["connector_c"],
+    "v_supply": lambda a, k: a.drive.supply_voltage,  # V
+    # V, error of a leg: dead time and drop
+    "v_leg": lambda a, k: (
+        a.drive.supply_voltage * a.drive.dead_time / a.controller.current_time + a.drive.device_drop
+    ),
+    "knee": lambda a, k: a.drive.knee_current,  # A
+    # of the current sensors; A
+    "gain_a": lambda a, k: sensor_gain(k["sensor_gain_a"]),
+    "gain_b": lambda a, k: sensor_gain(k["sensor_gain_b"]),
+    "offset_a": lambda a, k: sensor_offset(k["sensor_offset_a"], a.controller.current_limit),
+    "offset_b": lambda a, k: sensor_offset(k["sensor_offset_b"], a.controller.current_limit),
+    "resolver": lambda a, k: resolver_offset(k["resolver_offset"]),  # rad, electrical
+    "k_position": lambda a, k: a.controller.position_gain * gain_factor(k["gain"]),  # 1/s
+    "k_speed": lambda a, k: a.controller.speed_gain,  # N m s/rad
+    "k_total": lambda a, k: a.controller.speed_integral,  # N m/rad
+    "k_current": lambda a, k: a.controller.current_gain,  # V/A
+    "k_voltage": lambda a, k: a.controller.current_integral,  # V/(A s)
+    "w_max": lambda a, k: a.controller.speed_limit,  # rad/s
+    "i_max": lambda a, k: a.controller.current_limit,  # A
+    # as set in the drive: N m/A, Wb, H
+    "set_torque": lambda a, k: a.controller.torque_constant,
+    "set_flux": lambda a, k: a.controller.flux,
+    "set_d": lambda a, k: a.controller.inductance_d,
+    "set_q": lambda a, k: a.controller.inductance_q,
+    "j_m": lambda a, k: a.motor.inertia,  # kg m^2
+    "j_o": lambda a, k: a.transmission.output_inertia,
+    "viscous_m": lambda a, k: a.motor.viscous_damping,  # N m s/rad
+    "viscous_o": lambda a, k: a.transmission.viscous_damping,
+    # N m, in motion
+    "friction_m": lambda a, k: a.motor.friction_torque * friction_factor(k["friction"]),
+    "friction_o": lambda a, k: a.transmission.friction_torque * friction_factor(k["friction"]),
+    "static_ratio": lambda a, k: a.transmission.static_ratio,
+    "w_stribeck": lambda a, k: a.transmission.stribeck_speed,  # rad/s
+    "cogging": lambda a, k: a.motor.cogging_torque,  # N m
+    "cogging_periods": lambda a, k: float(a.motor.cogging_periods),
+    "cogging_phase": lambda a, k: a.motor.cogging_phase,  # rad
+    "half_gap": lambda a, k: 0.5 * a.transmission.backlash * backlash_factor(k["backlash"]),  # rad
+    "stiffness": lambda a, k: a.transmission.stiffness,  # N m/rad
+    "damping": lambda a, k: a.transmission.damping,  # N m s/rad
+    "travel_low": lambda a, k: a.transmission.travel_low * a.transmission.ratio,  # rad
+    "travel_high": lambda a, k: a.transmission.travel_high * a.transmission.ratio,  # rad
+    # N m/rad; 0: friction sticks without giving. N m s/rad, at rest
+    "bristles_m": lambda a, k: 0.0 if a.presliding is None else a.presliding.motor_stiffness,
+    "bristles_o": lambda a, k: 0.0 if a.presliding is None else a.presliding.output_stiffness,
+    "bristle_damping": lambda a, k: 0.0 if a.presliding is None else a.presliding.damping,
+    # 1/W, resistance gained by a steady loss, of that at the start; s
+    "heating": lambda a, k: 0.0 if a.winding_heat is None else a.winding_heat.gain_per_watt,
+    "heating_time": lambda a, k: 1.0 if a.winding_heat is None else a.winding_heat.time_constant,
+    "load_gain": lambda a, k: k["load_gain"],  # actual over recorded load
+    "load_offset": lambda a, k: k["load_offset"] / a.transmission.ratio,  # N m
+}
+# Of a shorted loop: its current seen at the terminals, per volt (S); what is left of it after a
+# step; R/mu + R_f/mu^2 (ohm)
+_OF_LOOPS = tuple(f"{name}_{x}" for name in ("loop", "decay", "loss") for x in "abc")
+Constants = cast(Any, namedtuple)("Constants", (*_OF_CANDIDATE, *_OF_LOOPS))
+
+
+def _offset(actuator: Any, k: Mapping[str, Any], which: str, component: Any) -> Any:
+    size = actuator.motor.gap_share * k[f"{which}_eccentricity"]
+    return size * component(direction(k[f"{which}_direction"]))
+
+
+def constants_of(
+    actuator: PmsmActuator, candidates: Mapping[str, Any], count: int, step: float
+) -> np.ndarray:
+    """(B, 65) array, the fields of `Constants` of B candidates.
+
+    ``candidates`` are values (B,) of unknowns and, by place, of parameters; all others are
+    healthy. ``step`` is that over which the currents of shorted loops decay, s.
+    """
+    return by_candidate(fields_of(actuator, candidates, step), count)
+
+
+def fields_of(actuator: PmsmActuator, candidates: Mapping[str, Any], step: float) -> Any:
+    """The same as numbers, or (B,) arrays where candidates differ."""
+    own = actuator.varied(candidates, FIXED)
+    k = {one.name: one.healthy for one in unknowns(actuator)}
+    k["short_resistance"] = own.motor.short_resistance  # its healthy value is a parameter
+    k.update({name: candidates[name] for name in k if name in candidates})
+    loops = [_loop_constants(own.motor, k[name], k["short_resistance"], step) for name in SHORTS]
+    of_loops = (one for phases in zip(*loops, strict=True) for one in phases)
+    return Constants(*(of(own, k) for of in _OF_CANDIDATE.values()), *of_loops)
+
+
+def _loop_constants(motor: Any, k: Any, contact: Any, step: float) -> tuple[Any, Any, Any]:
+    """Conductance (S), decay in a step, and loss resistance (ohm) of a short (docs/pmsm.md)."""
+    mu, least = shorted_share(np.abs(k)), 1e-9  # monitoring looks a little below zero
+    some = np.maximum(mu, least)
+    inside = mu * (1.0 - 2.0 * mu / 3.0)
+    total = contact + inside * motor.resistance
+    rate = total / (np.maximum(inside, least) * motor.leakage)
+    loss = motor.resistance / some + contact / some**2
+    return np.copysign(mu * mu, k) / total, np.exp(-rate * step), np.where(mu > 0.0, loss, 0.0 * mu)

@@ -8,10 +8,9 @@ import pytest
 from ematwin.models.bldc import along_motion
 from ematwin.models.bldc.balance import Contact, Crossing, TorqueBalance
 from ematwin.models.bldc.channels import PHASES
-from ematwin.models.bldc.constants import kernel_constants, truer_constants
+from ematwin.models.bldc.constants import TruerState, kernel_constants, truer_constants
 from ematwin.models.bldc.faults import Faults
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.state import TruerState
 from ematwin.numerics.signals import LowPass
 from naive import along_motion as naive
 from naive import another_actuator, truer

@@ -6,8 +6,7 @@ import pytest
 from ematwin import BldcActuator, Faults, Noise, Recording, simulate
 from ematwin.errors import InputError, RecordError
 from ematwin.models.bldc.comparison import BldcComparison
-from ematwin.models.bldc.faults import FAULTS
-from ematwin.models.bldc.unknowns import FIXED
+from ematwin.models.bldc.faults import FAULTS, FIXED
 
 ACTUATOR = BldcActuator.load()
 FAULTY = Faults(friction=0.2, backlash=0.1, gain=0.6)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from ematwin.models.bldc import motor, state
+from ematwin.models.bldc import constants, motor
 from ematwin.models.bldc.constants import kernel_constants
 from ematwin.models.bldc.faults import Faults
 from ematwin.models.bldc.monitor_step import equivalent_phase, pairs_of
@@ -23,7 +23,7 @@ shares = st.floats(0.0, 1.0)
 
 
 def fault(**values):
-    return state.fault_state(Faults(**values).vector, C.half_gap)
+    return constants.fault_state(Faults(**values).vector, C.half_gap)
 
 
 @given(angles)

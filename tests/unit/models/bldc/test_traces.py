@@ -5,10 +5,9 @@ import pytest
 
 from bldc_inputs import SEVERE, history
 from ematwin.models.bldc import batch
-from ematwin.models.bldc.constants import kernel_constants
+from ematwin.models.bldc.constants import Truer, TruerState, kernel_constants
 from ematwin.models.bldc.faults import PAPER_CASES, Faults
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.state import Truer, TruerState
 from naive import monitor as naive_monitor
 from naive import reference as naive_reference
 
@@ -20,7 +19,7 @@ C = kernel_constants(ACTUATOR)
 def test_reference_model_is_that_of_the_naive_loop(values):
     faults, dt, steps = Faults(**values), 1e-6, 12_000
     command, load = history(steps, dt)
-    rest = np.zeros(11)
+    rest = np.zeros(13)
     rest[7] = 1.0
     trace = batch.reference_trace(
         faults.vector, command, load, rest, C, dt, 1, 1, Truer(), np.array(TruerState())
@@ -67,7 +66,7 @@ def test_motor_is_stopped_half_a_gap_beyond_the_end_stop_of_the_output(way):
 
 def test_reference_output_rests_on_its_end_stop_while_the_motor_pushes():
     command = np.full(80_001, 2.0 * C.travel_high)
-    rest = np.zeros(11)
+    rest = np.zeros(13)
     rest[7] = 1.0
     k = Faults().vector
     trace = batch.reference_trace(

@@ -7,13 +7,22 @@ import ematwin
 from bldc_inputs import HALF, SEVERE, history
 from ematwin.errors import ParameterError
 from ematwin.models.bldc import batch
-from ematwin.models.bldc.constants import kernel_constants, truer_constants
+from ematwin.models.bldc.constants import (
+    Truer,
+    TruerState,
+    fault_state,
+    kernel_constants,
+    truer_constants,
+)
 from ematwin.models.bldc.faults import Faults
 from ematwin.models.bldc.inverter import advance_shorted_bridge
-from ematwin.models.bldc.loops import advance_current_loop, advance_speed_loop, last_reading
 from ematwin.models.bldc.motor import truer_emf_constants
 from ematwin.models.bldc.parameters import BldcActuator
-from ematwin.models.bldc.state import Truer, TruerState, fault_state
+from ematwin.models.bldc.reference_step import (
+    advance_current_loop,
+    advance_speed_loop,
+    last_reading,
+)
 from ematwin.models.registry import model_of
 from ematwin.models.simulating import simulate
 from ematwin.numerics.compile import plain
@@ -99,7 +108,7 @@ def test_reference_model_with_an_offset_that_turns_in_part_is_that_of_the_naive_
     actuator, faults, dt = PLAIN.changed(FORMS["eccentricity"]), Faults(**SEVERE), 1e-6
     assert truer_constants(actuator) == Truer()  # a constant of the paper's form
     command, load = history(8_000, dt)
-    rest = np.zeros(11)
+    rest = np.zeros(13)
     rest[7] = 1.0
     trace = batch.reference_trace(
         faults.vector, command, load, rest, kernel_constants(actuator), dt, 1, 1, Truer(),

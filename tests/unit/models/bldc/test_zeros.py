@@ -8,9 +8,8 @@ import pytest
 
 import ematwin
 from ematwin import Noise
-from ematwin.models.bldc.channels import PHASES
+from ematwin.models.bldc.channels import PHASES, signed_current
 from ematwin.models.bldc.comparison import BldcComparison
-from ematwin.models.bldc.envelope import signed_current
 from ematwin.models.bldc.zeros import counted, zeros
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.scenario import Scenario, Step

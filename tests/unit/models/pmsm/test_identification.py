@@ -12,8 +12,8 @@ from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import find
 from ematwin.models.pmsm.channels import TERMINALS
 from ematwin.models.pmsm.comparison import PmsmComparison
-from ematwin.models.pmsm.constants import Constants, constants_of
 from ematwin.models.pmsm.model import MODEL
+from ematwin.models.pmsm.unknowns import Constants, constants_of
 from ematwin.models.reading import read
 from ematwin.recordings.recording import Recording
 from pmsm_inputs import ACTUATOR

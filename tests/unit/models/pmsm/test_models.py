@@ -5,7 +5,7 @@ import pytest
 
 from ematwin.models.pmsm.batch import ANSWERS, monitor_scores
 from ematwin.models.pmsm.channels import to_rotor
-from ematwin.models.pmsm.constants import Constants, constants_of
+from ematwin.models.pmsm.unknowns import Constants, constants_of
 from ematwin.numerics.lanes import LANES
 from naive.pmsm import servo
 from pmsm_inputs import ACTUATOR, TICK, healthy, reference, smooth_move
