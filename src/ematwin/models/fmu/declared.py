@@ -65,6 +65,10 @@ class Parameter(Signal):
     lower: Finite | None = None
     upper: Finite | None = None
     drift: float | str | None = None
+    # what every parameter file has (`ENTRY`)
+    value: Any = Field(None, exclude=True)
+    source: Any = Field(None, exclude=True)
+    tolerance: Any = Field(None, exclude=True)
 
 
 class Free(Table):
@@ -115,15 +119,6 @@ class Used(NamedTuple):
 def declared_in(table: Mapping[str, Any], what: str) -> Declared:
     """The tables of a parameter file; ``what`` is its path, or names it."""
     tables = {name: table[name] for name in TABLES if name in table}
-    given = tables.get("nominal")
-    if isinstance(given, dict):
-        # without what every parameter file has; the unit is needed twice
-        common = set(ENTRY) - {"unit"}
-        tables["nominal"] = {
-            name: {k: one for k, one in entry.items() if k not in common}
-            if isinstance(entry, dict) else entry
-            for name, entry in given.items()
-        }  # fmt: skip
     try:
         found = Declared.model_validate(tables)
     except ValidationError as error:

@@ -88,10 +88,7 @@ class Instance:
             fmu.setupExperiment(startTime=0.0)
         self._set(Values(drive["starts"], self.is_2), drive["start_values"])
         self._set(Values(drive["settings"], self.is_2), settings)
-        if self.is_2:
-            fmu.enterInitializationMode()
-        else:
-            fmu.enterInitializationMode(startTime=0.0)
+        fmu.enterInitializationMode()
         self._set(Values(drive["inputs"], self.is_2), drive["given"][0])
         fmu.exitInitializationMode()
 
@@ -144,10 +141,9 @@ def _text(said: Any) -> str:
 def serve(tasks: BinaryIO, answers: BinaryIO) -> None:
     """Answer tasks until they end: a setup, then ``(drive, settings)`` for each run.
 
-    ``drive`` is None where it equals the previous run's. An answer is ``(rows, said)``, or a
-    sentence on why there is none.
+    An answer is ``(rows, said)``, or a sentence on why there is none.
     """
-    instance, drive = None, None
+    instance = None
     while True:
         try:
             task = pickle.load(tasks)
@@ -158,9 +154,7 @@ def serve(tasks: BinaryIO, answers: BinaryIO) -> None:
             if instance is None:
                 instance = Instance(task)
             else:
-                drive = drive if task[0] is None else task[0]
-                assert drive is not None
-                answer = instance.run(drive, task[1])
+                answer = instance.run(*task)
         except Exception as error:
             answer = f"{error}".rstrip(".") or type(error).__name__
         pickle.dump(answer, answers)
