@@ -108,10 +108,15 @@ class LinearAxisModel(Model):
         return {"voltage": voltage, "position": position, "position_error": error}
 
     def stepped(self, actuator: Any, fidelity: str) -> Any:
-        """The axis in closed loop, sample by sample."""
-        from ematwin.models.linear_axis.twin import stepped
+        """The axis in closed loop, sample by sample, from rest at the first reference."""
+        from ematwin.models.linear_axis import twin
+        from ematwin.models.stepped import stepped_of
 
-        return stepped(actuator)
+        return stepped_of(
+            twin.axis_traces, twin.axis_at_rest, lambda k: twin.axis_constants(actuator, k),
+            inputs=("reference", "pulses"), interval=actuator.controller.sample_time,
+            substeps=twin.substeps_of(actuator),
+        )  # fmt: skip
 
     def noise(self, actuator: Any, recording: Recording) -> dict[str, float]:
         """Usual residual of voltage (V) and position error (m): 2 % of their spread."""

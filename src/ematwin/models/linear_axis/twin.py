@@ -11,7 +11,6 @@ import numpy as np
 
 from ematwin.errors import RecordError
 from ematwin.models.linear_axis.parameters import FIXED, LinearAxis
-from ematwin.models.stepped import Stepped, stepped_of
 from ematwin.numerics.compile import step
 from ematwin.numerics.lanes import Traces
 from ematwin.numerics.scalar import clip
@@ -193,15 +192,6 @@ def axis_constants(
 def substeps_of(actuator: LinearAxis) -> int:
     """Steps from one sample to the next."""
     return max(1, math.ceil(actuator.controller.sample_time / actuator.steps.twin - 1e-9))
-
-
-def stepped(actuator: LinearAxis) -> Stepped:
-    """The axis in closed loop, sample by sample, from rest at the first reference."""
-    return stepped_of(
-        axis_traces, axis_at_rest, lambda candidates: axis_constants(actuator, candidates),
-        inputs=("reference", "pulses"), interval=actuator.controller.sample_time,
-        substeps=substeps_of(actuator),
-    )  # fmt: skip
 
 
 def _follow(
