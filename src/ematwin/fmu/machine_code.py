@@ -43,7 +43,7 @@ def compiled(stepped: Stepped, constants_from: Any, parameters: int) -> Any:
     ``ematwin_constants(p, c)``, ``ematwin_begin(c, u, x)``, ``ematwin_sample(c, x, u, n, y)`` and
     ``ematwin_advance(c, x, u)``, each with two pointers before: where numba puts a result and an
     exception. There is none of either. ``constants_from`` is ``(p, c)`` as of
-    `ematwin.fmu.tracing.followed`, ``parameters`` the number of values in ``p``.
+    `ematwin.fmu.variables.followed`, ``parameters`` the number of values in ``p``.
     """
     constants, states = stepped.constant_count, stepped.state_count
     outputs = len(stepped.outputs)
