@@ -42,11 +42,9 @@ class Explorer:
     """
 
     def __init__(
-        self,
-        record: Recording | str | Path | None = None,
-        actuator: Any = None,
+        self, record: Recording | str | Path | None = None, actuator: Any = None,
         scenario: Scenario | str | Path | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         if record is not None and scenario is not None:
             raise InputError("A recording has its own command; leave the scenario out.")
         if actuator is None and record is not None:
@@ -77,10 +75,8 @@ class Explorer:
 
     def _take(self, recording: Recording) -> None:
         self.recording = recording = self.model.averaged(recording)
-        self.warnings = [
-            *recording.provenance.get("warnings", []),
-            *self.model.check(recording, self.actuator),
-        ]
+        noted = recording.provenance.get("warnings", [])
+        self.warnings = [*noted, *self.model.check(recording, self.actuator)]
         self._problem = Problem.of(recording, self.actuator)
         self._comparison = self._problem.comparisons[0]
         searched = set(self._problem.names)
@@ -220,8 +216,7 @@ class Explorer:
 
     def progress(self) -> dict[str, Any]:
         """Simulations of the `verdict` under way, and their maximum; may be asked meanwhile."""
-        evaluations, most = self._searched
-        return {"evaluations": evaluations, "most": most}
+        return dict(zip(("evaluations", "most"), self._searched, strict=True))
 
     # How it is answered
 
@@ -269,9 +264,9 @@ class Explorer:
     def _inputs(self) -> list[dict[str, Any]]:
         """Command and load over time; a load of zero is left out."""
         found = []
-        for name in (self.model.command, self.model.load):
-            trace = None if name is None else self.recording.channels.get(name)
-            if name is None or trace is None or (name == self.model.load and not trace.any()):
+        for name in self.model.inputs:
+            trace = self.recording.channels.get(name)
+            if trace is None or (name == self.model.load and not trace.any()):
                 continue
             one = self.model.channel(name)
             unit, factor = preferred(one.unit)

@@ -107,17 +107,9 @@ class Traces:
         self.loop = self._made_loop()
 
     def __call__(
-        self,
-        command: np.ndarray,
-        load: np.ndarray | None,
-        constants: Any,
-        start: Any,
-        interval: float,
-        substeps: int,
-        *,
-        count: int,
-        threads: int | None = None,
-    ) -> dict[str, np.ndarray]:
+        self, command: np.ndarray, load: np.ndarray | None, constants: Any, start: Any,
+        interval: float, substeps: int, *, count: int, threads: int | None = None,
+    ) -> dict[str, np.ndarray]:  # fmt: skip
         """What B = ``count`` candidates answer with, (B, S) arrays by name.
 
         NaN for a candidate with a constant or a start that is not finite, and from the sample on
