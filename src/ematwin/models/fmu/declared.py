@@ -214,13 +214,10 @@ class Described:
     def _bounds(self, one: Any, used: Used, place: str) -> tuple[float, float]:
         """Bounds of a parameter or unknown, SI; from the FMU if the file gives none."""
         (_, variable, scale), found = used, []
-        for side, least in (("lower", variable.lower), ("upper", variable.upper)):
-            own = getattr(one, side)
-            limit = scale.to_si(least)
+        for side, sign in (("lower", -1.0), ("upper", 1.0)):
+            own, limit = getattr(one, side), scale.to_si(getattr(variable, side))
             value = limit if own is None else to_si(own, one.unit or scale.unit, scale.unit, place)
-            slack = 1e-9 * abs(limit)  # units are converted
-            beyond = value < limit - slack if side == "lower" else value > limit + slack
-            if beyond:
+            if sign * (value - limit) > 1e-9 * abs(limit):  # units are converted
                 raise ParameterError(
                     f"{self._what}: the {side} bound of {place} is "
                     f"{in_unit(f'{value:g}', scale.unit)} and the FMU allows "

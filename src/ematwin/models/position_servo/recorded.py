@@ -50,18 +50,15 @@ def stretch(recording: Recording, actuator: Any) -> Stretch:
     size, interval = len(recording), recording.interval
     position, said, obstacles = channels["position"], [], []
     false = false_reads(position, 3.0 * actuator.motor.no_load_speed * interval)
-    first, stop = 0, size
-    enabled = channels.get("torque_enabled")
-    if enabled is not None:
-        parts = runs(enabled > 0.5)
-        first, stop = max(parts, key=lambda part: part[1] - part[0], default=(0, 0))
-        if stop - first < size:
-            said.append(
-                f"The torque is released outside of {time[first]:.2f} to "
-                f"{time[max(stop - 1, first)]:.2f} s: only that stretch is compared."
-                if stop > first
-                else "The torque is released throughout: nothing can be compared."
-            )
+    parts = runs(channels.get("torque_enabled", np.ones(size)) > 0.5)
+    first, stop = max(parts, key=lambda part: part[1] - part[0], default=(0, 0))
+    if stop == first:
+        said.append("The torque is released throughout: nothing can be compared.")
+    elif stop - first < size:
+        said.append(
+            f"The torque is released outside of {time[first]:.2f} to {time[stop - 1]:.2f} s: only "
+            "that stretch is compared."
+        )
     reads = runs(false[first:stop])
     if reads:
         said.append(
