@@ -207,5 +207,8 @@ class DeclarationContract:
 
 def _in_si(unit: str) -> float:
     """Size of a unit in SI."""
-    base = "*".join(f"{name}^{power}" for name, power in base_units(unit).items())
-    return to_si(1.0, unit, base, f"{unit!r}")
+    try:
+        base = "*".join(f"{name}^{power}" for name, power in base_units(unit).items())
+        return to_si(1.0, unit, base, "it")
+    except Exception as error:  # pint raises a family of unrelated types
+        raise AssertionError(f"there is no unit {unit!r} ({error}); correct it") from None
