@@ -173,8 +173,7 @@ def _compiler() -> str:
     """A C compiler: what CC names, or one of the usual names."""
     given = os.environ.get("CC")
     for name in (given,) if given else _COMPILERS:
-        found = shutil.which(name)
-        if found:
+        if found := shutil.which(name):
             return found
     raise EmatwinError(
         f"An FMU needs a C compiler, and there is no {given or ' or '.join(_COMPILERS)}: install "

@@ -91,7 +91,8 @@ def _loaded_or_compiled(made: Any, compile_it: Callable[[Any], Any], signature: 
     """The entry of a loop for a signature; processes that need the same at once compile it once."""
     with global_compiler_lock, ExitStack() as stack:
         if folder := _folder_of(made, signature):
-            made._cache = _in(folder, made.py_func)
+            with suppress(Exception):  # it cannot be written to: compiled in memory
+                made._cache = _in(folder, made.py_func)
         if folder is None or not any(folder.rglob("*.nbc")):
             numerics.compiling()
             stack.enter_context(_turn(folder))

@@ -35,10 +35,8 @@ class Instance:
             guid=setup["guid"], modelIdentifier=setup["identifier"],
             unzipDirectory=setup["folder"], instanceName="ematwin", requireFunctions=False,
         )  # fmt: skip
-        names = (
-            ("fmi2SetReal", "fmi2GetReal") if self.is_2 else ("fmi3SetFloat64", "fmi3GetFloat64")
-        )
-        self._setter, self._getter = (getattr(self._fmu, name) for name in names)
+        name = "fmi2{}Real" if self.is_2 else "fmi3{}Float64"
+        self._setter, self._getter = (getattr(self._fmu, name.format(x)) for x in ("Set", "Get"))
         self._instantiate()
 
     def _instantiate(self) -> None:
