@@ -200,16 +200,18 @@ class _Handler(LocalHandler):
 
     def do_POST(self) -> None:
         """A question of the page."""
+        length = self.headers.get("Content-Length", "")
+        known = length.isascii() and length.isdigit() and len(length) < 9
         if self.name() != "ask":
             self.refuse(HTTPStatus.NOT_FOUND)
         elif self.headers.get("Origin") not in [f"http://{host}" for host in self.server.hosts]:
             self.refuse(HTTPStatus.FORBIDDEN)
         elif self.headers.get_content_type() != "application/json":
             self.refuse(HTTPStatus.UNSUPPORTED_MEDIA_TYPE)
-        elif (length := self._length()) is None:
+        elif not known or int(length) > 65_536:  # bytes of a question
             self.refuse(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
         else:
-            self._answer(self.rfile.read(length))
+            self._answer(self.rfile.read(int(length)))
 
     def _answer(self, body: bytes) -> None:
         try:
@@ -224,8 +226,3 @@ class _Handler(LocalHandler):
             self.close_connection = True
             return
         self.send(HTTPStatus.OK, json.dumps(answer, allow_nan=False), "application/json")
-
-    def _length(self) -> int | None:
-        text = self.headers.get("Content-Length", "")
-        known = text.isascii() and text.isdigit() and len(text) < 9
-        return int(text) if known and int(text) <= 65_536 else None  # bytes of a question
