@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 import ematwin
-from ematwin.models.ball_screw.twin import candidate_traces
+from ematwin.models.ball_screw.model import MODEL
 
 LOADS = (-400.0, 200.0, 400.0)  # N
 
@@ -53,9 +53,7 @@ def steps() -> None:
 
     def traces(step: float) -> list[np.ndarray]:
         finer = actuator.changed({"steps.twin": step})
-        return list(
-            candidate_traces(finer, motion.set_point, motion.interval, candidates, 2).values()
-        )
+        return list(MODEL.respond(finer, motion, candidates, 2).values())
 
     finest = traces(0.25e-3)
     print("step, ms    current, %    position error, %")

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ematwin.errors import EmatwinError as EmatwinError
     from ematwin.experiments.design import design as design
     from ematwin.experiments.identifiability import identifiability as identifiability
-    from ematwin.exploring.explore import explore as explore
+    from ematwin.exploring.server import explore as explore
     from ematwin.fleet.fleet import Fleet as Fleet
     from ematwin.fmu.export import export_fmu as export_fmu
     from ematwin.models.base import Model as Model
@@ -47,7 +47,7 @@ _HOMES = {
     "compare": "ematwin.benchmarking.compare",
     "design": "ematwin.experiments.design",
     "detect": "ematwin.monitoring.identify",
-    "explore": "ematwin.exploring.explore",
+    "explore": "ematwin.exploring.server",
     "export_fmu": "ematwin.fmu.export",
     "identifiability": "ematwin.experiments.identifiability",
     "identify": "ematwin.monitoring.identify",

@@ -9,8 +9,7 @@ import pytest
 
 import ematwin
 from ematwin.errors import InputError, MissingExtraError
-from ematwin.exploring.door import answered
-from ematwin.exploring.explorer import Explorer, StoppedError
+from ematwin.exploring.explorer import Explorer, StoppedError, answered
 from ematwin.models.registry import load_actuator, model_of
 
 INJECTED = {"friction": 2.0, "drive_gain": 0.9}

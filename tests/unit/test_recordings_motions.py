@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from ematwin.errors import EmatwinError, RecordError
-from ematwin.models.ball_screw.comparison import check_signals
+from ematwin.models.ball_screw.model import check_signals
 from ematwin.models.reading import read
 from ematwin.recordings.recording import Recording
 from refusals import refusal_of

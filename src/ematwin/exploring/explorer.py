@@ -1,18 +1,21 @@
 """Explorer: the response of the twin at the values of the sliders.
 
-It knows no page and no widget: `ematwin.exploring.door` checks what either asks and calls it.
-Everything is asked of the kind's comparison, as a search does.
+It knows no page and no widget. Everything is asked of the kind's comparison, as a search does.
+`answered` checks every question of a page or widget. It can name unknowns, channels and shipped
+scenarios that the explorer knows, and give numbers within their bounds. Nothing else gets through,
+and no file can be named.
 """
 
 import math
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, FiniteFloat, ValidationError
 
-from ematwin.errors import InputError
+from ematwin.errors import EmatwinError, InputError
 from ematwin.estimation.local import LocalDescent
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import find
@@ -39,11 +42,9 @@ class Explorer:
     """
 
     def __init__(
-        self,
-        record: Recording | str | Path | None = None,
-        actuator: Any = None,
+        self, record: Recording | str | Path | None = None, actuator: Any = None,
         scenario: Scenario | str | Path | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         if record is not None and scenario is not None:
             raise InputError("A recording has its own command; leave the scenario out.")
         if actuator is None and record is not None:
@@ -74,10 +75,8 @@ class Explorer:
 
     def _take(self, recording: Recording) -> None:
         self.recording = recording = self.model.averaged(recording)
-        self.warnings = [
-            *recording.provenance.get("warnings", []),
-            *self.model.check(recording, self.actuator),
-        ]
+        noted = recording.provenance.get("warnings", [])
+        self.warnings = [*noted, *self.model.check(recording, self.actuator)]
         self._problem = Problem.of(recording, self.actuator)
         self._comparison = self._problem.comparisons[0]
         searched = set(self._problem.names)
@@ -217,8 +216,7 @@ class Explorer:
 
     def progress(self) -> dict[str, Any]:
         """Simulations of the `verdict` under way, and their maximum; may be asked meanwhile."""
-        evaluations, most = self._searched
-        return {"evaluations": evaluations, "most": most}
+        return dict(zip(("evaluations", "most"), self._searched, strict=True))
 
     # How it is answered
 
@@ -236,15 +234,9 @@ class Explorer:
 
     def _misfits(self, batch: Mapping[str, np.ndarray], count: int) -> list[float | None]:
         """Relative misfits; None where the twin diverged."""
-        found: list[float | None] = []
-        # so many residuals at a time, 8 bytes each
-        most = max(1, 20_000_000 // (len(self.recording) * len(self._target)))
-        for start in range(0, count, most):
-            part = {name: values[start : start + most] for name, values in batch.items()}
-            costs = self._comparison.costs(part, min(most, count - start))
-            misfits = [self._problem.relative_misfit(float(cost)) for cost in costs]
-            found += [x if math.isfinite(x) else None for x in misfits]
-        return found
+        costs = self._comparison.costs(batch, count)
+        misfits = [self._problem.relative_misfit(float(cost)) for cost in costs]
+        return [x if math.isfinite(x) else None for x in misfits]
 
     def _said(self, name: str, values: Mapping[str, float]) -> str:
         """A value in its physical unit: "0.045 N m"."""
@@ -272,9 +264,9 @@ class Explorer:
     def _inputs(self) -> list[dict[str, Any]]:
         """Command and load over time; a load of zero is left out."""
         found = []
-        for name in (self.model.command, self.model.load):
-            trace = None if name is None else self.recording.channels.get(name)
-            if name is None or trace is None or (name == self.model.load and not trace.any()):
+        for name in self.model.inputs:
+            trace = self.recording.channels.get(name)
+            if trace is None or (name == self.model.load and not trace.any()):
                 continue
             one = self.model.channel(name)
             unit, factor = preferred(one.unit)
@@ -295,3 +287,72 @@ def _plain(values: np.ndarray, exact: bool = False) -> list[float | None]:
         if largest > 0.0:  # five digits of it
             values = np.round(values, 5 - math.ceil(math.log10(largest)))
     return [x if ok else None for x, ok in zip(values.tolist(), finite.tolist(), strict=True)]
+
+
+class _Question(BaseModel):
+    model_config = ConfigDict(strict=True)
+
+    ask: str
+    values: dict[str, FiniteFloat] = {}
+    channel: str = ""
+    along: str = ""
+    name: str = ""  # of a scenario
+    fitted: bool = False
+
+
+def answered(explorer: Explorer, question: Any) -> dict[str, Any]:
+    """The answer to a question, or ``{"error": sentence}``; safe to write as JSON.
+
+    One at a time, but for those that do not `wait`: an explorer keeps no lock.
+    """
+    try:
+        asked = _Question.model_validate(question)
+        return _REPLIES[_one_of(_REPLIES, asked.ask, "ask")](explorer, asked)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part)[:40] for part in first["loc"]) or "The question"
+        return {"error": f"{place}: {first['msg']}."}
+    except EmatwinError as error:
+        return {"error": str(error)}
+
+
+def waits(question: Any) -> bool:
+    """Whether a question waits for the answer to the one before; progress is told meanwhile."""
+    return not (isinstance(question, Mapping) and question.get("ask") == "progress")
+
+
+def _scenario(explorer: Explorer, question: _Question) -> dict[str, Any]:
+    explorer.choose(_one_of(explorer.model.scenarios(), question.name, "name"))
+    return explorer.setup()
+
+
+def _channel(explorer: Explorer, question: _Question) -> str:
+    return _one_of(explorer.channels, question.channel, "channel")
+
+
+_REPLIES: Mapping[str, Callable[[Explorer, _Question], dict[str, Any]]] = {
+    "setup": lambda e, _: e.setup(),
+    "traces": lambda e, q: e.traces(_channel(e, q)),
+    "answer": lambda e, q: e.answer(_values(e, q), _channel(e, q), q.fitted),
+    "profile": lambda e, q: e.profile(
+        _values(e, q), _one_of(e.unknowns, q.along, "along"), q.fitted
+    ),
+    "fit": lambda e, q: e.fit(_values(e, q), q.fitted),
+    "verdict": lambda e, _: e.verdict(),
+    "progress": lambda e, _: e.progress(),
+    "scenario": _scenario,
+}
+
+
+def _values(explorer: Explorer, question: _Question) -> dict[str, float]:
+    """Values by name, each of an unknown and within its bounds."""
+    return {
+        _one_of(explorer.unknowns, name, "A slider"): explorer.unknowns[name].check(value)
+        for name, value in question.values.items()
+    }
+
+
+def _one_of(known: Collection[str], given: str, what: str) -> str:
+    if given not in known:
+        raise InputError(f"{what} must be one of {', '.join(known)}.")
+    return given

@@ -1,4 +1,4 @@
-"""Local pages: one explorer, or what others show, behind a small server of the standard library.
+"""The interactive twin in a notebook (`explore`) and on a local page, as fleets have them as well.
 
 The server listens on the loopback address only, and every address begins with a random token, which
 no other page knows. The Host must be the loopback one, so that no foreign name that resolves to it
@@ -17,10 +17,13 @@ from contextlib import nullcontext
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
+from pathlib import Path
+from typing import Any
 
-from ematwin.errors import InputError
-from ematwin.exploring.door import answered, waits
-from ematwin.exploring.explorer import Explorer, StoppedError
+from ematwin.errors import InputError, MissingExtraError
+from ematwin.exploring.explorer import Explorer, StoppedError, answered, waits
+from ematwin.models.scenario import Scenario
+from ematwin.recordings.recording import Recording
 
 HEADERS = {
     "Cache-Control": "no-store",
@@ -41,6 +44,55 @@ def asset(*names: str) -> str:
     """Files of the page, one after the other."""
     folder = resources.files("ematwin.exploring").joinpath("page")
     return "\n".join(folder.joinpath(name).read_text("utf-8") for name in names)
+
+
+def explore(
+    record: Recording | str | Path | None = None,
+    actuator: Any = None,
+    *,
+    scenario: Scenario | str | Path | None = None,
+) -> Any:
+    """Sliders for the faults, and the twin's answer beside the recording's as one drags.
+
+    Parameters
+    ----------
+    record : a `Recording`, a file that `ematwin.read` knows, or None: a scenario, and the twin's
+        answer beside the healthy one's
+    actuator : as `ematwin.identify` takes it
+    scenario : where there is no recording; the kind's default if not given
+
+    Returns
+    -------
+    anywidget.AnyWidget, shown where it is the last line of a cell. ``ematwin explore`` opens the
+    same from a shell
+
+    Raises
+    ------
+    MissingExtraError
+        If anywidget is not installed.
+    RecordError
+        If candidates cannot be compared with the recording.
+    InputError
+        If an argument cannot be used.
+    """
+    try:
+        import anywidget
+    except ImportError:
+        raise MissingExtraError("anywidget", "explore", "The widget") from None
+
+    class ExplorerWidget(anywidget.AnyWidget):
+        _esm = asset(*SCRIPTS)
+        _css = asset(*STYLES)
+
+    explorer = Explorer(record, actuator, scenario)
+    widget = ExplorerWidget()
+
+    def asked(_: Any, content: Any, buffers: Any) -> None:
+        number = content.get("id") if isinstance(content, dict) else None
+        widget.send({"id": number, "answer": answered(explorer, content)})
+
+    widget.on_msg(asked)
+    return widget
 
 
 class LocalServer(ThreadingHTTPServer):
@@ -148,16 +200,18 @@ class _Handler(LocalHandler):
 
     def do_POST(self) -> None:
         """A question of the page."""
+        length = self.headers.get("Content-Length", "")
+        known = length.isascii() and length.isdigit() and len(length) < 9
         if self.name() != "ask":
             self.refuse(HTTPStatus.NOT_FOUND)
         elif self.headers.get("Origin") not in [f"http://{host}" for host in self.server.hosts]:
             self.refuse(HTTPStatus.FORBIDDEN)
         elif self.headers.get_content_type() != "application/json":
             self.refuse(HTTPStatus.UNSUPPORTED_MEDIA_TYPE)
-        elif (length := self._length()) is None:
+        elif not known or int(length) > 65_536:  # bytes of a question
             self.refuse(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
         else:
-            self._answer(self.rfile.read(length))
+            self._answer(self.rfile.read(int(length)))
 
     def _answer(self, body: bytes) -> None:
         try:
@@ -172,8 +226,3 @@ class _Handler(LocalHandler):
             self.close_connection = True
             return
         self.send(HTTPStatus.OK, json.dumps(answer, allow_nan=False), "application/json")
-
-    def _length(self) -> int | None:
-        text = self.headers.get("Content-Length", "")
-        known = text.isascii() and text.isdigit() and len(text) < 9
-        return int(text) if known and int(text) <= 65_536 else None  # bytes of a question

@@ -86,10 +86,13 @@ def _fill(root: Path, model: Any, actuator: Any, fidelity: str, fmi: int, compil
     from ematwin.fmu.machine_code import PLATFORMS, compiled, object_file
     from ematwin.fmu.variables import ROLES, table_of
 
-    here = next((one for one in PLATFORMS if one.name == _platform()), None)
+    machine = platform.machine().lower()
+    processor = {"amd64": "x86_64", "arm64": "aarch64"}.get(machine, machine)
+    own = f"{processor}-{platform.system().lower()}"
+    here = next((one for one in PLATFORMS if one.name == own), None)
     if here is None:
         raise EmatwinError(
-            f"FMUs cannot be exported on {_platform()}: export on "
+            f"FMUs cannot be exported on {own}: export on "
             f"{' or '.join(one.name for one in PLATFORMS)}."
         )
     stepped = model.stepped(actuator, fidelity)
@@ -170,18 +173,9 @@ def _compiler() -> str:
     """A C compiler: what CC names, or one of the usual names."""
     given = os.environ.get("CC")
     for name in (given,) if given else _COMPILERS:
-        found = shutil.which(name)
-        if found:
+        if found := shutil.which(name):
             return found
     raise EmatwinError(
         f"An FMU needs a C compiler, and there is no {given or ' or '.join(_COMPILERS)}: install "
         "one, such as gcc, or name yours in the environment variable CC."
     )
-
-
-def _platform() -> str:
-    """This platform as FMI 3 names it."""
-    machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(
-        platform.machine().lower(), platform.machine().lower()
-    )
-    return f"{machine}-{platform.system().lower()}"

@@ -6,7 +6,6 @@ dropped. LLVM then writes object files for any processor, here for the oldest of
 that no newer instruction is needed where the model runs.
 """
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import llvmlite.binding as llvm
@@ -43,32 +42,17 @@ def compiled(stepped: Stepped, constants_from: Any, parameters: int) -> Any:
     ``ematwin_constants(p, c)``, ``ematwin_begin(c, u, x)``, ``ematwin_sample(c, x, u, n, y)`` and
     ``ematwin_advance(c, x, u)``, each with two pointers before: where numba puts a result and an
     exception. There is none of either. ``constants_from`` is ``(p, c)`` as of
-    `ematwin.fmu.tracing.followed`, ``parameters`` the number of values in ``p``.
+    `ematwin.fmu.variables.followed`, ``parameters`` the number of values in ``p``.
     """
-    constants, states = stepped.constant_count, stepped.state_count
-    outputs = len(stepped.outputs)
-    begin, sample, advance = stepped.begin, stepped.sample, stepped.advance
+    sizes = {
+        "p": parameters, "c": stepped.constant_count, "u": INPUTS, "x": stepped.state_count,
+        "y": len(stepped.outputs),
+    }  # fmt: skip
     followed = njit(inline="always", error_model="numpy")(constants_from)
-
-    def ematwin_constants(p, c):  # type: ignore[no-untyped-def]
-        followed(carray(p, (parameters, 1)), carray(c, (constants, 1)))
-
-    def ematwin_begin(c, u, x):  # type: ignore[no-untyped-def]
-        begin(carray(c, (constants, 1)), carray(u, (INPUTS, 1)), carray(x, (states, 1)))
-
-    def ematwin_sample(c, x, u, n, y):  # type: ignore[no-untyped-def]
-        sample(
-            carray(c, (constants, 1)), carray(x, (states, 1)), carray(u, (INPUTS, 1)), n,
-            carray(y, (outputs, 1)),
-        )  # fmt: skip
-
-    def ematwin_advance(c, x, u):  # type: ignore[no-untyped-def]
-        advance(carray(c, (constants, 1)), carray(x, (states, 1)), carray(u, (INPUTS, 1)))
-
-    module = _module(ematwin_constants, 2)
-    for function, pointers in ((ematwin_begin, 3), (ematwin_advance, 3)):
-        module.link_in(_module(function, pointers))
-    module.link_in(_module(ematwin_sample, 4, counted=True))
+    module = _module("constants", followed, "pc", sizes)
+    module.link_in(_module("begin", stepped.begin, "cux", sizes))
+    module.link_in(_module("advance", stepped.advance, "cxu", sizes))
+    module.link_in(_module("sample", stepped.sample, "cxuny", sizes))
     return module
 
 
@@ -89,16 +73,21 @@ def object_file(module: Any, platform: Platform) -> bytes:
     return bytes(machine.emit_object(own))
 
 
-def _module(function: Callable[..., Any], pointers: int, counted: bool = False) -> Any:
-    """The module of one function; its Python wrapper is gone, and what that alone needed."""
-    arguments: list[Any] = [_VALUES] * pointers
-    if counted:
-        arguments.insert(3, types.int64)
-    made = cfunc(types.void(*arguments), error_model="numpy", fastmath=RELAXED)(function)
+def _module(name: str, step: Any, arguments: str, sizes: dict[str, int]) -> Any:
+    """The module of one function; its Python wrapper is gone, and what that alone needed.
+
+    ``arguments`` are letters of arrays, whose lengths are ``sizes``, and of the sample ``n``.
+    """
+    given = [one if one == "n" else f"carray({one}, ({sizes[one]}, 1))" for one in arguments]
+    source = f"def function({', '.join(arguments)}): step({', '.join(given)})"
+    names = {"carray": carray, "step": step}
+    exec(source, names)  # as `typing.NamedTuple` makes its classes
+    signature = types.void(*(types.int64 if one == "n" else _VALUES for one in arguments))
+    made = cfunc(signature, error_model="numpy", fastmath=RELAXED)(names["function"])
     module = llvm.parse_assembly(made.inspect_llvm())
     wrapper = made.native_name
     module.get_function(wrapper).linkage = "internal"
-    module.get_function(wrapper.removeprefix("cfunc.")).name = function.__name__
+    module.get_function(wrapper.removeprefix("cfunc.")).name = f"ematwin_{name}"
     builder = llvm.create_pass_builder(
         llvm.Target.from_default_triple().create_target_machine(),
         llvm.PipelineTuningOptions(speed_level=0),

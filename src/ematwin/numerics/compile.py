@@ -23,8 +23,8 @@ cache is executed when it is loaded: the folders lie in one that only the user c
 Processes that need the same machine code at once, such as workers of a study, wait for the first
 of them, which compiles it.
 
-The only private parts of numba in this file are the cache of a function, for which `Kept` stands
-in, and the key of `_InOneFolder` (numba 0.61 to 0.68).
+The only private parts of numba in this file are the lock of its compiler, the cache of a function
+and the key of `_InOneFolder` (numba 0.61 to 0.68).
 """
 
 import functools
@@ -34,14 +34,14 @@ import stat
 import sys
 import time
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import AbstractContextManager, ExitStack, nullcontext, suppress
 from pathlib import Path
 from types import FunctionType
-from typing import IO, Any
+from typing import Any
 
 import numba
-from numba.core import event
 from numba.core.caching import FunctionCache
+from numba.core.compiler_lock import global_compiler_lock
 from numba.extending import register_jitable
 
 from ematwin import numerics
@@ -83,105 +83,42 @@ def loop(function: Callable[..., Any]) -> Any:
     """Compile ``function`` on its first call; keep the result on disk for the next process."""
     made: Any = numba.njit(nogil=True, error_model="numpy", fastmath=RELAXED)(function)
     if hasattr(made, "py_func"):  # else NUMBA_DISABLE_JIT is set
-        made._cache = Kept(made)
+        made.compile = functools.partial(_loaded_or_compiled, made, made.compile)
     return made
 
 
-class Kept:
-    """The machine code of a loop, by its dispatcher, on disk, as numba asks for it."""
-
-    cache_path = None
-
-    def __init__(self, made: Any) -> None:
-        self._made = made
-        self._turn: IO[bytes] | None = None  # locked while this process compiles
-
-    def load_overload(self, signature: Any, context: Any) -> Any:
-        """Machine code for a signature, or None."""
-        found = self._found(signature, context)
-        if found is None:
+def _loaded_or_compiled(made: Any, compile_it: Callable[[Any], Any], signature: Any) -> Any:
+    """The entry of a loop for a signature; processes that need the same at once compile it once."""
+    with global_compiler_lock, ExitStack() as stack:
+        if folder := _folder_of(made, signature):
+            with suppress(Exception):  # it cannot be written to: compiled in memory
+                made._cache = _in(folder, made.py_func)
+        if folder is None or not any(folder.rglob("*.nbc")):
             numerics.compiling()
-            with suppress(OSError, _NoFolderError):
-                self._wait_for_others(signature)
-                found = self._found(signature, context)
-            if found is not None:  # the next in turn finds it as well
-                self.end_turn()
-        return found
+            stack.enter_context(_turn(folder))
+        return compile_it(signature)
 
-    def save_overload(self, signature: Any, compiled: Any) -> None:
-        """Keep machine code, if there is a folder with room for it."""
-        with suppress(Exception):  # the next process compiles it again
-            cache = self._of(signature)
-            cache.save_overload(signature, compiled)
-            _drop_stale(Path(cache.cache_path).parents[1])
-        self.end_turn()
 
-    def flush(self) -> None:
-        """Do nothing: machine code named by content is never out of date."""
-
-    def _found(self, signature: Any, context: Any) -> Any:
-        """Machine code on disk, or None."""
-        with suppress(Exception):  # damaged (pickle raises anything): compile it again
-            return self._of(signature).load_overload(signature, context)
+def _folder_of(made: Any, signature: Any) -> Path | None:
+    """The folder for the machine code of a signature; None where nothing can be kept."""
+    function, folder = made.py_func, own_folder()
+    if folder is None or not os.path.exists(function.__code__.co_filename):
         return None
-
-    def _wait_for_others(self, signature: Any) -> None:
-        """Wait until no other process compiles the same; a lock ends with its process."""
-        self.end_turn()
-        if sys.platform == "win32":
-            return
-        place = self._place(signature)
-        place.parent.mkdir(parents=True, exist_ok=True)
-        self._turn = turn = place.with_suffix(".lock").open("wb")
-        ends = time.monotonic() + 60.0  # s: the other may have been stopped
-        while time.monotonic() < ends:
-            try:
-                fcntl.flock(turn, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                time.sleep(0.05)
-            else:
-                return
-
-    def end_turn(self) -> None:
-        """Let others compile, or load from the cache."""
-        if self._turn is not None:
-            with suppress(OSError):
-                self._turn.close()
-            self._turn = None
-
-    def _place(self, signature: Any) -> Path:
-        """The folder for the machine code of a signature."""
-        function, folder = self._made.py_func, own_folder()
-        if folder is None or not os.path.exists(function.__code__.co_filename):
-            raise _NoFolderError
-        name = f"{function.__module__}.{function.__qualname__}".replace("<locals>.", "")
-        return folder / name / content_of(self._made) / signature_of(signature)
-
-    def _of(self, signature: Any) -> "_InOneFolder":
-        """numba's cache in the folder for a signature."""
-        config: Any = numba.config
-        before, config.CACHE_DIR = config.CACHE_DIR, str(self._place(signature))
-        try:
-            return _InOneFolder(self._made.py_func)
-        finally:
-            config.CACHE_DIR = before
+    name = f"{function.__module__}.{function.__qualname__}".replace("<locals>.", "")
+    place = folder / name / content_of(made) / signature_of(signature)
+    with suppress(OSError):
+        place.mkdir(parents=True, exist_ok=True)
+        return place
+    return None
 
 
-class _Failures(event.Listener):
-    """Lets others compile where this process was interrupted or failed."""
-
-    def on_start(self, event: Any) -> None:
-        """Do nothing."""
-
-    def on_end(self, event: Any) -> None:
-        """End the turn of a loop that is not going to be saved."""
-        made = event.data["dispatcher"]
-        kept = getattr(made, "_cache", None)
-        if isinstance(kept, Kept) and tuple(event.data["args"]) not in made.overloads:
-            kept.end_turn()
-
-
-event.register("numba:compile", _Failures())
+def _in(folder: Path, function: FunctionType) -> "_InOneFolder":
+    config: Any = numba.config
+    before, config.CACHE_DIR = config.CACHE_DIR, str(folder)
+    try:
+        return _InOneFolder(function)
+    finally:
+        config.CACHE_DIR = before
 
 
 class _InOneFolder(FunctionCache):
@@ -190,9 +127,32 @@ class _InOneFolder(FunctionCache):
     def _index_key(self, sig: Any, codegen: Any) -> Any:
         return sig, codegen.magic_tuple()
 
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        with suppress(Exception):  # damaged (pickle raises anything): compile it again
+            return super().load_overload(sig, target_context)
+        return None
 
-class _NoFolderError(Exception):
-    """Nothing is kept, and all is compiled in memory."""
+    def save_overload(self, sig: Any, data: Any) -> None:
+        with suppress(Exception):  # no room: the next process compiles it again
+            super().save_overload(sig, data)
+            _drop_stale(Path(self.cache_path).parents[1])
+
+
+def _turn(folder: Path | None) -> AbstractContextManager[Any]:
+    """A lock that one process has at a time, for which others wait; it ends with its process."""
+    if sys.platform == "win32" or folder is None:
+        return nullcontext()
+    try:
+        turn = folder.with_suffix(".lock").open("wb")
+    except OSError:
+        return nullcontext()
+    ends = time.monotonic() + 60.0  # s: the other may have been stopped
+    while time.monotonic() < ends:
+        with suppress(BlockingIOError):
+            fcntl.flock(turn, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            break
+        time.sleep(0.05)
+    return turn
 
 
 def own_folder() -> Path | None:

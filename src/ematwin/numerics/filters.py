@@ -42,13 +42,9 @@ def cubic(t):
 
 
 def compare(
-    rows: np.ndarray,
-    target: np.ndarray,
-    roots: np.ndarray,
-    starts: np.ndarray,
-    stride: int,
+    rows: np.ndarray, target: np.ndarray, roots: np.ndarray, starts: np.ndarray, stride: int,
     shift: np.ndarray,
-) -> None:
+) -> None:  # fmt: skip
     """Change rows (B, N, K) to weighted residuals, as if each came ``shift`` (B,) samples later.
 
     A row has every so many samples from each start (N,) on. It is compared with the target (S,) as

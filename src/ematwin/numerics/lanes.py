@@ -8,11 +8,13 @@ and candidates of two steps of a model.
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import llvmlite.binding
 import numpy as np
-from numba.core import event, types
+from numba.core import types
+from numba.core.compiler_lock import global_compiler_lock
 from numba.extending import intrinsic
 
 from ematwin.numerics.compile import loop, step
@@ -23,10 +25,26 @@ LANES = 16
 
 
 def lane_loop(function: Callable[..., Any]) -> Any:
-    """Compile a loop over lanes; else as `ematwin.numerics.compile.loop`."""
+    """Compile a loop over lanes; else as `ematwin.numerics.compile.loop`.
+
+    A step is a long chain of operations that wait for one another; another vector fills the gaps.
+    Left to itself LLVM takes one where a step is long, which is 1.2 to 1.4 times slower. It takes
+    the option for a process; numba compiles one function at a time.
+    """
     made = loop(function)
     made.over_lanes = True
+    if hasattr(made, "compile"):  # else NUMBA_DISABLE_JIT is set
+        made.compile = partial(_in_two_vectors, made.compile)
     return made
+
+
+def _in_two_vectors(compile_it: Callable[[Any], Any], signature: Any) -> Any:
+    with global_compiler_lock:
+        llvmlite.binding.set_option("ematwin", "-force-vector-interleave=2")
+        try:
+            return compile_it(signature)
+        finally:
+            llvmlite.binding.set_option("ematwin", "-force-vector-interleave=0")
 
 
 def columns(fields: Any) -> tuple[Any, Any, Any]:
@@ -66,30 +84,6 @@ def wide_vectors(typing_context: Any) -> Any:
     return types.none(), generate
 
 
-class _TwoVectors(event.Listener):
-    """Has LLVM compute two vectors at a time in a loop over lanes.
-
-    A step is a long chain of operations that wait for one another; another vector fills the gaps.
-    Left to itself LLVM takes one where a step is long, which is 1.2 to 1.4 times slower. It takes
-    the option for a process; numba compiles one function at a time.
-    """
-
-    def on_start(self, event: Any) -> None:
-        """Ask for two."""
-        self._take(event, 2)
-
-    def on_end(self, event: Any) -> None:
-        """Leave it to LLVM."""
-        self._take(event, 0)
-
-    def _take(self, event: Any, vectors: int) -> None:
-        if hasattr(event.data["dispatcher"], "over_lanes"):
-            llvmlite.binding.set_option("ematwin", f"-force-vector-interleave={vectors}")
-
-
-event.register("numba:compile", _TwoVectors())
-
-
 class Traces:
     """A model over time for many candidates, side by side in lanes.
 
@@ -110,21 +104,12 @@ class Traces:
     ) -> None:  # fmt: skip
         self.constants, self.state, self.answers = constants, state, answers
         self.sampled, self.advanced, self.at = sampled, advanced, at
-        self._names: tuple[str, ...] = answers._fields
-        self.loop = _loop_over(constants, state, answers, sampled, advanced, at)
+        self.loop = self._made_loop()
 
     def __call__(
-        self,
-        command: np.ndarray,
-        load: np.ndarray | None,
-        constants: Any,
-        start: Any,
-        interval: float,
-        substeps: int,
-        *,
-        count: int,
-        threads: int | None = None,
-    ) -> dict[str, np.ndarray]:
+        self, command: np.ndarray, load: np.ndarray | None, constants: Any, start: Any,
+        interval: float, substeps: int, *, count: int, threads: int | None = None,
+    ) -> dict[str, np.ndarray]:  # fmt: skip
         """What B = ``count`` candidates answer with, (B, S) arrays by name.
 
         NaN for a candidate with a constant or a start that is not finite, and from the sample on
@@ -137,7 +122,8 @@ class Traces:
         interval, substeps : s, and steps, from one sample to the next
         """
         own, first = by_candidate(constants, count), by_candidate(start, count)
-        traces = np.empty((count, len(self._names), command.size))
+        names = self.answers._fields
+        traces = np.empty((count, len(names), command.size))
         command = np.ascontiguousarray(command, dtype=float)
         load = np.zeros(command.size) if load is None else np.ascontiguousarray(load, dtype=float)
 
@@ -145,66 +131,63 @@ class Traces:
             self.loop(command, load, own[part], first[part], interval, substeps, traces[part])
 
         side_by_side(simulate, [slice(n, n + LANES) for n in range(0, count, LANES)], threads)
-        return {name: traces[:, n] for n, name in enumerate(self._names)}
+        return {name: traces[:, n] for n, name in enumerate(names)}
 
+    def _made_loop(self) -> Any:
+        new_constants, constants_of, _ = columns(self.constants)
+        new_state, state_of, write_state = columns(self.state)
+        new_answers, _, write_answers = columns(self.answers)
+        rows, own_rows = len(self.answers._fields), len(self.constants._fields)
+        state_rows, at = len(self.state._fields), self.at
+        sampled, advanced = self.sampled, self.advanced
 
-def _loop_over(
-    constants: Any, state: Any, answers: Any, sampled: Any, advanced: Any, at: float
-) -> Any:
-    new_constants, constants_of, _ = columns(constants)
-    new_state, state_of, write_state = columns(state)
-    new_answers, _, write_answers = columns(answers)
-    rows, own_rows, state_rows = len(answers._fields), len(constants._fields), len(state._fields)
-
-    @lane_loop
-    def traces_over(command, load, constants, start, interval, substeps, traces):
-        """Fill ``traces`` (B, K, S); constants (B, C) and start (B, N)."""
-        wide_vectors()
-        batch, samples = constants.shape[0], command.size
-        dt = interval / substeps
-        own = new_constants()
-        now = new_state()
-        seen = new_answers()
-        lost = np.empty(LANES)  # zero; NaN from where a candidate is no more
-        for first in range(0, batch, LANES):
-            inside = min(LANES, batch - first)
-            for n in range(LANES):
-                who = first + min(n, inside - 1)  # the last one fills the lanes of a block
-                lost[n] = 0.0
-                for m in range(own_rows):
-                    own[m, n] = constants[who, m]
-                    lost[n] += 0.0 * own[m, n]
-                for m in range(state_rows):
-                    now[m, n] = start[who, m]
-                    lost[n] += 0.0 * now[m, n]
-            for sample in range(samples):
-                command_now = command[sample]
-                load_now = load[sample]
+        @lane_loop
+        def traces_over(command, load, constants, start, interval, substeps, traces):
+            """Fill ``traces`` (B, K, S); constants (B, C) and start (B, N)."""
+            wide_vectors()
+            batch, samples = constants.shape[0], command.size
+            dt = interval / substeps
+            own = new_constants()
+            now = new_state()
+            seen = new_answers()
+            lost = np.empty(LANES)  # zero; NaN from where a candidate is no more
+            for first in range(0, batch, LANES):
+                inside = min(LANES, batch - first)
                 for n in range(LANES):
-                    after, shown = sampled(
-                        state_of(now, n), command_now, load_now, sample, constants_of(own, n),
-                        interval,
-                    )  # fmt: skip
-                    write_state(now, n, after)
-                    write_answers(seen, n, shown)
+                    who = first + min(n, inside - 1)  # the last one fills the lanes of a block
+                    lost[n] = 0.0
+                    for m in range(own_rows):
+                        own[m, n] = constants[who, m]
+                        lost[n] += 0.0 * own[m, n]
+                    for m in range(state_rows):
+                        now[m, n] = start[who, m]
+                        lost[n] += 0.0 * now[m, n]
+                for sample in range(samples):
+                    command_now = command[sample]
+                    load_now = load[sample]
+                    for n in range(LANES):
+                        after, shown = sampled(
+                            state_of(now, n), command_now, load_now, sample, constants_of(own, n),
+                            interval,
+                        )  # fmt: skip
+                        write_state(now, n, after)
+                        write_answers(seen, n, shown)
+                        for m in range(rows):
+                            lost[n] += 0.0 * seen[m, n]
                     for m in range(rows):
-                        lost[n] += 0.0 * seen[m, n]
-                for m in range(rows):
-                    for n in range(inside):
-                        traces[first + n, m, sample] = seen[m, n] + lost[n]
-                if sample + 1 < samples:
-                    d_command = (command[sample + 1] - command_now) / substeps
-                    d_load = (load[sample + 1] - load_now) / substeps
-                    for j in range(substeps):
-                        command_then = command_now + (j + at) * d_command
-                        load_then = load_now + (j + at) * d_load
-                        for n in range(LANES):
-                            write_state(
-                                now, n,
-                                advanced(
+                        for n in range(inside):
+                            traces[first + n, m, sample] = seen[m, n] + lost[n]
+                    if sample + 1 < samples:
+                        d_command = (command[sample + 1] - command_now) / substeps
+                        d_load = (load[sample + 1] - load_now) / substeps
+                        for j in range(substeps):
+                            command_then = command_now + (j + at) * d_command
+                            load_then = load_now + (j + at) * d_load
+                            for n in range(LANES):
+                                after = advanced(
                                     state_of(now, n), command_then, load_then,
                                     constants_of(own, n), dt,
-                                ),
-                            )  # fmt: skip
+                                )  # fmt: skip
+                                write_state(now, n, after)
 
-    return traces_over
+        return traces_over

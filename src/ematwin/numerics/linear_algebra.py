@@ -103,12 +103,10 @@ def largest_share(stable: Callable[[float], bool]) -> float:
 
 def exponential(matrix: np.ndarray) -> np.ndarray:
     """exp of a small (n, n) matrix by scaling and squaring; scipy.linalg takes longer to import."""
-    squarings = max(0, math.ceil(math.log2(max(float(np.abs(matrix).sum(1).max()), 1e-300))) + 4)
-    scaled = matrix / 2.0**squarings
-    term, total = np.eye(len(matrix)), np.eye(len(matrix))
+    size = max(float(np.abs(matrix).sum(1).max()), 1e-300)
+    parts = 2 ** max(0, math.ceil(math.log2(size)) + 4)
+    term = total = np.eye(len(matrix))
     for n in range(1, 12):
-        term = term @ scaled / n
+        term = term @ matrix / (parts * n)
         total = total + term
-    for _ in range(squarings):
-        total = total @ total
-    return total
+    return np.asarray(np.linalg.matrix_power(total, parts))

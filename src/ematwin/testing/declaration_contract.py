@@ -4,9 +4,7 @@ The part of `ematwin.testing.model_contract.ModelContract` that simulates hardly
 """
 
 import math
-from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +15,7 @@ from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.simulating import simulate
+from ematwin.quantities import base_units, to_si
 from ematwin.testing.draws import PERFECT, Bench, towards
 
 
@@ -25,30 +24,25 @@ class DeclarationContract:
 
     @pytest.fixture
     def model(self) -> Model:
-        """The model; a subclass gives it."""
         raise NotImplementedError(
             "Give your subclass of ModelContract a fixture `model` that returns the model."
         )
 
     @pytest.fixture
     def actuator(self, model: Model) -> ParameterSet:
-        """The default parameter set."""
         return model.parameters.load()
 
     @pytest.fixture
     def bench(self, model: Model, actuator: ParameterSet) -> Bench:
-        """Both together."""
         return Bench(model, actuator)
 
     # Parameters
 
     def test_it_says_what_it_is(self, model: Model) -> None:
-        """Kind, title, parameters, channels and command have no default."""
         for name in ("kind", "title", "parameters", "channels", "command"):
             assert getattr(model, name, None), f"set {name} in the class of the model"
 
     def test_the_kind_is_found_by_its_name(self, model: Model) -> None:
-        """Installed, and named alike by model, parameters and files."""
         assert model.kind == model.parameters.kind, (
             f"the model says kind {model.kind!r}, its parameters {model.parameters.kind!r}; name "
             "them alike"
@@ -65,7 +59,6 @@ class DeclarationContract:
         )
 
     def test_shipped_sets_load_with_units_and_sources(self, bench: Bench) -> None:
-        """Each parameter has an SI unit, a meaning, and a source in the file."""
         model, actuator = bench.model, bench.actuator
         sets = {name: load_actuator(name) for name in model.parameters.shipped()}
         if model.parameters.own_model is not None:  # a file states the kind, and is all there is
@@ -86,7 +79,6 @@ class DeclarationContract:
                 assert source != "set by the user", f"{place} of {name} has no source"
 
     def test_a_saved_set_is_the_same_actuator(self, bench: Bench, tmp_path: Path) -> None:
-        """Written as a file and read again it has the same fingerprint."""
         actuator = bench.actuator
         actuator.save(tmp_path / "same.toml")
         assert load_actuator(tmp_path / "same.toml").fingerprint == actuator.fingerprint
@@ -147,7 +139,6 @@ class DeclarationContract:
                     assert np.isfinite(recording.channels[output]).all()
 
     def test_a_recording_without_a_needed_channel_is_refused(self, bench: Bench) -> None:
-        """In one sentence that names the channel."""
         model, actuator, healthy = bench.model, bench.actuator, bench.healthy
         for alternatives in model.required:
             names = [name for group in alternatives for name in group]
@@ -183,7 +174,6 @@ class DeclarationContract:
             assert model.unknown(actuator, judged.covariate).role == "nuisance"
 
     def test_values_are_described_with_units(self, bench: Bench) -> None:
-        """Healthy and faulty values have a finite physical value in a known unit."""
         faults = {one.name for one in bench.model.faults(bench.actuator)}
         for share in (0.0, 0.5, 1.0):
             values = {one.name: towards(one, share) for one in bench.unknowns}
@@ -195,7 +185,6 @@ class DeclarationContract:
                 assert _in_si(row.unit) > 0.0
 
     def test_reported_quantities_are_named_once(self, model: Model, actuator: ParameterSet) -> None:
-        """A healthy population reports something, and each name once."""
         if model.monitoring is None:
             return
         names = [one.name for one in model.monitoring.reported(model, actuator)]
@@ -213,20 +202,13 @@ class DeclarationContract:
             assert study.error_percent(faults, nothing, injected) > 0.0
 
     def test_the_default_search_is_known(self, model: Model) -> None:
-        """By a name of ``ematwin algorithms``."""
         assert named(model.default_search).planned > 0
-
-
-@cache
-def _units() -> Any:
-    import pint
-
-    return pint.UnitRegistry(cache_folder=None)
 
 
 def _in_si(unit: str) -> float:
     """Size of a unit in SI."""
     try:
-        return float(_units().Quantity(1.0, unit).to_base_units().magnitude)
+        base = "*".join(f"{name}^{power}" for name, power in base_units(unit).items())
+        return to_si(1.0, unit, base, "it")
     except Exception as error:  # pint raises a family of unrelated types
         raise AssertionError(f"there is no unit {unit!r} ({error}); correct it") from None

@@ -2,8 +2,10 @@
 
 import math
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from scipy.stats import binom
 
 from ematwin.errors import ParameterError
 from ematwin.models.base import Model
@@ -41,17 +43,11 @@ class Bench:
         """The healthy recording beside the twin."""
         return self.model.compare(self.healthy, self.actuator)
 
-    def by_name(self, rows: np.ndarray) -> dict[str, np.ndarray]:
-        """Rows (B, d) of the searched unknowns as candidates."""
-        return {one.name: rows[:, n].copy() for n, one in enumerate(self.searched)}
-
     def candidates(self, count: int) -> dict[str, np.ndarray]:
         """Values (B,) of all searched unknowns, the first healthy, the others near by."""
         shares = 0.2 * np.random.default_rng(1).random((count, len(self.searched)))
         shares[0] = 0.0
-        return self.by_name(np.array([
-            [towards(one, s) for one, s in zip(self.searched, row, strict=True)] for row in shares
-        ]))  # fmt: skip
+        return {one.name: towards(one, x) for one, x in zip(self.searched, shares.T, strict=True)}
 
     def unit(self, random: np.random.Generator) -> "Bench":
         """An actuator whose parameters are drawn within their tolerances."""
@@ -83,16 +79,12 @@ class Bench:
 
     def with_noise(self, recording: Recording, random: np.random.Generator) -> Recording:
         """The recording with white noise of 1 % of their RMS on the compared channels."""
-        noisy = {}
-        for name in self.model.outputs:
-            values = recording.channels.get(name)
-            if values is not None:
-                noise = 0.01 * float(values.std()) * random.standard_normal(len(values))
-                noisy[name] = values + noise
+        known = {n: recording.channels[n] for n in self.model.outputs if n in recording.channels}
+        noisy = {n: x + 0.01 * x.std() * random.standard_normal(x.size) for n, x in known.items()}
         return recording.changed(**noisy)
 
 
-def towards(one: Unknown, share: float) -> float:
+def towards(one: Unknown, share: Any) -> Any:
     """A value that lies a share of the way from healthy to the further bound."""
     up = one.upper - one.healthy >= one.healthy - one.lower
     return one.healthy + share * ((one.upper if up else one.lower) - one.healthy)
@@ -100,7 +92,4 @@ def towards(one: Unknown, share: float) -> float:
 
 def at_most(count: int, rate: float) -> int:
     """Limit that a binomial number exceeds once in a thousand cases."""
-    chances = [
-        math.comb(count, k) * rate**k * (1.0 - rate) ** (count - k) for k in range(count + 1)
-    ]
-    return int(np.searchsorted(np.cumsum(chances), 1.0 - 1e-3))
+    return int(binom.ppf(1.0 - 1e-3, count, rate))

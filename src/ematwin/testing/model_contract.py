@@ -60,7 +60,6 @@ class ModelContract(DeclarationContract):
     # The twin
 
     def test_simulating_is_repeatable(self, bench: Bench) -> None:
-        """A seed gives the same recording bit for bit, another seed another one."""
         noisy = Noise(white=0.02)
         one, two, other = (
             simulate(None, None, None, bench.actuator, noise=noisy, seed=seed) for seed in (1, 1, 2)
@@ -82,7 +81,6 @@ class ModelContract(DeclarationContract):
         )
 
     def test_every_compared_channel_has_a_row_for_each_candidate(self, bench: Bench) -> None:
-        """Shape (B, S), float64, and residuals (B, K)."""
         count, comparison = 3, bench.comparison
         candidates = bench.candidates(count)
         measured = comparison.measured()
@@ -101,7 +99,6 @@ class ModelContract(DeclarationContract):
         )
 
     def test_a_batch_equals_its_candidates_one_by_one(self, bench: Bench) -> None:
-        """Whichever neighbours a candidate has."""
         count, comparison = 7, bench.comparison
         candidates = bench.candidates(count)
         together = comparison.residuals(candidates, count)
@@ -127,14 +124,16 @@ class ModelContract(DeclarationContract):
 
     def test_the_corners_of_the_box_do_no_harm(self, bench: Bench) -> None:
         """A candidate that diverges costs infinity, and leaves the neighbours as they were."""
-        searched, comparison = bench.searched, bench.comparison
-        corners = np.array(
-            [[one.lower if n >> k & 1 else one.upper for k, one in enumerate(searched)]
-             for n in range(2 ** min(len(searched), 5))]
-        )  # fmt: skip
-        healthy = np.array([one.healthy for one in searched])
-        rows = np.concatenate([healthy[None], corners, healthy[None]])
-        costs = comparison.costs(bench.by_name(rows), len(rows))
+        comparison, count = bench.comparison, 2 ** min(len(bench.searched), 5)
+        rows = {
+            one.name: np.array([
+                one.healthy,
+                *(one.lower if n >> k & 1 else one.upper for n in range(count)),
+                one.healthy,
+            ])
+            for k, one in enumerate(bench.searched)
+        }  # fmt: skip
+        costs = comparison.costs(rows, count + 2)
         assert not np.isnan(costs).any(), "a candidate that diverges must cost infinity, not NaN"
         _assert_alike(costs[[0, -1]], comparison.costs({}, 1)[[0, 0]], "changes in bad company")
 
@@ -170,7 +169,6 @@ class ModelContract(DeclarationContract):
         assert varied, "no parameter of the actuator can differ between candidates"
 
     def test_each_fault_can_be_seen(self, bench: Bench) -> None:
-        """On the default scenario it moves some compared channel."""
         comparison = bench.comparison
         before = comparison.residuals({}, 1)[0]
         for one in bench.magnitudes:
@@ -183,7 +181,6 @@ class ModelContract(DeclarationContract):
             )
 
     def test_a_shorter_step_changes_little(self, bench: Bench) -> None:
-        """Halving it changes the answer, and halving it again changes it less."""
         if self.step is None:
             pytest.skip("no step is named")
         value, traces = bench.actuator.value(self.step), []
@@ -219,7 +216,6 @@ class ModelContract(DeclarationContract):
             assert again.values == found.values
 
     def test_a_healthy_recording_shows_no_fault(self, bench: Bench) -> None:
-        """With all unknowns free."""
         found = identify(bench.healthy, bench.actuator, exact=True)
         assert found.present == (), f"{', '.join(found.present)} in a healthy recording"
 
@@ -271,7 +267,6 @@ class ModelContract(DeclarationContract):
         )
 
     def test_recordings_sum_up_and_show(self, bench: Bench) -> None:
-        """Reports have numbers and panels to print."""
         model, actuator, healthy = bench.model, bench.actuator, bench.healthy
         assert all(math.isfinite(value) for value in model.summary(healthy, actuator).values())
         signals = model.signals(healthy, actuator)

@@ -60,7 +60,6 @@ def _equal(first: list[FloatArray], second: list[FloatArray]) -> bool:
 
 
 def check_batches_are_float_arrays_inside_the_box(factory: OptimizerFactory) -> None:
-    """Every batch is a (N, d) float64 array within the bounds."""
     with _made(factory) as optimizer:
         for points in _run(optimizer, sphere, ITERATIONS + 3):
             assert points.dtype == np.float64
@@ -96,7 +95,6 @@ def check_same_seed_same_run(factory: OptimizerFactory) -> None:
 
 
 def check_other_seed_other_run(factory: OptimizerFactory) -> None:
-    """Another seed gives another run."""
     with _made(factory, seed=3) as one, _made(factory, seed=4) as two:
         assert not _equal(_run(one, sphere, 3), _run(two, sphere, 3))
 
@@ -130,7 +128,6 @@ def check_costs_that_are_not_finite_count_as_worst(factory: OptimizerFactory) ->
 
 
 def check_all_costs_nan_is_survived(factory: OptimizerFactory) -> None:
-    """Without a single finite cost it goes on asking inside the box."""
     with _made(factory) as optimizer:
         nothing = _run(optimizer, lambda points: np.full(len(points), np.nan), 5)
         assert all(optimizer.box.contains(points) for points in nothing)
@@ -155,7 +152,6 @@ def check_limits_change_nothing(factory: OptimizerFactory) -> None:
 
 
 def check_part_of_a_batch_can_be_told(factory: OptimizerFactory) -> None:
-    """The leading rows alone may be told, and the optimiser goes on."""
     with _made(factory) as optimizer:
         _run(optimizer, sphere, 2)
         points = optimizer.ask()
@@ -189,7 +185,6 @@ def _refused(optimizer: Optimizer, points: FloatArray, costs: FloatArray) -> Non
 
 
 def check_the_budget_is_spent_exactly(factory: OptimizerFactory) -> None:
-    """A budget that no batch size divides is spent to the last evaluation."""
     spent = 0
 
     def counting(points: FloatArray) -> FloatArray:

@@ -57,19 +57,16 @@ class ReaderContract(ABC):
 
     @pytest.fixture
     def channels(self) -> Channels:
-        """Channels that are written."""
         return bench_channels()
 
     @pytest.fixture
     def path(self, tmp_path: Path, channels: Channels) -> Path:
-        """A sound file."""
         path = tmp_path / f"bench{self.suffix}"
         self.write(path, channels, {name: UNITS[name] for name in channels})
         return path
 
     @pytest.fixture
     def file(self, path: Path) -> Iterator[RecordedFile]:
-        """It, open."""
         with self.open(path) as file:
             yield file
 
@@ -80,11 +77,9 @@ class ReaderContract(ABC):
         return {name: channels[own] for name, own in known if own in channels}
 
     def test_every_channel_has_one_name(self, file: RecordedFile) -> None:
-        """Names are unique."""
         assert len(set(file.names)) == len(file.names)
 
     def test_values_come_back(self, file: RecordedFile, written: Channels) -> None:
-        """To the last bit, as float64."""
         values = file.read(list(written))
         assert list(values) == list(written)
         for name, expected in written.items():
@@ -92,12 +87,10 @@ class ReaderContract(ABC):
             np.testing.assert_array_equal(values[name], expected)
 
     def test_only_wanted_channels_are_read(self, file: RecordedFile, written: Channels) -> None:
-        """And in the order in which they were asked for."""
         wanted = list(written)[:0:-2]
         assert list(file.read(wanted)) == wanted
 
     def test_arrays_belong_to_the_caller(self, file: RecordedFile, written: Channels) -> None:
-        """Changes that the caller makes do not show in the next reading."""
         name = list(written)[-1]
         first = file.read([name])[name]
         before = first.copy()
@@ -113,7 +106,6 @@ class ReaderContract(ABC):
             np.testing.assert_allclose(seen, expected, rtol=1e-5, atol=1e-12)
 
     def test_units_are_those_of_the_file(self, file: RecordedFile, written: Channels) -> None:
-        """As text, or None where the file states none."""
         for name in written:
             assert file.unit(name) == (UNITS[_own_name(name)] if self.states_units else None)
 
@@ -135,7 +127,6 @@ class ReaderContract(ABC):
         assert set(file.clocks) <= set(file.names)
 
     def test_progress_rises_to_one(self, file: RecordedFile, written: Channels) -> None:
-        """It is a share, never falls, and ends at 1."""
         seen: list[float] = []
         file.read(list(written), seen.append)
         assert seen == sorted(seen)
@@ -151,25 +142,21 @@ class ReaderContract(ABC):
             np.testing.assert_allclose(getattr(record, name), values, rtol=0.0, atol=1e-9)
 
     def test_reading_leaves_the_file_as_it_was(self, path: Path) -> None:
-        """Byte for byte, and nothing is put beside it."""
         before = path.read_bytes()
         self._read_all(path)
         assert path.read_bytes() == before
         assert [file.name for file in path.parent.iterdir()] == [path.name]
 
     def test_closing_twice_is_allowed(self, path: Path) -> None:
-        """As a context manager closes an open file."""
         with self.open(path) as file:
             file.close()
 
     def test_a_missing_file_is_refused(self, tmp_path: Path) -> None:
-        """In one sentence that names it."""
         with pytest.raises(FileError, match="nowhere"):
             self.open(tmp_path / f"nowhere{self.suffix}")
 
     @pytest.mark.parametrize("content", [b"", b"\x00\xff\x17" * 700], ids=["empty", "noise"])
     def test_a_file_of_another_kind_is_refused(self, tmp_path: Path, content: bytes) -> None:
-        """Empty, or of bytes that mean nothing."""
         path = tmp_path / f"other{self.suffix}"
         path.write_bytes(content)
         with pytest.raises(EmatwinError) as caught:

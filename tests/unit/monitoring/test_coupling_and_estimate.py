@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from ematwin.errors import InputError, RecordError
-from ematwin.models.ball_screw.comparison import coupling, decoupled
-from ematwin.models.ball_screw.model import MODEL
+from ematwin.models.ball_screw.model import MODEL, coupling, decoupled
 from ematwin.models.phases import calm
 from ematwin.monitoring.measure import Bench, check_alike
 from made_up_rig import NOISE, command, motion, rig, simulate_motion

@@ -15,7 +15,6 @@ from ematwin.models.ball_screw.twin import (
     BallScrewState,
     ball_screw_constants,
     ball_screw_step,
-    candidate_traces,
     drive_torque,
     falling_friction,
     steps_of,
@@ -48,7 +47,8 @@ CASES = {
 def batch(points, actuator=ACTUATOR, set_point=SET_POINT, interval=INTERVAL):
     """Current and position error of candidates, each a mapping."""
     columns = {name: np.array([{**HEALTHY, **one}[name] for one in points]) for name in HEALTHY}
-    found = candidate_traces(actuator, set_point, interval, columns, len(points))
+    inputs = Recording(np.arange(set_point.size) * interval, {"set_point": set_point})
+    found = MODEL.respond(actuator, inputs, columns, len(points))
     return found["current"], found["position_error"]
 
 

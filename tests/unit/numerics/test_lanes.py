@@ -14,10 +14,8 @@ from ematwin.models.registry import load_actuator
 
 CODE = """
 import re
-from numba.core.caching import NullCache
 from test_lanes import axis_traces, ends
 
-axis_traces.loop._cache = NullCache()  # compiled anew: only then numba knows its code
 last = ends()
 (code,) = axis_traces.loop.inspect_llvm().values()
 widths = {int(width) for width in re.findall(r"fmul .*?<([0-9]+) x double>", code)}
@@ -34,8 +32,11 @@ def ends():
 
 
 @pytest.mark.skipif(not re.match("x86|AMD64", platform.machine()), reason="of x86 alone")
-def test_lanes_are_computed_in_vectors_and_answer_alike_on_another_processor():
-    other = {"NUMBA_CPU_NAME": "haswell", "NUMBA_CPU_FEATURES": "+avx2,+fma"}
+def test_lanes_are_computed_in_vectors_and_answer_alike_on_another_processor(tmp_path):
+    other = {
+        "NUMBA_CPU_NAME": "haswell", "NUMBA_CPU_FEATURES": "+avx2,+fma",
+        "NUMBA_CACHE_DIR": str(tmp_path),  # compiled anew: only then numba knows its code
+    }  # fmt: skip
     path = [os.path.dirname(__file__), os.environ.get("PYTHONPATH", "")]
     done = subprocess.run(
         [sys.executable, "-c", CODE], capture_output=True, text=True, check=True,

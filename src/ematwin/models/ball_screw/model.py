@@ -5,19 +5,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ematwin.models.ball_screw.comparison import BallScrewComparison, check_signals, position_error
+from ematwin.errors import RecordError
+from ematwin.models import base
 from ematwin.models.ball_screw.parameters import FIXED, BallScrew
-from ematwin.models.base import (
-    Demand,
-    Model,
-    Monitoring,
-    Reported,
-    Signal,
-    Statistic,
-    Study,
-    Values,
-)
-from ematwin.models.comparison import Candidates, Comparison
+from ematwin.models.base import Demand, Model, Reported, Signal, Values
+from ematwin.models.comparison import Candidates, Comparison, TraceComparison
+from ematwin.models.phases import calm
+from ematwin.models.plausibility import check_travel_of
 from ematwin.models.unknown import Alias, Unknown
 from ematwin.recordings.channel import Channel, Derivation
 from ematwin.recordings.noise import Noise
@@ -26,7 +20,7 @@ from ematwin.recordings.recording import Recording
 SENSORS = (0.03, 2e-4)  # A and m: standard deviations of a usual rig
 
 
-class BallScrewMonitoring(Monitoring):
+class BallScrewMonitoring(base.Monitoring):
     """Features depend on the load; the coupling of the sensors is measured beside them."""
 
     def reported(self, model: Any, actuator: Any) -> tuple[Reported, ...]:
@@ -65,7 +59,7 @@ class BallScrewMonitoring(Monitoring):
 MONITORING = BallScrewMonitoring(
     covariate="load",
     statistics=(
-        Statistic(
+        base.Statistic(
             "sensor_coupling", "A/m", "The sensors share fast noise differently than in the "
             "healthy runs", "Rewiring or reassembly can cause this, and so can rough running. The "
             "noise is removed from the current before the verdict.",
@@ -109,7 +103,7 @@ class BallScrewModel(Model):
         "controller.integral_gain": 1.5,
     }
     fixed = FIXED
-    study = Study(noisy=True)
+    study = base.Study(noisy=True)
     monitoring = MONITORING
 
     demands = (
@@ -155,25 +149,50 @@ class BallScrewModel(Model):
         self, actuator: Any, inputs: Recording, candidates: Candidates, count: int
     ) -> dict[str, np.ndarray]:
         """Current, A, and position error, m, (B, S) arrays."""
-        from ematwin.models.ball_screw.twin import candidate_traces
+        from ematwin.models.ball_screw import twin  # compiles: only when needed
+        from ematwin.numerics.compile import plain
 
-        return candidate_traces(actuator, inputs.set_point, inputs.interval, candidates, count)
+        update, substeps = twin.steps_of(actuator, inputs.interval)
+        constants = twin.ball_screw_constants(actuator, candidates, update, substeps)
+        rest = plain(twin.ball_screw_at_rest)(inputs.set_point[0], constants)
+        return twin.ball_screw_traces(
+            inputs.set_point, None, constants, rest, inputs.interval, substeps, count=count
+        )
 
     def stepped(self, actuator: Any, fidelity: str) -> Any:
-        """The actuator sample by sample."""
-        from ematwin.models.ball_screw.twin import stepped
+        """The actuator sample by sample, from rest, the nut in the middle of its play."""
+        from ematwin.models.ball_screw import twin
+        from ematwin.models.stepped import stepped_of
 
-        return stepped(actuator)
+        interval = actuator.controller.sample_time
+        update, substeps = twin.steps_of(actuator, interval)
+        return stepped_of(
+            twin.ball_screw_traces, twin.ball_screw_at_rest,
+            lambda candidates: twin.ball_screw_constants(actuator, candidates, update, substeps),
+            inputs=("set_point",), interval=interval, substeps=substeps,
+        )  # fmt: skip
 
     def noise(self, actuator: Any, recording: Recording) -> dict[str, float]:
         """Standard deviations of current (A) and position error (m), as on a usual rig."""
         return {"current": 0.05, "position_error": 2e-4}
 
     def compare(self, recording: Recording, actuator: Any, **settings: Any) -> Any:
-        """A recording without the noise that its two sensors share."""
+        """A recording without the fast noise that its sensors share in steady motion.
+
+        Noise in both channels of one sample at once is electrical, since an actuator needs time to
+        answer. Its share changes when a rig is rewired. So it is measured on each motion
+        (``statistics["sensor_coupling"]``, A/m) and taken out of the current; no verdict rests on
+        it.
+        """
         self.check_channels(recording)
         settling_time = settings.get("settling_time") or MONITORING.settling_time(actuator)
-        return BallScrewComparison(self, recording, actuator, settling_time=settling_time)
+        current, error = recording.current, position_error(recording)
+        steady = calm(recording.set_point, recording.interval, settling_time)
+        share = coupling(current, error, steady)
+        prepared = {"current": decoupled(current, error, share), "position_error": error}
+        found = TraceComparison(self, recording, actuator, prepared)
+        found.statistics = {"sensor_coupling": share}
+        return found
 
     def starts(self, actuator: Any, recording: Recording) -> list[dict[str, float]]:
         """One for each direction of the load, from the position error at the first sample."""
@@ -205,6 +224,82 @@ class BallScrewModel(Model):
             Signal("Current of the drive", "A", recording.channels["current"]),
             Signal("Position error", "mm", 1e3 * position_error(recording)),
         ]
+
+
+def position_error(recording: Recording) -> np.ndarray:
+    """Set point less position (S,), m, as recorded or from the position."""
+    channels = recording.channels
+    if "position_error" in channels:
+        return channels["position_error"]
+    return channels["set_point"] - channels["position"]
+
+
+def check_signals(recording: Recording) -> None:
+    """Raise `RecordError` if a channel has a wrong sign or unit, or is dead."""
+    check_travel_of(recording, "set_point")
+    name, set_point, current = recording.name, recording.set_point, recording.current
+    error, mean = position_error(recording), float(current.mean())
+    largest = float(np.abs(current).max())
+    if largest > 2000.0:
+        raise RecordError(
+            f"{name}: current reaches {largest:.4g} A, which no such drive takes; its unit is "
+            "probably mA. Put [mA] into the name of the channel."
+        )
+    if mean < 0.0:
+        raise RecordError(
+            f"{name}: its current is negative on average ({mean:.3g} A), where the magnitude that "
+            "the drive takes is needed; change its sign."
+        )
+    if np.ptp(current) == 0.0:
+        raise RecordError(
+            f"{name}: its current never changes from {mean:.3g} A; the channel is dead."
+        )
+    travel = float(np.ptp(set_point))
+    mean = float(current.mean())
+    if mean < 0.0:
+        raise RecordError(
+            f"{name}: its current is negative on average ({mean:.3g} A), where the magnitude that "
+            "the drive takes is needed; change its sign."
+        )
+    if np.ptp(current) == 0.0:
+        raise RecordError(
+            f"{name}: its current never changes from {mean:.3g} A; the channel is dead."
+        )
+    if travel == 0.0:
+        return
+    largest = float(np.abs(error).max())
+    if largest > travel:
+        raise RecordError(
+            f"{name}: its position error reaches {largest:.4g} m, more than the travel; its unit "
+            "is probably wrong, or a position was taken for an error."
+        )
+    start = int(np.argmax(np.abs(np.diff(set_point)) > 0.0))
+    first = slice(start, start + max(8, error.size // 16))
+    ahead = -float(error[first].mean() * np.sign(set_point[first][-1] - set_point[first][0]))
+    if ahead > 0.3 * largest:
+        raise RecordError(
+            f"{name}: the nut runs ahead of its set point by {ahead:.3g} m when it starts: the "
+            "position error has the wrong sign (set point less position is needed). Change it."
+        )
+
+
+def coupling(current: np.ndarray, position_error: np.ndarray, calm: np.ndarray) -> float:
+    """Current (S,), A, per position error (S,), m, that their fast noise shares where ``calm``."""
+    whole = calm[2:] & calm[1:-1] & calm[:-2]
+    fast_current = np.diff(current, 2)[whole]
+    fast_error = np.diff(position_error, 2)[whole]
+    power = float(fast_error @ fast_error)
+    return float(fast_current @ fast_error) / power if power > 0.0 else 0.0
+
+
+def decoupled(current: np.ndarray, position_error: np.ndarray, share: float) -> np.ndarray:
+    """The current (S,), A, without the fast noise that it shares with the position error."""
+    if share == 0.0:
+        return current
+    from scipy.signal import butter, sosfiltfilt  # takes longer to import than a motion to judge
+
+    high_pass = butter(2, 0.24, "high", output="sos")  # of the Nyquist frequency
+    return np.asarray(current - share * sosfiltfilt(high_pass, position_error))
 
 
 def as_sensed(

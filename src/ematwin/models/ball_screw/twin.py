@@ -7,13 +7,10 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from ematwin.errors import RecordError
 from ematwin.models.ball_screw.parameters import FIXED, BallScrew
-from ematwin.models.stepped import Stepped, stepped_of
 from ematwin.numerics.backlash import play
-from ematwin.numerics.compile import plain, step
+from ematwin.numerics.compile import step
 from ematwin.numerics.friction import loaded_friction
 from ematwin.numerics.lanes import Traces
 
@@ -108,32 +105,6 @@ def ball_screw_at_rest(set_point, c):
 ball_screw_traces = Traces(
     BallScrewConstants, BallScrewState, BallScrewAnswer, seen, ball_screw_step
 )
-
-
-def candidate_traces(
-    actuator: BallScrew, set_point: np.ndarray, interval: float, candidates: Mapping[str, Any],
-    count: int,
-) -> dict[str, np.ndarray]:  # fmt: skip
-    """Current (A) and position error (m) that the twin answers with, (B, S) arrays.
-
-    ``set_point`` (S,) in m and ``interval`` in s; ``candidates`` are unknowns by name and
-    parameters by place, (B,) each. A healthy backlash is the parameter of the candidate.
-    """
-    update, substeps = steps_of(actuator, interval)
-    c = ball_screw_constants(actuator, candidates, update, substeps)
-    state = plain(ball_screw_at_rest)(set_point[0], c)
-    return ball_screw_traces(set_point, None, c, state, interval, substeps, count=count)
-
-
-def stepped(actuator: BallScrew) -> Stepped:
-    """The actuator sample by sample, from rest, the nut in the middle of its play."""
-    interval = actuator.controller.sample_time
-    update, substeps = steps_of(actuator, interval)
-    return stepped_of(
-        ball_screw_traces, ball_screw_at_rest,
-        lambda candidates: ball_screw_constants(actuator, candidates, update, substeps),
-        inputs=("set_point",), interval=interval, substeps=substeps,
-    )  # fmt: skip
 
 
 def ball_screw_constants(

@@ -98,27 +98,23 @@ def _read(path: Path, changed: int, size: int) -> Archive:
     )
 
 
-def _number(text: Any) -> float | None:
+def _number(text: Any, missing: Any = None) -> Any:
     try:
         return float(text)
     except (TypeError, ValueError):
-        return None
+        return missing
 
 
 def _variable(given: Any) -> Variable:
     kind = given.declaredType
-    lower, upper = (
-        _number(own if own is not None else getattr(kind, side, None))
-        for side, own in (("min", given.min), ("max", given.max))
-    )
     return Variable(
         reference=given.valueReference,
         causality=given.causality or "local",
         is_real=given.type in ("Real", "Float64") and not given.dimensions,
         unit=given.unit or getattr(kind, "unit", None) or "",
         meaning=given.description or given.name,
-        lower=-math.inf if lower is None else lower,
-        upper=math.inf if upper is None else upper,
+        lower=_number(given.min or getattr(kind, "min", None), -math.inf),
+        upper=_number(given.max or getattr(kind, "max", None), math.inf),
         start=_number(given.start),
     )
 

@@ -65,6 +65,10 @@ class Parameter(Signal):
     lower: Finite | None = None
     upper: Finite | None = None
     drift: float | str | None = None
+    # what every parameter file has (`ENTRY`)
+    value: Any = Field(None, exclude=True)
+    source: Any = Field(None, exclude=True)
+    tolerance: Any = Field(None, exclude=True)
 
 
 class Free(Table):
@@ -115,15 +119,6 @@ class Used(NamedTuple):
 def declared_in(table: Mapping[str, Any], what: str) -> Declared:
     """The tables of a parameter file; ``what`` is its path, or names it."""
     tables = {name: table[name] for name in TABLES if name in table}
-    given = tables.get("nominal")
-    if isinstance(given, dict):
-        # without what every parameter file has; the unit is needed twice
-        common = set(ENTRY) - {"unit"}
-        tables["nominal"] = {
-            name: {k: one for k, one in entry.items() if k not in common}
-            if isinstance(entry, dict) else entry
-            for name, entry in given.items()
-        }  # fmt: skip
     try:
         found = Declared.model_validate(tables)
     except ValidationError as error:
@@ -219,13 +214,10 @@ class Described:
     def _bounds(self, one: Any, used: Used, place: str) -> tuple[float, float]:
         """Bounds of a parameter or unknown, SI; from the FMU if the file gives none."""
         (_, variable, scale), found = used, []
-        for side, least in (("lower", variable.lower), ("upper", variable.upper)):
-            own = getattr(one, side)
-            limit = scale.to_si(least)
+        for side, sign in (("lower", -1.0), ("upper", 1.0)):
+            own, limit = getattr(one, side), scale.to_si(getattr(variable, side))
             value = limit if own is None else to_si(own, one.unit or scale.unit, scale.unit, place)
-            slack = 1e-9 * abs(limit)  # units are converted
-            beyond = value < limit - slack if side == "lower" else value > limit + slack
-            if beyond:
+            if sign * (value - limit) > 1e-9 * abs(limit):  # units are converted
                 raise ParameterError(
                     f"{self._what}: the {side} bound of {place} is "
                     f"{in_unit(f'{value:g}', scale.unit)} and the FMU allows "

@@ -31,7 +31,6 @@ class Worker:
     def __init__(self, setup: dict[str, Any], name: str) -> None:
         self._setup, self._name = setup, name
         self._process: subprocess.Popen[bytes] | None = None
-        self._drive: Any = None
 
     def run(
         self, drive: dict[str, Any], settings: np.ndarray, limit: float
@@ -43,9 +42,7 @@ class Worker:
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
             )  # fmt: skip
             self._ask(self._setup, 60.0)  # s: licences and large libraries take their time
-        known = self._drive is drive
-        self._drive = drive
-        return self._ask((None if known else drive, settings), limit)
+        return self._ask((drive, settings), limit)
 
     def _ask(self, task: Any, limit: float) -> Any:
         process: Any = self._process
@@ -83,7 +80,7 @@ class Worker:
     def end(self, wait: float = 0.0) -> int:
         """End the process, at once or after ``wait`` s; its exit status."""
         process: Any = self._process
-        self._process = self._drive = None
+        self._process = None
         if process is None:
             return 0
         with suppress(subprocess.TimeoutExpired):

@@ -11,24 +11,15 @@ import sys
 from typing import Any, BinaryIO
 
 import numpy as np
-from fmpy import calloc, free
+from fmpy import calloc, fmi2, fmi3, free
 from fmpy.fmi1 import FMICallException
-from fmpy.fmi2 import (
-    FMU2Slave,
-    fmi2CallbackAllocateMemoryTYPE,
-    fmi2CallbackFreeMemoryTYPE,
-    fmi2CallbackFunctions,
-    fmi2CallbackLoggerTYPE,
-    fmi2ValueReference,
-)
-from fmpy.fmi3 import FMU3Slave, fmi3ValueReference
 
 
 class Values:
     """Variables that are set or read together, in memory that the FMU sees."""
 
     def __init__(self, references: list[int], is_2: bool) -> None:
-        kind = fmi2ValueReference if is_2 else fmi3ValueReference
+        kind = fmi2.fmi2ValueReference if is_2 else fmi3.fmi3ValueReference
         self.references = (kind * len(references))(*references)
         self.values = np.zeros(len(references))
         self.pointer = np.ctypeslib.as_ctypes(self.values)
@@ -40,20 +31,22 @@ class Instance:
     def __init__(self, setup: dict[str, Any]) -> None:
         self.is_2, self._interpolates = setup["is_2"], setup["interpolates"]
         self._said: list[str] = []
-        self._fmu = (FMU2Slave if self.is_2 else FMU3Slave)(
+        self._fmu = (fmi2.FMU2Slave if self.is_2 else fmi3.FMU3Slave)(
             guid=setup["guid"], modelIdentifier=setup["identifier"],
             unzipDirectory=setup["folder"], instanceName="ematwin", requireFunctions=False,
         )  # fmt: skip
+        name = "fmi2{}Real" if self.is_2 else "fmi3{}Float64"
+        self._setter, self._getter = (getattr(self._fmu, name.format(x)) for x in ("Set", "Get"))
         self._instantiate()
 
     def _instantiate(self) -> None:
         if not self.is_2:  # FMPy keeps the callback
             self._fmu.instantiate(logMessage=lambda *said: self._said.append(_text(said[-1])))
             return
-        self._callbacks = fmi2CallbackFunctions(
-            logger=fmi2CallbackLoggerTYPE(lambda *said: self._said.append(_text(said[4]))),
-            allocateMemory=fmi2CallbackAllocateMemoryTYPE(calloc),
-            freeMemory=fmi2CallbackFreeMemoryTYPE(free),
+        self._callbacks = fmi2.fmi2CallbackFunctions(
+            logger=fmi2.fmi2CallbackLoggerTYPE(lambda *said: self._said.append(_text(said[4]))),
+            allocateMemory=fmi2.fmi2CallbackAllocateMemoryTYPE(calloc),
+            freeMemory=fmi2.fmi2CallbackFreeMemoryTYPE(free),
         )
         self._fmu.instantiate(callbacks=self._callbacks)
 
@@ -88,10 +81,7 @@ class Instance:
             fmu.setupExperiment(startTime=0.0)
         self._set(Values(drive["starts"], self.is_2), drive["start_values"])
         self._set(Values(drive["settings"], self.is_2), settings)
-        if self.is_2:
-            fmu.enterInitializationMode()
-        else:
-            fmu.enterInitializationMode(startTime=0.0)
+        fmu.enterInitializationMode()
         self._set(Values(drive["inputs"], self.is_2), drive["given"][0])
         fmu.exitInitializationMode()
 
@@ -103,7 +93,7 @@ class Instance:
         step = interval / parts
         for n in range(len(given)):
             self._set(inputs, given[n])
-            self._get(outputs)
+            self._call(self._getter, outputs)
             rows[n] = outputs.values
             if n + 1 == len(given):
                 return
@@ -120,21 +110,13 @@ class Instance:
                     return
 
     def _set(self, where: Values, values: np.ndarray) -> None:
-        count, fmu = where.values.size, self._fmu
         where.values[:] = values
-        if count == 0:
-            return
-        if self.is_2:
-            fmu.fmi2SetReal(fmu.component, where.references, count, where.pointer)
-        else:
-            fmu.fmi3SetFloat64(fmu.component, where.references, count, where.pointer, count)
+        self._call(self._setter, where)
 
-    def _get(self, where: Values) -> None:
-        fmu, count = self._fmu, where.values.size
-        if self.is_2:
-            fmu.fmi2GetReal(fmu.component, where.references, count, where.pointer)
-        else:
-            fmu.fmi3GetFloat64(fmu.component, where.references, count, where.pointer, count)
+    def _call(self, function: Any, where: Values) -> None:
+        if count := where.values.size:
+            more = () if self.is_2 else (count,)
+            function(self._fmu.component, where.references, count, where.pointer, *more)
 
 
 def _text(said: Any) -> str:
@@ -144,10 +126,9 @@ def _text(said: Any) -> str:
 def serve(tasks: BinaryIO, answers: BinaryIO) -> None:
     """Answer tasks until they end: a setup, then ``(drive, settings)`` for each run.
 
-    ``drive`` is None where it equals the previous run's. An answer is ``(rows, said)``, or a
-    sentence on why there is none.
+    An answer is ``(rows, said)``, or a sentence on why there is none.
     """
-    instance, drive = None, None
+    instance = None
     while True:
         try:
             task = pickle.load(tasks)
@@ -158,9 +139,7 @@ def serve(tasks: BinaryIO, answers: BinaryIO) -> None:
             if instance is None:
                 instance = Instance(task)
             else:
-                drive = drive if task[0] is None else task[0]
-                assert drive is not None
-                answer = instance.run(drive, task[1])
+                answer = instance.run(*task)
         except Exception as error:
             answer = f"{error}".rstrip(".") or type(error).__name__
         pickle.dump(answer, answers)

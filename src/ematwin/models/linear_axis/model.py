@@ -5,16 +5,28 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ematwin.errors import RecordError
 from ematwin.models.base import Demand, Law, Model, Signal, Values
 from ematwin.models.comparison import Candidates
 from ematwin.models.linear_axis.parameters import FIXED, LinearAxis
-from ematwin.models.linear_axis.plausibility import check_signals, controller_law, missing_motion
+from ematwin.models.plausibility import check_enough, check_travel_of
 from ematwin.models.unknown import Alias, Contrast, Unknown, multiple
 from ematwin.recordings.channel import Channel, Derivation
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 
 COMPARED = ("voltage", "position_error")
+# each a factor on a healthy parameter, so that calibration and drift apply to all alike
+FAULTS = (
+    ("friction", "friction.coulomb", "Coulomb friction of both directions", 0.25, 4.0),
+    ("viscous", "friction.viscous", "viscous friction of both directions", 0.25, 4.0),
+    ("dry_asymmetry", "friction.coulomb_ratio", "Coulomb friction backward over forward",
+     0.33, 3.0, "healthy ratio"),
+    ("viscous_asymmetry", "friction.viscous_ratio", "viscous friction backward over forward",
+     0.33, 3.0, "healthy ratio"),
+    ("drive_gain", "drive.gain", "force for a voltage (magnets, amplifier)", 0.5, 1.5),
+    ("position_gain", "controller.position_gain", "gain of the position loop", 0.5, 1.5),
+)  # fmt: skip
 
 
 class LinearAxisModel(Model):
@@ -61,43 +73,17 @@ class LinearAxisModel(Model):
         return COMPARED
 
     def unknowns(self, actuator: Any) -> tuple[Unknown, ...]:
-        """Friction, its asymmetry, and gains, each as a factor on the healthy value.
-
-        So calibration and drift apply to all alike.
-        """
-        ratio = "healthy ratio"
-        return (
-            multiple(actuator, "friction", "friction.coulomb",
-                     "Coulomb friction of both directions", 0.25, 4.0),
-            multiple(actuator, "viscous", "friction.viscous",
-                     "viscous friction of both directions", 0.25, 4.0),
-            multiple(actuator, "dry_asymmetry", "friction.coulomb_ratio",
-                     "Coulomb friction backward over forward", 0.33, 3.0, ratio),
-            multiple(actuator, "viscous_asymmetry", "friction.viscous_ratio",
-                     "viscous friction backward over forward", 0.33, 3.0, ratio),
-            multiple(actuator, "drive_gain", "drive.gain",
-                     "force for a voltage (magnets, amplifier)", 0.5, 1.5),
-            multiple(actuator, "position_gain", "controller.position_gain",
-                     "gain of the position loop", 0.5, 1.5),
-        )  # fmt: skip
+        """Friction, its asymmetry, and gains."""
+        return tuple(multiple(actuator, *one) for one in FAULTS)
 
     def aliases(self, actuator: Any, values: Values) -> list[Alias]:
         """Faults against the parameters that they multiply, and the scale of all forces.
 
         With gain, mass and friction multiplied by one factor, the carriage moves as before.
         """
-        return [
-            Alias("friction.coulomb", {"friction": 1.0}),
-            Alias("friction.viscous", {"viscous": 1.0}),
-            Alias("friction.coulomb_ratio", {"dry_asymmetry": 1.0}),
-            Alias("friction.viscous_ratio", {"viscous_asymmetry": 1.0}),
-            Alias(
-                "drive.gain",
-                {"carriage.mass": 1.0, "friction.coulomb": 1.0, "friction.viscous": 1.0},
-            ),
-            Alias("drive.gain", {"drive_gain": 1.0}),
-            Alias("controller.position_gain", {"position_gain": 1.0}),
-        ]
+        forces = dict.fromkeys(("carriage.mass", "friction.coulomb", "friction.viscous"), 1.0)
+        multiplied = [Alias(place, {name: 1.0}) for name, place, *_ in FAULTS]
+        return [*multiplied[:4], Alias("drive.gain", forces), *multiplied[4:]]
 
     def contrasts(self, actuator: Any) -> tuple[Contrast, ...]:
         """Asymmetry of all friction: its split into dry and viscous friction is vague."""
@@ -122,10 +108,15 @@ class LinearAxisModel(Model):
         return {"voltage": voltage, "position": position, "position_error": error}
 
     def stepped(self, actuator: Any, fidelity: str) -> Any:
-        """The axis in closed loop, sample by sample."""
-        from ematwin.models.linear_axis.twin import stepped
+        """The axis in closed loop, sample by sample, from rest at the first reference."""
+        from ematwin.models.linear_axis import twin
+        from ematwin.models.stepped import stepped_of
 
-        return stepped(actuator)
+        return stepped_of(
+            twin.axis_traces, twin.axis_at_rest, lambda k: twin.axis_constants(actuator, k),
+            inputs=("reference", "pulses"), interval=actuator.controller.sample_time,
+            substeps=twin.substeps_of(actuator),
+        )  # fmt: skip
 
     def noise(self, actuator: Any, recording: Recording) -> dict[str, float]:
         """Usual residual of voltage (V) and position error (m): 2 % of their spread."""
@@ -142,13 +133,24 @@ class LinearAxisModel(Model):
     def check(self, recording: Recording, actuator: Any) -> list[str]:
         """Sampling, units, signs, and whether the recorded controller is the stated one."""
         self.check_channels(recording)
-        return check_signals(recording, actuator)
+        actuator.check_interval(recording)
+        return check_signals(recording, actuator) or check_controller(recording, actuator)
 
     def laws(self, recording: Recording, actuator: Any) -> list[Law]:
         """The controller gives the voltage that its inputs ask for."""
         return [controller_law(recording, actuator)]
 
-    excitation = staticmethod(missing_motion)
+    def excitation(self, recording: Recording, actuator: Any) -> list[str]:
+        """Directions whose friction does not show."""
+        steps = np.diff(recording.channels["reference"])
+        moved = {"forward": steps[steps > 0.0].sum(), "backward": -steps[steps < 0.0].sum()}
+        least = 1e-3 * float(np.ptp(recording.channels["reference"]))
+        return [
+            f"The reference never moves {way}, so that friction of that direction cannot be told. "
+            "Use a command that goes there and back."
+            for way, distance in moved.items()
+            if distance <= least
+        ]
 
     def rate_of(self, actuator: Any) -> float:
         """Sample rate of the controller, Hz."""
@@ -186,6 +188,97 @@ class LinearAxisModel(Model):
             Signal("Position of the carriage", "mm", 1e3 * position, 1e3 * reference),
             Signal("Position error", "um", 1e6 * (reference - position)),
         ]
+
+
+def check_signals(recording: Recording, actuator: LinearAxis) -> list[str]:
+    """Sentences on a motion that tells little; `RecordError` where units or signs are wrong."""
+    name, channels = recording.name, recording.channels
+    check_enough(recording)
+    reference, position, voltage = (channels[n] for n in ("reference", "position", "voltage"))
+    check_travel_of(recording, "reference")
+    check_travel_of(recording, "position")
+    if np.ptp(voltage) == 0.0:
+        raise RecordError(
+            f"{name}: its voltage never changes from {voltage[0]:.3g} V; the channel is dead."
+        )
+    limit = actuator.drive.voltage_limit
+    largest = float(np.abs(voltage).max())
+    pulse = float(np.abs(channels.get("pulses", np.zeros(1))).max())
+    if largest > 1.05 * (limit + pulse):
+        raise RecordError(
+            f"{name}: its voltage reaches {largest:.4g} V where {actuator.name} is limited to "
+            f"{limit:g} V; its unit is wrong, or drive.voltage_limit."
+        )
+    travel = float(np.ptp(reference))
+    if travel == 0.0:
+        return [f"The reference of {name} never moves; little can be told from it."]
+    largest = float(np.abs(reference - position).max())
+    if largest > travel:
+        raise RecordError(
+            f"{name}: its position is up to {largest:.4g} m away from the reference, more than the "
+            "travel; one of the two has another unit, sign or origin."
+        )
+    return []
+
+
+def check_controller(recording: Recording, actuator: LinearAxis) -> list[str]:
+    """Whether the recorded voltage is the output of the controller for the recorded positions."""
+    voltage = recording.channels["voltage"][2:]
+    expected = controller_voltage(recording, actuator)[2:]
+    size = float(np.linalg.norm(voltage))
+    share = float(np.linalg.norm(voltage - expected)) / size
+    if float(voltage @ expected) < -0.5 * size * float(np.linalg.norm(expected)):
+        raise RecordError(
+            f"{recording.name}: its voltage is opposite to what the controller gives for the "
+            "recorded positions; change its sign, or that of reference and position."
+        )
+    if share <= 0.05:
+        return []
+    return [
+        f"The recorded voltage differs by {100.0 * share:.0f} % from what the controller of "
+        f"{actuator.name} gives for the recorded positions: its gains, its filter, the unit of a "
+        "channel or voltages added to it are not as assumed, and the twin in closed loop will not "
+        "follow this recording."
+    ]
+
+
+def controller_speed(recording: Recording, actuator: LinearAxis) -> np.ndarray:
+    """Speed of the filtered position (S,), m/s; the first two samples repeat the third."""
+    position = recording.channels["position"]
+    slopes = (position[2:] - position[:-2]) / (2.0 * actuator.controller.sample_time)
+    return np.r_[slopes[:1], slopes[:1], slopes]
+
+
+def controller_voltage(recording: Recording, actuator: LinearAxis) -> np.ndarray:
+    """Output of the controller for the recorded positions, (S,) array, V.
+
+    k_v (k_p (q_ref - q) - dq_f/dt) + pulse, q_f the mean of the last two samples, within its limit.
+    """
+    channels, control = recording.channels, actuator.controller
+    demand = control.position_gain * (channels["reference"] - channels["position"])
+    output = control.velocity_gain * (demand - controller_speed(recording, actuator))
+    limit = actuator.drive.voltage_limit
+    return np.clip(output + channels.get("pulses", 0.0), -limit, limit)
+
+
+def controller_law(recording: Recording, actuator: LinearAxis) -> Law:
+    """The voltage is the output of the controller for the recorded positions, within its limit."""
+    channels, control = recording.channels, actuator.controller
+    limit = 0.99 * actuator.drive.voltage_limit
+
+    def left(taken: Mapping[str, np.ndarray]) -> np.ndarray:
+        (at, moves), put = taken["position"], taken["voltage"]
+        demand = control.velocity_gain * control.position_gain * (taken["reference"] - at)
+        slowed = control.velocity_gain * moves
+        added = put - taken.get("pulses", 0.0) + slowed
+        return np.where(np.abs(put) < limit, np.stack([added, demand, slowed]), 0.0)
+
+    names = ("reference", "voltage", "position", "pulses")
+    sources = {name: channels[name] for name in names if name in channels}
+    sources["position"] = np.stack([channels["position"], controller_speed(recording, actuator)])
+    text = "the controller does not give the recorded voltage for the recorded positions"
+    # twice what a real axis leaves (docs/real-recordings.md)
+    return Law(text, sources, left, 0.005 * float(np.sqrt(np.mean(channels["voltage"] ** 2))))
 
 
 MODEL = LinearAxisModel()

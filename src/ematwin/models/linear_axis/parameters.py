@@ -16,9 +16,11 @@ from typing import Any, Self
 import numpy as np
 from pydantic import model_validator
 
+from ematwin.errors import RecordError
 from ematwin.models.parameter_set import ParameterSet, Section, quantity
 from ematwin.models.sections import TwinSteps
 from ematwin.numerics.linear_algebra import exponential, largest_share, spectral_radius
+from ematwin.recordings.recording import Recording
 
 # These set the grid of steps, which a batch shares: they cannot differ between candidates.
 FIXED = ("controller.sample_time", "steps.twin")
@@ -106,6 +108,16 @@ class LinearAxis(ParameterSet):
             f"{control.velocity_gain:.4g} V s/m at a sample time of {control.sample_time:.4g} s; "
             f"{advice}"
         )
+
+    def check_interval(self, recording: Recording) -> None:
+        """Raise `RecordError` unless a recording is sampled with the controller."""
+        sample_time = self.controller.sample_time
+        if abs(recording.interval - sample_time) > 0.01 * sample_time:
+            raise RecordError(
+                f"{recording.name} is sampled every {recording.interval:.6g} s and the controller "
+                f"of {self.name} every {sample_time:.6g} s; the twin needs one sample for each "
+                "update of the controller. Record at that rate, or correct controller.sample_time."
+            )
 
 
 def loop_radius(actuator: Any, share: float = 1.0) -> float:

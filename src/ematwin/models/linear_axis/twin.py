@@ -11,8 +11,6 @@ import numpy as np
 
 from ematwin.errors import RecordError
 from ematwin.models.linear_axis.parameters import FIXED, LinearAxis
-from ematwin.models.linear_axis.plausibility import check_interval
-from ematwin.models.stepped import Stepped, stepped_of
 from ematwin.numerics.compile import step
 from ematwin.numerics.lanes import Traces
 from ematwin.numerics.scalar import clip
@@ -135,9 +133,7 @@ def closed_loop(
     The first state is taken from the recording, or is rest at the reference where it has no
     position. Pulses are added where it has them.
     """
-    constants = axis_constants(actuator, candidates)
-    start = first_state(recording, actuator, constants, count)
-    return _traces(actuator, recording, constants, start, count)
+    return _follow(actuator, recording, axis_constants(actuator, candidates), count)
 
 
 def open_loop(
@@ -154,10 +150,8 @@ def open_loop(
                 f"{recording.name} has no {name}, which an open-loop simulation needs; it has "
                 f"{', '.join(recording.channels)}."
             )
-    constants = axis_constants(actuator, candidates or {})
-    start = first_state(recording, actuator, constants, count)
-    constants = constants._replace(closed=0.0)
-    return _traces(actuator, recording, constants, start, count)[1]
+    driven = axis_constants(actuator, candidates)._replace(closed=0.0)
+    return _follow(actuator, recording, driven, count)[1]
 
 
 def axis_constants(
@@ -200,56 +194,41 @@ def substeps_of(actuator: LinearAxis) -> int:
     return max(1, math.ceil(actuator.controller.sample_time / actuator.steps.twin - 1e-9))
 
 
-def stepped(actuator: LinearAxis) -> Stepped:
-    """The axis in closed loop, sample by sample, from rest at the first reference."""
-    return stepped_of(
-        axis_traces, axis_at_rest, lambda candidates: axis_constants(actuator, candidates),
-        inputs=("reference", "pulses"), interval=actuator.controller.sample_time,
-        substeps=substeps_of(actuator),
-    )  # fmt: skip
+def _follow(
+    actuator: LinearAxis, recording: Recording, constants: AxisConstants, count: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Voltage and position of candidates, from the state in which the recording finds them.
 
-
-def first_state(
-    recording: Recording, actuator: LinearAxis, constants: AxisConstants, count: int
-) -> np.ndarray:
-    """(3, B) position (m), speed (m/s) and lagging voltage (V) of candidates at the first sample.
-
-    Those from which the recorded voltage leads the candidate closest to the first 20 recorded
-    positions; rest at the reference, or the first position, where a channel is missing.
+    That is the one from which the recorded voltage leads the candidate closest to the first 20
+    recorded positions; rest at the reference, or the first position, where a channel is missing.
     """
+    actuator.check_interval(recording)
     channels = recording.channels
-    state = np.zeros((3, count))
-    if "position" not in channels:
-        state[0] = channels["reference"][0]
-        return state
-    position = channels["position"][: FIRST + 1]
-    state[0] = position[0]
-    if "voltage" not in channels:
-        return state
-    state[2] = channels["voltage"][0]
-    time = np.arange(position.size) * recording.interval
-    straight = np.linalg.pinv(np.column_stack([np.ones_like(time), time]))
-    driven = constants._replace(closed=0.0)
-    # the first state changes the friction under which it is found
-    for _ in range(3 if position.size > 2 else 0):
-        found = _traces(actuator, recording, driven, state, count, 1, position.size)[1]
-        state[:2] += straight @ (position - found).T
-    return state
+    x, v, u = np.zeros((3, count))
+    x += channels["position" if "position" in channels else "reference"][0]
+    if {"position", "voltage"} <= channels.keys():
+        u += channels["voltage"][0]
+        first = {name: trace[: FIRST + 1] for name, trace in channels.items()}
+        time = np.arange(first["position"].size) * recording.interval
+        straight = np.linalg.pinv(np.column_stack([np.ones_like(time), time]))
+        driven = constants._replace(closed=0.0)
+        # the first state changes the friction under which it is found
+        for _ in range(3 if time.size > 2 else 0):
+            found = _traces(actuator, first, driven, (x, v, u), count)[1]
+            away = straight @ (first["position"] - found).T
+            x, v = x + away[0], v + away[1]
+    return _traces(actuator, channels, constants, (x, v, u), count)
 
 
 def _traces(
-    actuator: LinearAxis, recording: Recording, constants: AxisConstants, start: np.ndarray,
-    count: int, threads: int | None = None, samples: int | None = None,
+    actuator: LinearAxis, channels: Mapping[str, np.ndarray], constants: AxisConstants,
+    start: Any, count: int,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    check_interval(actuator, recording)
-    channels, interval = recording.channels, actuator.controller.sample_time
-    command = channels["reference" if constants.closed else "voltage"][:samples]
-    pulses = channels["pulses"][:samples] if "pulses" in channels else None
-    x, v, u = start
+    (x, v, u), interval = start, actuator.controller.sample_time
     # it came at the same speed
     state = AxisState(x, v, u, x - interval * v, x - 2.0 * interval * v, 0.0)
     found = axis_traces(
-        command, pulses, constants, state, interval, substeps_of(actuator), count=count,
-        threads=threads,
+        channels["reference" if constants.closed else "voltage"], channels.get("pulses"),
+        constants, state, interval, substeps_of(actuator), count=count,
     )  # fmt: skip
     return found["voltage"], found["position"]

@@ -60,13 +60,11 @@ class PositionServoModel(Model):
         """Position (rad) of each candidate, (B, S) array."""
         from ematwin.models.position_servo.twin import servo_constants, traces
 
-        given, motor = inputs.channels, actuator.motor
-        servo = actuator.varied(candidates, self.fixed)
-        each = servo_constants(servo, candidates, recorded.stated_arm(inputs))
+        given, rated = inputs.channels, actuator.motor.rated_voltage
+        servo = recorded.with_stated_arm(inputs, actuator.varied(candidates, self.fixed))
+        each = servo_constants(servo, candidates)
         constants = np.ascontiguousarray(by_candidate(each, count).T)
-        supply = np.ones(len(inputs))
-        if "supply_voltage" in given:
-            supply = given["supply_voltage"] / motor.rated_voltage
+        supply = given.get("supply_voltage", np.full(len(inputs), rated)) / rated
         if "torque_enabled" in given:
             supply = np.where(given["torque_enabled"] > 0.5, supply, 0.0)
         position, goal = given.get("position"), given["goal_position"]
@@ -86,14 +84,13 @@ class PositionServoModel(Model):
         """The stretch of a recording with torque, beside the twin."""
         self.check_channels(recording)
         part = recorded.stretch(recording, actuator)
-        cut = recording
         if part.stop - part.first < len(recording):
             time = recording.time
-            cut = recording.between(time[part.first], time[part.stop - 1])
-        voltage = recorded.supply(cut)
-        if voltage is not None and voltage[1]:
-            cut = cut.changed(supply_voltage=voltage[0])
-        return TraceComparison(self, cut, actuator)
+            recording = recording.between(time[part.first], time[part.stop - 1])
+        voltage, false = recorded.supply(recording, actuator)
+        if false:
+            recording = recording.changed(supply_voltage=voltage)
+        return TraceComparison(self, recording, actuator)
 
     def check(self, recording: Recording, actuator: Any) -> list[str]:
         """What of a recording is not compared."""

@@ -50,18 +50,15 @@ def stretch(recording: Recording, actuator: Any) -> Stretch:
     size, interval = len(recording), recording.interval
     position, said, obstacles = channels["position"], [], []
     false = false_reads(position, 3.0 * actuator.motor.no_load_speed * interval)
-    first, stop = 0, size
-    enabled = channels.get("torque_enabled")
-    if enabled is not None:
-        parts = runs(enabled > 0.5)
-        first, stop = max(parts, key=lambda part: part[1] - part[0], default=(0, 0))
-        if stop - first < size:
-            said.append(
-                f"The torque is released outside of {time[first]:.2f} to "
-                f"{time[max(stop - 1, first)]:.2f} s: only that stretch is compared."
-                if stop > first
-                else "The torque is released throughout: nothing can be compared."
-            )
+    parts = runs(channels.get("torque_enabled", np.ones(size)) > 0.5)
+    first, stop = max(parts, key=lambda part: part[1] - part[0], default=(0, 0))
+    if stop == first:
+        said.append("The torque is released throughout: nothing can be compared.")
+    elif stop - first < size:
+        said.append(
+            f"The torque is released outside of {time[first]:.2f} to {time[stop - 1]:.2f} s: only "
+            "that stretch is compared."
+        )
     reads = runs(false[first:stop])
     if reads:
         said.append(
@@ -75,9 +72,8 @@ def stretch(recording: Recording, actuator: Any) -> Stretch:
         obstacles.append(
             "position falls where goal_position rises: one of them has the wrong sign. Reverse it."
         )
-    voltage = supply(recording)
-    if voltage is not None and voltage[1]:
-        said.append(f"The supply voltage is false in {voltage[1]} samples: the usual one counts.")
+    if voltages := supply(recording, actuator)[1]:
+        said.append(f"The supply voltage is false in {voltages} samples: the usual one counts.")
     moved = smooth(recording, false, first, stop)
     # an error that asks a healthy servo for full duty; an arm that overshoots soon turns round
     full = np.abs(moved.error) * actuator.controller.gain > 1.0
@@ -110,10 +106,11 @@ def stretch(recording: Recording, actuator: Any) -> Stretch:
     return Stretch(first, stop, false, said, obstacles)
 
 
-def stated_arm(recording: Recording) -> dict[str, float]:
-    """Parameters of the arm that a recording states, by name."""
-    given = recording.channels
-    return {n: float(given[n].mean()) for n in ("mass", "length", "arm_mass") if n in given}
+def with_stated_arm(recording: Recording, actuator: Any) -> Any:
+    """The servo with the arm that a recording states."""
+    given = recording.channels.items()
+    arm = {f"arm.{n}": float(x.mean()) for n, x in given if n in ("mass", "length", "arm_mass")}
+    return actuator.with_arrays(arm)
 
 
 def check_units(recording: Recording, actuator: Any) -> None:
@@ -129,16 +126,14 @@ def check_units(recording: Recording, actuator: Any) -> None:
         )
     from ematwin.models.position_servo.twin import servo_constants
 
-    load = servo_constants(actuator, {}, stated_arm(recording)).gravity
+    load = servo_constants(with_stated_arm(recording, actuator), {}).gravity
     most = 2.0 * actuator.motor.stall_torque  # no servo of the type has more
     if load > most:
         raise RecordError(
             f"{recording.name}: the arm needs {load:.4g} N m by its mass, length and arm_mass, and "
             f"{actuator.name} has no more than {most:.3g} N m. Give kg and m."
         )
-    found = supply(recording)
-    rated = actuator.motor.rated_voltage
-    usual = rated if found is None else float(np.median(found[0]))
+    rated, usual = actuator.motor.rated_voltage, float(np.median(supply(recording, actuator)[0]))
     if not rated / 2.5 <= usual <= rated * 2.5:
         raise RecordError(
             f"{recording.name}: supply_voltage is {usual:.4g} V, and {actuator.name} is rated for "
@@ -146,14 +141,13 @@ def check_units(recording: Recording, actuator: Any) -> None:
         )
 
 
-def supply(recording: Recording) -> tuple[np.ndarray, int] | None:
+def supply(recording: Recording, actuator: Any) -> tuple[np.ndarray, int]:
     """Supply voltage (S,), V, with the usual one for false reads, and their number.
 
-    None where it was not recorded.
+    The rated one where it was not recorded.
     """
-    voltage = recording.channels.get("supply_voltage")
-    if voltage is None:
-        return None
+    rated = np.full(len(recording), actuator.motor.rated_voltage)
+    voltage = recording.channels.get("supply_voltage", rated)
     usual = float(np.median(voltage))
     false = np.abs(voltage - usual) > 0.5 * usual  # on which no servo runs
     return np.where(false, usual, voltage), int(false.sum())
@@ -228,8 +222,9 @@ def _would_move(actuator: Any, recording: Recording, at: int, error: float) -> b
     table = {one.name: one for one in unknowns(actuator)}
     worst = {name: table[name].lower for name in ("gain", "torque")}
     worst |= {name: table[name].upper for name in ("friction", "payload")}
+    stated = with_stated_arm(recording, actuator)
     for name, value in worst.items():
-        c = servo_constants(actuator, {name: value}, stated_arm(recording))
+        c = servo_constants(stated, {name: value})
         linear = c.stall_torque * min(c.gain * abs(error), 1.0)
         load = abs(c.gravity * np.sin(recording.channels["position"][at]) + c.load_torque)
         holds = load + plain(friction)(0.0, load, c)

@@ -180,18 +180,13 @@ def traces(constants, goal, supply, start, interval, substeps):
     return position
 
 
-def servo_constants(
-    actuator: Any, values: Mapping[str, Any], stated: Mapping[str, float] | None = None
-) -> Constants:
+def servo_constants(actuator: Any, values: Mapping[str, Any]) -> Constants:
     """Constants of the equations in docs/position-servo.md, numbers or (B,) arrays.
 
-    ``values`` are of unknowns by name, healthy if not named; ``stated`` are parameters of the arm
-    that a recording states.
+    ``values`` are of unknowns by name, healthy if not named.
     """
     controller, motor, friction = actuator.controller, actuator.motor, actuator.friction
     arm = actuator.arm
-    given = {"mass": arm.mass, "length": arm.length, "arm_mass": arm.arm_mass, **(stated or {})}
-    mass, length, arm_mass = given["mass"], given["length"], given["arm_mass"]
     payload, rubs, weak = (values.get(name, 1.0) for name in ("payload", "friction", "torque"))
     torque = motor.stall_torque * weak
     return Constants(
@@ -211,8 +206,8 @@ def servo_constants(
         stribeck_speed=friction.stribeck_speed,
         load_share=friction.load_share * rubs,
         static_share=friction.static_share * rubs,
-        gravity=payload * (mass + 0.5 * arm_mass) * GRAVITY * length,
-        load_inertia=payload * ((mass + arm_mass / 3.0) * length**2 + arm.inertia),
+        gravity=payload * (arm.mass + 0.5 * arm.arm_mass) * GRAVITY * arm.length,
+        load_inertia=payload * ((arm.mass + arm.arm_mass / 3.0) * arm.length**2 + arm.inertia),
         load_torque=payload * arm.torque,
     )
 

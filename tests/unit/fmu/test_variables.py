@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from ematwin.errors import InputError
-from ematwin.fmu.tracing import followed
-from ematwin.fmu.variables import table_of
+from ematwin.fmu.variables import followed, table_of
 from ematwin.models.registry import load_actuator, model_of
 
 
