@@ -309,6 +309,13 @@ def positive(value: float, name: str) -> float:
     return float(value)
 
 
+def probability(value: float, name: str) -> float:
+    """Check a probability."""
+    if not 0.0 <= value <= 1.0:
+        raise InputError(f"The {name} must lie in [0, 1], received {value}.")
+    return float(value)
+
+
 def falling(start: float, step: int, iterations: int, power: float) -> float:
     """Give start (1 - (step / iterations)^power): evenly falling to zero where the power is 1."""
     # with a power of 1 in the programs' own order of operations, so that no digit differs

@@ -10,11 +10,10 @@ from functools import partial
 from typing import Any
 
 from ematwin.optimizers import differential_evolution as de
+from ematwin.optimizers import genetic_algorithm as ga
 from ematwin.optimizers import particle_swarm as pso
 from ematwin.optimizers.base import Algorithm, RandomSearch
 from ematwin.optimizers.dragonfly import Dragonfly
-from ematwin.optimizers.genetic_algorithm import HOLLAND, Binary, GeneticAlgorithm, Real
-from ematwin.optimizers.genetic_operators import Polynomial, SimulatedBinary, Tournament
 from ematwin.optimizers.grey_wolf import GreyWolf
 from ematwin.optimizers.whale import Whale
 
@@ -35,15 +34,9 @@ _TUNED = "eight functions, 32 settings (benchmarks/tuning.py)"
 
 
 def _own(
-    name: str,
-    title: str,
-    source: str,
-    departures: str,
-    tuned_on: str,
-    factory: Callable[..., Any],
-    *aliases: str,
-    **settings: Any,
-) -> Algorithm:
+    name: str, title: str, source: str, departures: str, tuned_on: str,
+    factory: Callable[..., Any], *aliases: str, **settings: Any,
+) -> Algorithm:  # fmt: skip
     made: Any = partial(factory, **settings) if settings else factory
     return Algorithm(
         name, title, source, "ematwin", lambda: made, None, aliases, departures, tuned_on
@@ -52,27 +45,27 @@ def _own(
 
 ALGORITHMS = (
     _own(
-        "ga", "Genetic algorithm, real encoding", _DEB, _REAL, _FOUR, GeneticAlgorithm,
+        "ga", "Genetic algorithm, real encoding", _DEB, _REAL, _FOUR, ga.GeneticAlgorithm,
         "genetic", "genetic-algorithm", "ga-real",
     ),
     _own(
         "ga-holland", "Genetic algorithm, bits, roulette, one-point crossover",
         "Holland (1973), SIAM J. Comput. 2(2), 88-105; rates of De Jong (1975)",
         "fitness is the distance from the worst cost (Goldberg 1989); 16 bits a variable",
-        _PUBLISHED, GeneticAlgorithm, **HOLLAND,
+        _PUBLISHED, ga.GeneticAlgorithm, **ga.HOLLAND,
     ),
     _own(
         "ga-binary", "Genetic algorithm, Gray code, tournaments",
         "Holland (1973), SIAM J. Comput. 2(2), 88-105",
         "Gray code, tournaments of 4, best of parents and children survive", _FOUR,
-        GeneticAlgorithm, encoding=Binary(),
+        ga.GeneticAlgorithm, encoding=ga.Binary(),
     ),
     _own(
-        "ga-tuned", "Genetic algorithm, tuned", _DEB, _REAL, _TUNED, GeneticAlgorithm,
-        encoding=Real(
-            SimulatedBinary(eta=12.4, probability=0.93, whole=0.13), Polynomial(eta=38.9)
+        "ga-tuned", "Genetic algorithm, tuned", _DEB, _REAL, _TUNED, ga.GeneticAlgorithm,
+        encoding=ga.Real(
+            ga.SimulatedBinary(eta=12.4, probability=0.93, whole=0.13), ga.Polynomial(eta=38.9)
         ),
-        selection=Tournament(2),
+        selection=ga.Tournament(2),
     ),
     _own(
         "pso", "Particle swarm, growing ring", _CLERC,
