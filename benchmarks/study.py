@@ -20,9 +20,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ematwin.benchmarking.engines.local import LocalEngine
-from ematwin.benchmarking.plan import Plan
-from ematwin.benchmarking.run import RunResult, RunSpec, StoredRun, pack
+from ematwin.benchmarking.engine import LocalEngine
+from ematwin.benchmarking.plan import Plan, RunResult, RunSpec, StoredRun, pack
 from ematwin.benchmarking.store import Store, open_store
 from ematwin.benchmarking.study import Tally, run_study
 from ematwin.benchmarking.subject import cases_of
@@ -84,7 +83,7 @@ RESUME = """
 import sys
 sys.path.insert(0, sys.argv[3])
 from study import large_plan
-from ematwin.benchmarking.engines.local import LocalEngine
+from ematwin.benchmarking.engine import LocalEngine
 from ematwin.benchmarking.store import Store
 from ematwin.benchmarking.study import run_study
 with Store(sys.argv[1]) as store:

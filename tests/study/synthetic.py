@@ -5,8 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.benchmarking.plan import Plan
-from ematwin.benchmarking.run import SHARED, RunResult, RunSpec, StoredRun, pack
+from ematwin.benchmarking.plan import SHARED, Plan, RunResult, RunSpec, StoredRun, pack
 from ematwin.benchmarking.subject import Subject
 from ematwin.models.bldc.faults import (
     FAULTS,

@@ -15,7 +15,7 @@ from ematwin.benchmarking.convergence import (
     TARGETS,
     evaluations_to_target,
 )
-from ematwin.benchmarking.run import pack, unpack
+from ematwin.benchmarking.plan import pack, unpack
 from ematwin.benchmarking.statistics import (
     average_ranks,
     compare_ranks,

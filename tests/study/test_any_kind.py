@@ -11,8 +11,7 @@ from synthetic import done, spec, vector
 from ematwin.benchmarking.analysis import analyse
 from ematwin.benchmarking.execute import execute
 from ematwin.benchmarking.page import write_report
-from ematwin.benchmarking.plan import Plan
-from ematwin.benchmarking.run import RunResult, RunSpec, StoredRun, pack
+from ematwin.benchmarking.plan import Plan, RunResult, RunSpec, StoredRun, pack
 from ematwin.benchmarking.statistics import diagnose
 from ematwin.benchmarking.subject import Subject
 from ematwin.benchmarking.table import collect

@@ -7,10 +7,8 @@ import pytest
 from synthetic import small_plan
 
 from ematwin import load_actuator
-from ematwin.benchmarking.box import RemappedProblem, shifts
-from ematwin.benchmarking.execute import execute
-from ematwin.benchmarking.plan import Plan
-from ematwin.benchmarking.run import unpack
+from ematwin.benchmarking.execute import RemappedProblem, execute, shifts
+from ematwin.benchmarking.plan import Plan, unpack
 from ematwin.benchmarking.subject import Subject, cases_of
 from ematwin.errors import InputError, ParameterError
 from ematwin.estimation.problem import Problem

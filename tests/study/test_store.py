@@ -16,8 +16,7 @@ from synthetic import small_plan, some_run
 
 from ematwin.benchmarking.database import Database
 from ematwin.benchmarking.execute import execute
-from ematwin.benchmarking.plan import Plan
-from ematwin.benchmarking.run import RunResult, StoredRun
+from ematwin.benchmarking.plan import Plan, RunResult, StoredRun
 from ematwin.benchmarking.store import LEASE, Store, metadata, open_store
 from ematwin.benchmarking.subject import cases_of
 from ematwin.errors import EmatwinError, FileError

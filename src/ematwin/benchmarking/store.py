@@ -26,7 +26,7 @@ from sqlalchemy import Column, Connection, String, Table, Text, delete, select
 from sqlalchemy.dialects import postgresql, sqlite
 
 from ematwin.benchmarking.database import DamagedError, Database
-from ematwin.benchmarking.run import SHARED, RunResult, RunSpec, StoredRun
+from ematwin.benchmarking.plan import SHARED, RunResult, RunSpec, StoredRun
 from ematwin.errors import FileError
 
 LEASE = 30.0  # s for which a claim holds without being renewed
@@ -46,7 +46,7 @@ _runs = Table(
     Column("id", String(24), primary_key=True),
     Column("status", String(16), nullable=False),
     Column("body", Text, nullable=False),  # JSON, in ASCII
-    Column("history", sql.LargeBinary, nullable=False),  # ematwin.benchmarking.run.pack
+    Column("history", sql.LargeBinary, nullable=False),  # ematwin.benchmarking.plan.pack
     Column("checksum", String(24), nullable=False),
     sql.Index("ematwin_runs_status", "id", "status"),  # resuming reads this, not the histories
 )

@@ -10,9 +10,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 
-from ematwin.benchmarking.engines.base import Engine
-from ematwin.benchmarking.plan import Plan
-from ematwin.benchmarking.run import StoredRun
+from ematwin.benchmarking.engine import Engine
+from ematwin.benchmarking.plan import Plan, StoredRun
 from ematwin.benchmarking.store import LEASE, Store
 from ematwin.errors import EmatwinError
 

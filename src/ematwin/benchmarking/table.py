@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.benchmarking.run import SHARED, RunSpec, StoredRun, unpack
+from ematwin.benchmarking.plan import SHARED, RunSpec, StoredRun, unpack
 from ematwin.benchmarking.subject import Subject
 from ematwin.errors import InputError, MissingExtraError
 from ematwin.estimation.search import methods

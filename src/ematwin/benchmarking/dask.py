@@ -12,9 +12,9 @@ from contextlib import suppress
 from queue import Empty, SimpleQueue
 from typing import Any
 
-from ematwin.benchmarking.engines.base import PATIENCE, Engine, EngineError
+from ematwin.benchmarking.engine import PATIENCE, Engine, EngineError
 from ematwin.benchmarking.execute import execute, hard_limit
-from ematwin.benchmarking.run import RunResult, RunSpec
+from ematwin.benchmarking.plan import RunResult, RunSpec
 from ematwin.errors import MissingExtraError
 
 _CONNECT, _LOOK = 10.0, 2.0  # s to connect, and between two looks at the workers
