@@ -25,29 +25,17 @@ _TO_ZERO = {"gwo", "woa", "da"}  # families whose moves scale the coordinates th
 
 @dataclass(frozen=True, repr=False)
 class StudyAnalysis:
-    """Everything that a report says.
+    """Everything that a report says; tables are DataFrames."""
 
-    Attributes
-    ----------
-    table : the runs
-    cells : DataFrame, a row for each case and algorithm: middles, quartiles, intervals, success,
-        performance coefficients
-    effects : DataFrame, a row for each case and pair of algorithms: A12
-    ranks : tests over the case means of Err%
-    curves : DataFrame, shares of targets met over the evaluations, by algorithm
-    times : DataFrame, expected running times to stated misfits, by algorithm
-    diagnosis : DataFrame, a row for each algorithm (`diagnose`)
-    threshold : of the diagnosis
-    """
-
-    table: RunTable
+    table: RunTable  #: the runs
+    #: a row for each case and algorithm: middles, quartiles, intervals, success, coefficients
     cells: Any
-    effects: Any
-    ranks: RankComparison
-    curves: Any
-    times: Any
-    diagnosis: Any
-    threshold: float
+    effects: Any  #: a row for each case and pair of algorithms: A12
+    ranks: RankComparison  #: tests over the case means of Err%
+    curves: Any  #: shares of targets met over the evaluations, by algorithm
+    times: Any  #: expected running times to stated misfits, by algorithm
+    diagnosis: Any  #: a row for each algorithm (`ematwin.benchmarking.statistics.diagnose`)
+    threshold: float  #: of the diagnosis
 
     @cached_property
     def bands(self) -> Any:

@@ -47,35 +47,22 @@ CLEARLY = 1.1  # ratio of errors, expected and of `identify`, from which another
 
 @dataclass(frozen=True)
 class Design:
-    """Command that was found, beside the given one.
+    """Command that was found, beside the given one."""
 
-    Attributes
-    ----------
-    promised, default : errors of the command that was found, and of the given one in the same
-        duration
-    fault : the fault it was made for; None for the weakest
-    limits : that it keeps, by name, SI
-    held : what counts as known while commands are compared, because none of them determines it
-    draws, left_out : fault vectors over which the errors are averaged, and how many more were
-        drawn at which the given command does not determine the same faults
-    evaluations, seconds, stopped, seed : commands that were compared, and how
-    experiment : the actuator, its uncertainty, and the noise
-    checked : whether the errors observed come from `check`; else from the recordings by which the
-        command was chosen
-    """
-
-    promised: CommandErrors
-    default: CommandErrors
-    fault: str | None
-    limits: dict[str, float]
+    promised: CommandErrors  #: errors of the command that was found
+    default: CommandErrors  #: errors of the given one in the same duration
+    fault: str | None  #: the fault it was made for; None for the weakest
+    limits: dict[str, float]  #: that it keeps, by name, SI
+    #: counts as known while commands are compared, because none of them determines it
     held: tuple[str, ...]
-    draws: int
-    left_out: int
-    evaluations: int
+    draws: int  #: fault vectors over which the errors are averaged
+    left_out: int  #: further ones, at which the given command does not determine the same faults
+    evaluations: int  #: commands that were compared
     seconds: float
-    stopped: str
+    stopped: str  #: complete, budget, time or interrupted
     seed: int
-    experiment: Experiment = field(repr=False)
+    experiment: Experiment = field(repr=False)  #: the actuator, its uncertainty, and the noise
+    #: whether the errors observed come from `check`; else from those by which it was chosen
     checked: bool = False
 
     @property

@@ -44,27 +44,15 @@ class History:
 
 @dataclass(frozen=True)
 class MinimizeResult:
-    """Result of a search.
+    """Result of a search."""
 
-    Attributes
-    ----------
-    x : (d,) array, best point
-    cost : float, its cost
-    evaluations : int
-    history : History
-    stopped : str, budget, target, stagnation, callback, interrupted, or a method's own reason
-    seconds : float, s, wall time, objective included; over all sittings if resumed
-    algorithm : str
-    seed : int
-    """
-
-    x: FloatArray
-    cost: float
+    x: FloatArray  #: (d,), best point
+    cost: float  #: its cost
     evaluations: int
     history: History
-    stopped: str
-    seconds: float
-    algorithm: str
+    stopped: str  #: budget, target, stagnation, callback, interrupted, or a method's own reason
+    seconds: float  #: wall time, objective included; over all sittings if resumed
+    algorithm: str  #: its name
     seed: int
 
     def to_frame(self) -> Any:
