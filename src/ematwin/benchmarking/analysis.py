@@ -11,7 +11,7 @@ import numpy as np
 
 from ematwin.benchmarking import statistics
 from ematwin.benchmarking.convergence import STATED_MISFITS, bands, evaluations_to_target
-from ematwin.benchmarking.plan import StoredRun
+from ematwin.benchmarking.plan import Run
 from ematwin.benchmarking.statistics import ALPHA, TARGETS, THRESHOLD, RankComparison, matrix
 from ematwin.benchmarking.table import RunTable, collect
 from ematwin.errors import InputError
@@ -131,7 +131,7 @@ class StudyAnalysis:
 
 
 def analyse(
-    runs: Iterable[StoredRun],
+    runs: Iterable[Run],
     *,
     targets: tuple[float, ...] = TARGETS,
     misfits: tuple[float, ...] = STATED_MISFITS,

@@ -14,7 +14,7 @@ from typing import Any
 
 from ematwin.benchmarking.engine import PATIENCE, Engine, EngineError
 from ematwin.benchmarking.execute import execute, hard_limit
-from ematwin.benchmarking.plan import RunResult, RunSpec
+from ematwin.benchmarking.plan import Run, RunSpec
 from ematwin.errors import MissingExtraError
 
 _CONNECT, _LOOK = 10.0, 2.0  # s to connect, and between two looks at the workers
@@ -92,10 +92,10 @@ class DaskEngine(Engine):
         self._again[spec.id] = spec
         self._send()
 
-    def finished(self, timeout: float) -> list[RunResult]:  # noqa: D102
+    def finished(self, timeout: float) -> list[Run]:  # noqa: D102
         self._watch()
         self._send()
-        results: list[RunResult] = []
+        results: list[Run] = []
         with suppress(Empty):
             while True:
                 results += self._land(*self._ended.get(timeout=0.0 if results else timeout))
@@ -143,7 +143,7 @@ class DaskEngine(Engine):
             self._flights[id] = (spec, future, time.monotonic())
             future.add_done_callback(lambda done, id=id: self._ended.put((id, done)))
 
-    def _land(self, id: str, future: Any) -> list[RunResult]:
+    def _land(self, id: str, future: Any) -> list[Run]:
         """Give the result of a future that has ended; none if it is void or tried again."""
         if id not in self._flights or self._flights[id][1] is not future:
             return []
@@ -152,7 +152,7 @@ class DaskEngine(Engine):
             self._disconnect()
             return []
         try:
-            result: RunResult = future.result(timeout=_CONNECT)
+            result: Run = future.result(timeout=_CONNECT)
         except self._distributed.KilledWorker:
             seconds = time.monotonic() - since
             overdue = self._limit is not None and seconds >= hard_limit(self._limit)
@@ -161,7 +161,7 @@ class DaskEngine(Engine):
             self._disconnect()
             return []
         except Exception as error:
-            result = RunResult(id, "failed", stopped=f"{type(error).__name__}: {error}")
+            result = Run(spec, "failed", stopped=f"{type(error).__name__}: {error}")
         del self._flights[id]
         return [result]
 

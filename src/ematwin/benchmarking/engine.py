@@ -14,7 +14,7 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
 from typing import Any
 
 from ematwin.benchmarking.execute import execute, hard_limit, warm_up
-from ematwin.benchmarking.plan import RunResult, RunSpec
+from ematwin.benchmarking.plan import Run, RunSpec
 from ematwin.errors import EmatwinError
 from ematwin.models.base import Model
 from ematwin.models.registry import register_model, registered_models
@@ -65,20 +65,20 @@ class Engine(ABC):
         """Begin a run."""
 
     @abstractmethod
-    def finished(self, timeout: float) -> list[RunResult]:
+    def finished(self, timeout: float) -> list[Run]:
         """Give results that have come back; wait up to ``timeout`` s for the first."""
 
     @abstractmethod
     def close(self) -> None:
         """End all processes that the engine started, at once."""
 
-    def _given_up(self, spec: RunSpec, overdue: bool) -> RunResult:
+    def _given_up(self, spec: RunSpec, overdue: bool) -> Run:
         """The result of a run whose process died each time, or was ended by the watchdog."""
         status, said = "failed", "its process died each time that it was tried"
         if overdue:
             status = "timeout"
             said = f"ran past its time limit of {self._limit:g} s and did not answer; process ended"
-        return RunResult(spec.id, status, stopped=said, provenance={"engine": self.name})
+        return Run(spec, status, stopped=said, provenance={"engine": self.name})
 
 
 class LocalEngine(Engine):
@@ -113,7 +113,7 @@ class LocalEngine(Engine):
         for worker in self._workers:
             worker.end()
 
-    def finished(self, timeout: float) -> list[RunResult]:  # noqa: D102
+    def finished(self, timeout: float) -> list[Run]:  # noqa: D102
         for worker in self._workers:
             worker.start_if_due()
         tasks = {one.future: one for one in self._workers if one.future is not None}
@@ -122,7 +122,7 @@ class LocalEngine(Engine):
         ended = wait(tasks, timeout, FIRST_COMPLETED).done
         return [result for task in ended for result in self._land(tasks[task], task)]
 
-    def _land(self, worker: "_Worker", future: "Future[Any]") -> list[RunResult]:
+    def _land(self, worker: "_Worker", future: "Future[Any]") -> list[Run]:
         """Take in that a process has started, has done a run, or has died."""
         worker.future = None
         error = future.exception()
@@ -137,10 +137,10 @@ class LocalEngine(Engine):
         assert spec is not None
         worker.spec, worker.deaths = None, 0
         if error is not None:  # the result could not be carried back
-            return [RunResult(spec.id, "failed", stopped=f"{type(error).__name__}: {error}")]
+            return [Run(spec, "failed", stopped=f"{type(error).__name__}: {error}")]
         return [future.result()]
 
-    def _recover(self, worker: "_Worker", error: BaseException) -> list[RunResult]:
+    def _recover(self, worker: "_Worker", error: BaseException) -> list[Run]:
         """Try again with a new process, or give up the run, or the engine."""
         spec, seconds, started = worker.spec, time.monotonic() - worker.submitted, worker.ready
         # loky names the signal that ended a process; the watchdog exits without one

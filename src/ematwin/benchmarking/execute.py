@@ -1,4 +1,4 @@
-"""Do one run: `RunSpec` in, `RunResult` out, whatever happens in between.
+"""Do one run: `RunSpec` in, `Run` out, whatever happens in between.
 
 A plain function of plain values, so that any engine can carry it. It never raises: a search that
 raises, takes too long or finds nothing finite is a result too.
@@ -37,7 +37,7 @@ from typing import Any
 import numpy as np
 
 from ematwin import __version__
-from ematwin.benchmarking.plan import RunResult, RunSpec, pack
+from ematwin.benchmarking.plan import Run, RunSpec, pack
 from ematwin.benchmarking.subject import Subject
 from ematwin.errors import EmatwinError
 from ematwin.estimation.problem import Problem
@@ -56,16 +56,16 @@ def hard_limit(time_limit: float) -> float:
     return 1.2 * time_limit + 2.0
 
 
-def execute(spec: RunSpec, time_limit: float | None = None, engine: str = "none") -> RunResult:
+def execute(spec: RunSpec, time_limit: float | None = None, engine: str = "none") -> Run:
     """Do a run; ``status`` and ``stopped`` say how one ended that failed.
 
     ``time_limit``, s, is for the search alone; ``engine`` carries it, for the provenance.
     """
     clock = _Clock(time_limit)
 
-    def result(status: str, stopped: str, **found: Any) -> RunResult:
-        return RunResult(
-            spec.id, status, evaluations=clock.evaluations, seconds=clock.seconds,
+    def result(status: str, stopped: str, **found: Any) -> Run:
+        return Run(
+            spec, status, evaluations=clock.evaluations, seconds=clock.seconds,
             cpu_seconds=clock.cpu_seconds, stopped=stopped, provenance=provenance(engine), **found,
         )  # fmt: skip
 
@@ -203,15 +203,8 @@ class RemappedProblem(Problem):
 
     def from_box(self, points: np.ndarray) -> np.ndarray:
         """Vectors (N, d) from points (N, d) of the remapped box."""
-        return self._turned(points, -self._shift)
-
-    def to_box(self, vectors: np.ndarray) -> np.ndarray:
-        """Points (N, d) of the remapped box from vectors (N, d)."""
-        return self._turned(vectors, self._shift)
-
-    def _turned(self, points: np.ndarray, by: np.ndarray) -> np.ndarray:
         lower, upper = self.lower, self.upper
-        share = np.mod((points - lower) / (upper - lower) + by, 1.0)
+        share = np.mod((points - lower) / (upper - lower) - self._shift, 1.0)
         return np.clip(lower + share * (upper - lower), lower, upper)
 
 

@@ -59,10 +59,10 @@ class RunSpec:
 
 
 @dataclass(frozen=True)
-class RunResult:
-    """The outcome of a run."""
+class Run:
+    """A run that has ended: its inputs and its outcome."""
 
-    id: str  # of its `RunSpec`
+    spec: RunSpec
     status: str  # "done", "failed" (raised), "timeout" or "not finite"
     faults: tuple[float, ...] = ()  # (d,), found, empty unless done
     cost: float = math.nan  # cost, relative_misfit: NaN unless done
@@ -76,14 +76,6 @@ class RunResult:
     history: bytes = b""  # evaluations and best cost after each batch, as `pack` gives them
     stopped: str = ""  # reason of the search, or the message of the failure
     provenance: dict[str, Any] = field(default_factory=dict)  # versions, machine, engine
-
-
-@dataclass(frozen=True)
-class StoredRun:
-    """A run in a store: its inputs and its outcome."""
-
-    spec: RunSpec
-    result: RunResult
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from sqlalchemy import Column, Connection, String, Table, Text, delete, select
 from sqlalchemy.dialects import postgresql, sqlite
 
 from ematwin.benchmarking.database import DamagedError, Database
-from ematwin.benchmarking.plan import SHARED, RunResult, RunSpec, StoredRun
+from ematwin.benchmarking.plan import SHARED, Run, RunSpec
 from ematwin.errors import FileError
 
 LEASE = 30.0  # s for which a claim holds without being renewed
@@ -148,13 +148,13 @@ class Store:
             lambda connection: {id: status for id, status in connection.execute(query)}
         )
 
-    def runs(self) -> Iterator[StoredRun]:
+    def runs(self) -> Iterator[Run]:
         """Yield all finished runs, by id; one that is not as it was written is refused by name."""
         settings = self.settings()
         shared = {name: settings[name] for name in SHARED}
         query = select(_runs).order_by(_runs.c.id).limit(1000)
 
-        def after(last: str) -> list[StoredRun]:
+        def after(last: str) -> list[Run]:
             rows = query.where(_runs.c.id > last)
             return self._database.read(lambda c: [_run_of(row, shared) for row in c.execute(rows)])
 
@@ -164,7 +164,7 @@ class Store:
             page = after(page[-1].spec.id)
 
     @_writes
-    def save(self, connection: Connection, finished: Sequence[StoredRun]) -> int:
+    def save(self, connection: Connection, finished: Sequence[Run]) -> int:
         """Keep runs and give up their claims; a run that is done already stays as it was.
 
         Gives how many were new, or took the place of one that had not been done.
@@ -250,16 +250,16 @@ class Store:
         return (postgresql if self._database.is_server else sqlite).insert(table)
 
 
-def _row_of(one: StoredRun) -> dict[str, Any]:
+def _row_of(one: Run) -> dict[str, Any]:
     """Make the row of a run, with its checksum."""
-    spec = {name: getattr(one.spec, name) for name in RunSpec.__match_args__ if name not in SHARED}
-    outcome = vars(one.result).copy()
-    id, status, history = (outcome.pop(name) for name in ("id", "status", "history"))
-    values = id, status, json.dumps({"inputs": spec, "outcome": outcome}), history
+    inputs = {name: x for name, x in vars(one.spec).items() if name not in (*SHARED, "id")}
+    outcome = vars(one).copy()
+    spec, status, history = (outcome.pop(name) for name in ("spec", "status", "history"))
+    values = spec.id, status, json.dumps({"inputs": inputs, "outcome": outcome}), history
     return dict(zip(_runs.c.keys(), (*values, _checksum(*values)), strict=True))
 
 
-def _run_of(row: Any, shared: Mapping[str, Any]) -> StoredRun:
+def _run_of(row: Any, shared: Mapping[str, Any]) -> Run:
     """Make the run of a row and the settings that all runs share."""
     if row.checksum != _checksum(row.id, row.status, row.body, row.history):
         raise DamagedError(f"run {row.id} differs from its checksum")
@@ -268,8 +268,8 @@ def _run_of(row: Any, shared: Mapping[str, Any]) -> StoredRun:
     spec = RunSpec(**{**shared, **inputs, "faults": tuple(inputs["faults"])})
     # the id is the key of the row: hashing 100,000 of them again would take half a minute
     spec.__dict__["id"] = row.id
-    outcome |= {"id": row.id, "status": row.status, "faults": tuple(outcome["faults"])}
-    return StoredRun(spec, RunResult(**outcome, history=bytes(row.history)))
+    outcome["faults"] = tuple(outcome["faults"])
+    return Run(spec, row.status, **outcome, history=bytes(row.history))
 
 
 def _checksum(id: str, status: str, body: str, history: Any) -> str:
