@@ -151,20 +151,10 @@ def discriminate(
         raise ranking.refusal(experiment.actuator.name, limits)
     distance, best, demands = max(found, key=lambda one: one[0])
     return Discrimination(
-        scenario=best,
-        distance=distance,
-        default=given,
-        default_distance=pair.distance(before, _WHOLE),
-        first=pair.values[0],
-        second=pair.values[1],
-        actuator=experiment.actuator,
-        limits=within,
-        demands=demands,
-        evaluations=ranking.evaluations,
-        seconds=time.perf_counter() - started,
-        stopped=ranking.stopped,
-        seed=seed,
-    )
+        best, distance, given, pair.distance(before, _WHOLE), pair.values[0], pair.values[1],
+        experiment.actuator, limits=within, demands=demands, evaluations=ranking.evaluations,
+        seconds=time.perf_counter() - started, stopped=ranking.stopped, seed=seed,
+    )  # fmt: skip
 
 
 class Pair:

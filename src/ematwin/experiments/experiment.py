@@ -136,6 +136,11 @@ class Experiment:
         """Faults but directions."""
         return tuple(o for o in self.model.faults(self.actuator) if o.direction_of is None)
 
+    @property
+    def ranges(self) -> dict[str, float]:
+        """Ranges of the magnitudes, by name."""
+        return {one.name: one.width for one in self.magnitudes}
+
     def check_magnitude(self, fault: str) -> None:
         """Raise InputError if there is no such fault, or it is a direction."""
         faults = {one.name: one for one in self.model.faults(self.actuator)}
