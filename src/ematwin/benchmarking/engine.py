@@ -5,12 +5,13 @@ blamed on the run that it did, and its neighbours go on. A busy machine kills pr
 done nothing wrong, so what dies is tried again, with pauses.
 """
 
+import math
 import os
 import signal
 import threading
 import time
 from abc import ABC, abstractmethod
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ThreadPoolExecutor, wait
 from typing import Any
 
 from ematwin.benchmarking.execute import execute, hard_limit, warm_up
@@ -26,6 +27,7 @@ PATIENCE = 60.0  # s for which workers that are gone are waited for: a busy mach
 _ENVIRONMENT = {
     f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA", "BLIS")
 } | {"VECLIB_MAXIMUM_THREADS": "1"}
+_ENDING = threading.Lock()
 
 
 class EngineError(EmatwinError):
@@ -35,9 +37,10 @@ class EngineError(EmatwinError):
 class Engine(ABC):
     """Carries runs to processes that do them, each run on one thread, for ``time_limit`` s or None.
 
-    An engine is given as many runs as it has `free` places, so that a run begins when it is
-    submitted. A process that dies takes no run with it: the run is done again, unless it is the
-    run that kills. Workers that are gone are waited for, ``patience`` s.
+    A thread here waits for each process. An engine is given as many runs as it has `free` places,
+    so that a run begins when it is submitted. A process that dies takes no run with it: the run is
+    done again, unless it is the run that kills. Workers that are gone are waited for, ``patience``
+    s. `EngineError` where they do not come back.
     """
 
     name: str
@@ -45,32 +48,51 @@ class Engine(ABC):
     def __init__(self, time_limit: float | None = None, patience: float = PATIENCE) -> None:
         self._limit = time_limit
         self._patience = patience
+        self._slots = 0  # processes
+        self._threads = ThreadPoolExecutor(10_000)  # made when they are needed
+        self._flights: set[Future[Run]] = set()
+        self._closed = threading.Event()
 
     @abstractmethod
     def start(self) -> None:
-        """Make ready, or raise `EngineError`."""
+        """Make ready."""
 
     @property
-    @abstractmethod
     def free(self) -> int:
         """Runs that could begin now."""
+        return max(0, self._slots - self.busy)
 
     @property
-    @abstractmethod
     def busy(self) -> int:
         """Runs that were submitted and have not come back."""
+        return len(self._flights)
 
-    @abstractmethod
     def submit(self, spec: RunSpec) -> None:
         """Begin a run."""
+        self._flights.add(self._threads.submit(self._carry, spec))
 
-    @abstractmethod
     def finished(self, timeout: float) -> list[Run]:
         """Give results that have come back; wait up to ``timeout`` s for the first."""
+        if not self._flights:
+            time.sleep(timeout)
+        ended = wait(self._flights, timeout, FIRST_COMPLETED).done
+        self._flights -= ended
+        return [one.result() for one in ended]
 
-    @abstractmethod
     def close(self) -> None:
         """End all processes that the engine started, at once."""
+        self._closed.set()
+        for _ in range(2):  # one may have been started meanwhile
+            self._end()
+            self._threads.shutdown()
+
+    @abstractmethod
+    def _carry(self, spec: RunSpec) -> Run:
+        """Do a run."""
+
+    @abstractmethod
+    def _end(self) -> None:
+        """End all processes."""
 
     def _given_up(self, spec: RunSpec, overdue: bool) -> Run:
         """The result of a run whose process died each time, or was ended by the watchdog."""
@@ -79,6 +101,10 @@ class Engine(ABC):
             status = "timeout"
             said = f"ran past its time limit of {self._limit:g} s and did not answer; process ended"
         return Run(spec, status, stopped=said, provenance={"engine": self.name})
+
+    def _overdue(self, began: float) -> bool:
+        """Whether the watchdog may have ended a run that began then, monotonic s."""
+        return self._limit is not None and time.monotonic() - began >= hard_limit(self._limit)
 
 
 class LocalEngine(Engine):
@@ -90,131 +116,95 @@ class LocalEngine(Engine):
         self, workers: int, time_limit: float | None = None, patience: float = PATIENCE
     ) -> None:
         super().__init__(time_limit, patience)
-        self._workers = [_Worker() for _ in range(workers)]
+        self._slots = workers
+        self._processes = [_Process() for _ in range(workers)]
+        self._idle = [*self._processes]
 
     def start(self) -> None:  # noqa: D102
-        while not all(worker.ready for worker in self._workers):
-            self.finished(0.1)
+        list(self._threads.map(self._try, self._processes))
 
-    @property
-    def free(self) -> int:  # noqa: D102
-        return sum(worker.ready and worker.spec is None for worker in self._workers)
+    def _end(self) -> None:
+        for process in self._processes:
+            process.end()
 
-    @property
-    def busy(self) -> int:  # noqa: D102
-        return sum(worker.spec is not None for worker in self._workers)
+    def _carry(self, spec: RunSpec) -> Run:
+        process = self._idle.pop()
+        try:
+            return self._try(process, spec)
+        finally:
+            self._idle.append(process)
 
-    def submit(self, spec: RunSpec) -> None:  # noqa: D102
-        worker = next(one for one in self._workers if one.ready and one.spec is None)
-        worker.spec = spec
-        worker.submit(execute, worker.spec, self._limit, self.name)
-
-    def close(self) -> None:  # noqa: D102
-        for worker in self._workers:
-            worker.end()
-
-    def finished(self, timeout: float) -> list[Run]:  # noqa: D102
-        for worker in self._workers:
-            worker.start_if_due()
-        tasks = {one.future: one for one in self._workers if one.future is not None}
-        if not tasks:
-            time.sleep(timeout)
-        ended = wait(tasks, timeout, FIRST_COMPLETED).done
-        return [result for task in ended for result in self._land(tasks[task], task)]
-
-    def _land(self, worker: "_Worker", future: "Future[Any]") -> list[Run]:
-        """Take in that a process has started, has done a run, or has died."""
-        worker.future = None
-        error = future.exception()
-        if isinstance(error, BrokenExecutor):
-            return self._recover(worker, error)
-        if not worker.ready:
-            worker.ready = True
-            if worker.spec is not None:  # its process had died
-                worker.submit(execute, worker.spec, self._limit, self.name)
-            return []
-        spec = worker.spec
-        assert spec is not None
-        worker.spec, worker.deaths = None, 0
-        if error is not None:  # the result could not be carried back
-            return [Run(spec, "failed", stopped=f"{type(error).__name__}: {error}")]
-        return [future.result()]
-
-    def _recover(self, worker: "_Worker", error: BaseException) -> list[Run]:
-        """Try again with a new process, or give up the run, or the engine."""
-        spec, seconds, started = worker.spec, time.monotonic() - worker.submitted, worker.ready
-        # loky names the signal that ended a process; the watchdog exits without one
-        by_watchdog = started and self._limit is not None and "SIG" not in str(error)
-        overdue = by_watchdog and seconds >= hard_limit(self._limit or 0.0)
-        worker.died()
-        # three deaths in a row
-        in_vain = worker.deaths >= 3 and time.monotonic() - worker.since >= self._patience
-        if spec is not None and (overdue or (started and in_vain)):
-            worker.spec, worker.deaths, worker.due = None, 0, 0.0
-            return [self._given_up(spec, overdue)]
-        if in_vain:
-            raise EngineError(
-                f"The worker processes die as soon as they start ({type(error).__name__}), "
-                f"{worker.deaths} times in {self._patience:g} s. Finished runs are kept; see "
-                "whether there is enough memory, and give the same command again."
-            )
-        return []
+    def _try(self, process: "_Process", spec: RunSpec | None = None) -> Any:
+        """Start a process if need be and do a run in it; again, after a pause, where it dies."""
+        deaths, first = 0, 0.0
+        while not self._closed.is_set():
+            began = math.inf  # of the run
+            try:
+                process.start()
+                if spec is None:
+                    return None
+                began = time.monotonic()
+                return process.do(execute, spec, self._limit, self.name)
+            except BrokenExecutor as error:
+                now = time.monotonic()
+                # loky names the signal that ended a process; the watchdog exits without one
+                overdue = self._overdue(began) and "SIG" not in str(error)
+                process.end()
+                first = first if deaths else now
+                deaths += 1
+                in_vain = deaths >= 3 and now - first >= self._patience
+                if spec is not None and (overdue or (in_vain and began < now)):
+                    return self._given_up(spec, overdue)
+                if in_vain:
+                    raise EngineError(
+                        f"The worker processes die as soon as they start ({type(error).__name__}), "
+                        f"{deaths} times in {self._patience:g} s. Finished runs are kept; see "
+                        "whether there is enough memory, and give the same command again."
+                    ) from None
+                self._closed.wait(min(0.25 * 2.0**deaths, 10.0))  # s
+            except Exception as error:  # the result could not be carried back
+                if spec is None:
+                    raise
+                return Run(spec, "failed", stopped=f"{type(error).__name__}: {error}")
+        raise EngineError("The engine was closed.")
 
 
-class _Worker:
-    """A process that is started again when it dies; times are of the monotonic clock, s."""
+class _Process:
+    """A process that does one thing at a time."""
 
     def __init__(self) -> None:
         self._pool: Any = None
-        self.spec: RunSpec | None = None  # the run that it does
-        self.ready = False  # its process has started
-        self.future: Future[Any] | None = None  # of its current task
-        self.submitted = 0.0  # when that began
-        self.deaths = 0  # in a row
-        self.since = self.due = 0.0  # when it died first, and when it may be started again
 
-    def start_if_due(self) -> None:
-        """Start the process if there is none and the pause is over."""
-        if self._pool is not None or time.monotonic() < self.due:
-            return
-        from joblib.externals.loky import ProcessPoolExecutor
+    def start(self) -> None:
+        """Start the process if there is none; what dies raises `BrokenExecutor`."""
+        if self._pool is None:
+            from joblib.externals.loky import ProcessPoolExecutor
 
-        self._pool = ProcessPoolExecutor(
-            max_workers=1,
-            timeout=None,
-            initializer=_prepare_worker,
-            initargs=(os.getpid(), registered(), registered_models()),
-            env=_ENVIRONMENT,
-        )
-        self.submit(warm_up)  # a run's clock starts when it is submitted: somebody must be there
+            self._pool = ProcessPoolExecutor(
+                max_workers=1, timeout=None, env=_ENVIRONMENT, initializer=_prepare_worker,
+                initargs=(os.getpid(), registered(), registered_models()),
+            )  # fmt: skip
+            self.do(warm_up)  # a run's clock starts when it is asked for: somebody must be there
 
-    def submit(self, function: Any, *arguments: Any) -> None:
-        """Let the process do something."""
-        self.submitted = time.monotonic()
+    def do(self, function: Any, *arguments: Any) -> Any:
+        """Let the process do something, and give its answer."""
         try:
-            self.future = self._pool.submit(function, *arguments)
+            task = self._pool.submit(function, *arguments)
         except (RuntimeError, OSError) as error:  # it died while it was idle
-            self.future = Future()
-            self.future.set_exception(BrokenExecutor(str(error)))
-
-    def died(self) -> None:
-        """Note a death, and when the next process may start: each pause is twice the last."""
-        now = time.monotonic()
-        self.since = self.since if self.deaths else now
-        self.due = now + min(0.5 * 2.0**self.deaths, 10.0)  # s
-        self.deaths += 1
-        self.end()
+            raise BrokenExecutor(str(error)) from None
+        return task.result()
 
     def end(self) -> None:
         """End the process."""
-        pool, self._pool, self.future, self.ready = self._pool, None, None, False
+        pool, self._pool = self._pool, None
         if pool is not None:
-            # loky's own thread may stumble over the processes that are killed under it
-            hook, threading.excepthook = threading.excepthook, lambda _: None
-            try:
-                pool.shutdown(wait=True, kill_workers=True)
-            finally:
-                threading.excepthook = hook
+            with _ENDING:
+                # loky's own thread may stumble over the processes that are killed under it
+                hook, threading.excepthook = threading.excepthook, lambda _: None
+                try:
+                    pool.shutdown(wait=True, kill_workers=True)
+                finally:
+                    threading.excepthook = hook
 
 
 def _prepare_worker(
