@@ -20,9 +20,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ematwin.benchmarking.engines.local import LocalEngine
-from ematwin.benchmarking.plan import Plan
-from ematwin.benchmarking.run import RunResult, RunSpec, StoredRun, pack
+from ematwin.benchmarking.engine import LocalEngine
+from ematwin.benchmarking.plan import Plan, Run, RunSpec, pack
 from ematwin.benchmarking.store import Store, open_store
 from ematwin.benchmarking.study import Tally, run_study
 from ematwin.benchmarking.subject import cases_of
@@ -45,7 +44,7 @@ def measure_workers(folder: Path, runs: int, repeat: int) -> dict[str, float]:
             with Store(where) as store:
                 tally: Tally = run_study(plan, store, engine)
             seconds[workers] = tally.seconds
-            results = [one.result for one in open_store(where).runs()]
+            results = list(open_store(where).runs())
             searching = sum(result.seconds for result in results)
             for name, value in (
                 ("overhead", 1.0 - searching / (workers * tally.seconds)),
@@ -65,18 +64,18 @@ def measure_workers(folder: Path, runs: int, repeat: int) -> dict[str, float]:
     return figures
 
 
-def synthetic(specs: list[RunSpec], seed: int) -> list[StoredRun]:
+def synthetic(specs: list[RunSpec], seed: int) -> list[Run]:
     """Runs with plausible numbers that nobody searched."""
     rng = np.random.default_rng(seed)
     evaluations = range(50, 10_001, 50)
     stored = []
     for spec in specs:
         costs = np.sort(rng.exponential(1.0, 200))[::-1].tolist()  # each iteration an improvement
-        result = RunResult(
-            spec.id, "done", tuple(rng.random(8).tolist()), costs[-1], 0.1, 2.0, 2.0, 10_000, 1.0,
+        run = Run(
+            spec, "done", tuple(rng.random(8).tolist()), costs[-1], 0.1, 2.0, 2.0, 10_000, 1.0,
             1.0, pack(evaluations, costs), "budget", {"engine": "synthetic"},
         )  # fmt: skip
-        stored.append(StoredRun(spec, result))
+        stored.append(run)
     return stored
 
 
@@ -84,7 +83,7 @@ RESUME = """
 import sys
 sys.path.insert(0, sys.argv[3])
 from study import large_plan
-from ematwin.benchmarking.engines.local import LocalEngine
+from ematwin.benchmarking.engine import LocalEngine
 from ematwin.benchmarking.store import Store
 from ematwin.benchmarking.study import run_study
 with Store(sys.argv[1]) as store:

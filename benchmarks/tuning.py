@@ -36,8 +36,13 @@ from ematwin.optimizers.differential_evolution import (
     others,
     rand_1,
 )
-from ematwin.optimizers.genetic_algorithm import HOLLAND, Real
-from ematwin.optimizers.genetic_operators import Polynomial, SimulatedBinary, Tournament
+from ematwin.optimizers.genetic_algorithm import (
+    HOLLAND,
+    Polynomial,
+    Real,
+    SimulatedBinary,
+    Tournament,
+)
 from ematwin.optimizers.particle_swarm import (
     CONSTRICTION,
     INERTIA_1998,

@@ -19,8 +19,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import spearmanr
 
-from ematwin.benchmarking.analysis import StudyAnalysis, analyse
-from ematwin.benchmarking.conclusions import ENOUGH
+from ematwin.benchmarking.analysis import ENOUGH, StudyAnalysis, analyse
 from ematwin.benchmarking.statistics import matrix, performance_coefficients
 from ematwin.benchmarking.store import open_store
 from ematwin.optimizers.registry import PRESETS

@@ -60,8 +60,8 @@ def numbers(where, algorithms=()):
     with open_store(where) as store:
         return {
             one.spec.id: (
-                one.spec, one.result.status, one.result.faults, repr(one.result.cost),
-                repr(one.result.err), one.result.evaluations, one.result.history,
+                one.spec, one.status, one.faults, repr(one.cost),
+                repr(one.err), one.evaluations, one.history,
             )
             for one in store.runs()
             if not algorithms or one.spec.algorithm in algorithms

@@ -5,8 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.benchmarking.plan import Plan
-from ematwin.benchmarking.run import SHARED, RunResult, RunSpec, StoredRun, pack
+from ematwin.benchmarking.plan import SHARED, Plan, Run, RunSpec, pack
 from ematwin.benchmarking.subject import Subject
 from ematwin.models.bldc.faults import (
     FAULTS,
@@ -61,12 +60,12 @@ def done(of, found, **changed):
         "stopped": "iterations",
         "provenance": {"ematwin": "0.1.0", "machine": "bench", "engine": "local"},
     }
-    return StoredRun(of, RunResult(of.id, "done", **{**values, **changed}))
+    return Run(of, "done", **{**values, **changed})
 
 
 def failed(of, status="failed", message="it broke"):
     """A run that did not end well."""
-    return StoredRun(of, RunResult(of.id, status, stopped=message))
+    return Run(of, status, stopped=message)
 
 
 def study(runs=4, algorithms=tuple(SIZES), cases=tuple(PAPER_CASES), seed=1, history_points=200):
@@ -109,8 +108,7 @@ def small_plan(**changes):
 def some_run(spec, status="done"):
     """A run that was not done, with numbers that are awkward to keep."""
     history = pack([10, *range(50, 400, 50)], [math.inf, *(1.0 / 3.0 / n for n in range(1, 8))])
-    result = RunResult(
-        spec.id, status, tuple(0.1 * n for n in range(8)), math.pi * 1e-300, 0.1, 1e17 / 3.0, 0.3,
+    return Run(
+        spec, status, tuple(0.1 * n for n in range(8)), math.pi * 1e-300, 0.1, 1e17 / 3.0, 0.3,
         350, 1.25, 1.125, history, "budget", {"ematwin": "0", "engine": "none"},
     )  # fmt: skip
-    return StoredRun(spec, result)

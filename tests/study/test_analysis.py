@@ -15,7 +15,7 @@ from ematwin.benchmarking.convergence import (
     TARGETS,
     evaluations_to_target,
 )
-from ematwin.benchmarking.run import pack, unpack
+from ematwin.benchmarking.plan import pack, unpack
 from ematwin.benchmarking.statistics import (
     average_ranks,
     compare_ranks,
@@ -217,7 +217,7 @@ def test_times_shares_and_intervals_agree_with_a_bootstrap_run_by_run():
     rng = np.random.default_rng(11)
     for algorithm in ("ga", "de"):
         of = [
-            [unpack(r.result.history) for r in runs
+            [unpack(r.history) for r in runs
              if (r.spec.case, r.spec.algorithm) == (case, algorithm)]
             for case in ("Low F", "High F", "Low B")
         ]  # fmt: skip
@@ -329,7 +329,7 @@ def test_equal_algorithms_are_not_said_to_differ():
 def test_what_could_not_be_computed_is_said(runs, sentence):
     found = analyse(runs)
     assert any(sentence in text for text in found.conclusions), found.conclusions
-    assert len(found.failures) == sum(one.result.status != "done" for one in runs)
+    assert len(found.failures) == sum(one.status != "done" for one in runs)
     json.dumps(found.as_dict(), allow_nan=False)
     assert "<table" in found._repr_html_()
 

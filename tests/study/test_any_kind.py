@@ -11,8 +11,7 @@ from synthetic import done, spec, vector
 from ematwin.benchmarking.analysis import analyse
 from ematwin.benchmarking.execute import execute
 from ematwin.benchmarking.page import write_report
-from ematwin.benchmarking.plan import Plan
-from ematwin.benchmarking.run import RunResult, RunSpec, StoredRun, pack
+from ematwin.benchmarking.plan import Plan, Run, RunSpec, pack
 from ematwin.benchmarking.statistics import diagnose
 from ematwin.benchmarking.subject import Subject
 from ematwin.benchmarking.table import collect
@@ -31,10 +30,7 @@ def screw_run(found, run=0, **injected):
     )  # fmt: skip
     values = SCREW.vector(found)
     err = SCREW.error_percent(SCREW.values(values), SCREW.values(of.faults))
-    result = RunResult(
-        of.id, "done", values, 1.0, 0.1, err, err, 100, 1.0, 1.0, pack([100], [1.0]), "budget"
-    )
-    return StoredRun(of, result)
+    return Run(of, "done", values, 1.0, 0.1, err, err, 100, 1.0, 1.0, pack([100], [1.0]), "budget")
 
 
 @pytest.fixture(scope="module")
@@ -90,10 +86,10 @@ def test_runs_of_each_kind_stay_within_its_bounds(kind):
         {"Worn": subject.vector(worn)}, ("de", "multistart", "descent"), runs=1, population=16,
         iterations=6, box="remapped", actuator=subject.actuator,
     )  # fmt: skip
-    runs = [StoredRun(spec, execute(spec)) for spec in plan.specs()]
-    assert {one.result.status for one in runs} == {"done"}
+    runs = [execute(spec) for spec in plan.specs()]
+    assert {one.status for one in runs} == {"done"}
     for one in runs:
-        found = np.array(one.result.faults)
+        found = np.array(one.faults)
         assert np.all((subject.lower <= found) & (found <= subject.upper))
     told = analyse(runs).as_dict()
     assert (told["kind"], told["unknowns"]) == (kind, list(subject.names))

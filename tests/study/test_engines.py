@@ -4,8 +4,7 @@ import os
 
 import pytest
 
-from ematwin.benchmarking.engines.base import EngineError
-from ematwin.benchmarking.engines.local import LocalEngine
+from ematwin.benchmarking.engine import EngineError, LocalEngine
 
 
 def test_workers_that_die_as_soon_as_they_start_are_started_again(tmp_path, monkeypatch):

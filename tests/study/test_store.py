@@ -16,8 +16,7 @@ from synthetic import small_plan, some_run
 
 from ematwin.benchmarking.database import Database
 from ematwin.benchmarking.execute import execute
-from ematwin.benchmarking.plan import Plan
-from ematwin.benchmarking.run import RunResult, StoredRun
+from ematwin.benchmarking.plan import Plan, Run
 from ematwin.benchmarking.store import LEASE, Store, metadata, open_store
 from ematwin.benchmarking.subject import cases_of
 from ematwin.errors import EmatwinError, FileError
@@ -55,24 +54,24 @@ def test_a_run_comes_back_as_it_was(store, specs):
 
 
 def test_nan_comes_back_as_nan(store, specs):
-    store.save([StoredRun(specs[0], RunResult(specs[0].id, "failed", stopped="why \0 'so'"))])
+    store.save([Run(specs[0], "failed", stopped="why \0 'so'")])
     (back,) = store.runs()
-    assert math.isnan(back.result.cost)
-    assert math.isnan(back.result.err)
-    assert back.result.history == b""
+    assert math.isnan(back.cost)
+    assert math.isnan(back.err)
+    assert back.history == b""
 
 
 def test_a_done_run_is_never_overwritten(store, specs):
     one = some_run(specs[0])
-    assert store.save([one]) == 1
-    other = StoredRun(one.spec, replace(one.result, cost=2.0))
-    assert store.save([other]) == 0
-    assert [run.result.cost for run in store.runs()] == [one.result.cost]
+    store.save([one])
+    other = replace(one, cost=2.0)
+    store.save([other])
+    assert [run.cost for run in store.runs()] == [one.cost]
 
 
 def test_a_failed_run_gives_way_to_a_done_one(store, specs):
     store.save([some_run(specs[0], "failed")])
-    assert store.save([some_run(specs[0])]) == 1
+    store.save([some_run(specs[0])])
     assert store.statuses() == {specs[0].id: "done"}
 
 
@@ -271,5 +270,5 @@ def test_runs_of_0_2_come_out_alike_when_done_again():
     )  # fmt: skip
     for spec in plan.specs()[4:6]:
         result = execute(spec)
-        assert result.id in FOUND_BY_0_2
-        assert result.faults == pytest.approx(FOUND_BY_0_2[result.id], abs=1e-3)
+        assert result.spec.id in FOUND_BY_0_2
+        assert result.faults == pytest.approx(FOUND_BY_0_2[result.spec.id], abs=1e-3)

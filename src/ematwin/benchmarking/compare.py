@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from ematwin.benchmarking.analysis import StudyAnalysis, analyse
-from ematwin.benchmarking.engines.local import LocalEngine
+from ematwin.benchmarking.engine import LocalEngine
 from ematwin.benchmarking.plan import Plan
 from ematwin.benchmarking.statistics import TARGETS, THRESHOLD
 from ematwin.benchmarking.store import Store

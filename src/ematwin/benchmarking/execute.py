@@ -1,4 +1,4 @@
-"""Do one run: `RunSpec` in, `RunResult` out, whatever happens in between.
+"""Do one run: `RunSpec` in, `Run` out, whatever happens in between.
 
 A plain function of plain values, so that any engine can carry it. It never raises: a search that
 raises, takes too long or finds nothing finite is a result too.
@@ -6,6 +6,20 @@ raises, takes too long or finds nothing finite is a result too.
 A search is limited in time twice. Between two batches the clock is looked at, which ends a slow
 method in good order. Behind it a watchdog ends the whole process of one that never comes back;
 the engine notices the death and records the run as timed out.
+
+A run searches the box of the faults, or the remapped one. In the plain box of the brushless
+actuator six of the eight healthy values lie at the origin, in a corner. Methods that are drawn to
+the origin, or that clip at the bounds, find them by that alone. The remapped box is the same set of
+vectors turned round: each component is shifted along its range, and what leaves one end enters at
+the other. In shares u of the range,
+
+    u = (x - shift) mod 1,    x = (u + shift) mod 1.
+
+The map is one to one and keeps lengths, so that random search cannot tell the boxes apart, and the
+cost of a vector is unchanged. A healthy magnitude at the lower bound (u = 0) lies inside, at
+x = shift, with u near 1 just below it: no continuous one-to-one map of an interval can bring its
+end inside. Methods meet a cliff there where the plain box has a wall. For a direction the shift is
+a rotation, without any cliff.
 """
 
 import faulthandler
@@ -15,7 +29,7 @@ import os
 import platform
 import socket
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache, lru_cache
 from typing import Any
@@ -23,13 +37,13 @@ from typing import Any
 import numpy as np
 
 from ematwin import __version__
-from ematwin.benchmarking.box import RemappedProblem
-from ematwin.benchmarking.run import RunResult, RunSpec, pack
+from ematwin.benchmarking.plan import Run, RunSpec, pack
 from ematwin.benchmarking.subject import Subject
 from ematwin.errors import EmatwinError
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import find, named
 from ematwin.models.scenario import Scenario
+from ematwin.models.unknown import Unknown
 from ematwin.recordings.noise import Noise
 
 
@@ -42,16 +56,16 @@ def hard_limit(time_limit: float) -> float:
     return 1.2 * time_limit + 2.0
 
 
-def execute(spec: RunSpec, time_limit: float | None = None, engine: str = "none") -> RunResult:
+def execute(spec: RunSpec, time_limit: float | None = None, engine: str = "none") -> Run:
     """Do a run; ``status`` and ``stopped`` say how one ended that failed.
 
     ``time_limit``, s, is for the search alone; ``engine`` carries it, for the provenance.
     """
     clock = _Clock(time_limit)
 
-    def result(status: str, stopped: str, **found: Any) -> RunResult:
-        return RunResult(
-            spec.id, status, evaluations=clock.evaluations, seconds=clock.seconds,
+    def result(status: str, stopped: str, **found: Any) -> Run:
+        return Run(
+            spec, status, evaluations=clock.evaluations, seconds=clock.seconds,
             cpu_seconds=clock.cpu_seconds, stopped=stopped, provenance=provenance(engine), **found,
         )  # fmt: skip
 
@@ -149,6 +163,49 @@ def _simulated(inputs: str) -> tuple[Subject, Problem]:
 @lru_cache(maxsize=16)
 def _subject(actuator: str) -> Subject:
     return Subject.stored(json.loads(actuator))
+
+
+# where the first eight healthy values come to lie: not in a corner, nor in the centre, nor on a
+# diagonal
+_FIRST = (0.31, 0.64, 0.42, 0.73, 0.27, 0.58, 0.69, 0.37)
+
+
+def places(dimension: int) -> np.ndarray:
+    """Where healthy values lie in the remapped box, (d,) array of shares of their ranges.
+
+    Any after the eighth, the n-th, is the fractional part g of n golden ratios, brought into 0.25
+    to 0.45 (g < 0.5) or 0.55 to 0.75.
+    """
+    golden = np.arange(len(_FIRST) + 1, dimension + 1) * 0.5 * (math.sqrt(5.0) - 1.0) % 1.0
+    further = 0.25 + 0.4 * golden + 0.1 * (golden >= 0.5)
+    return np.append(_FIRST, further)[:dimension]
+
+
+def shifts(unknowns: Sequence[Unknown]) -> np.ndarray:
+    """Shift of each component (d,) that brings its healthy value to its place."""
+    healthy = [(one.healthy - one.lower) / one.width for one in unknowns]
+    return np.round(np.mod(places(len(healthy)) - healthy, 1.0), 12)
+
+
+class RemappedProblem(Problem):
+    """A problem, without unknowns that each recording has for itself, in the remapped box.
+
+    Methods of the box see it turned round. Methods that follow slopes know no box and use the
+    variables of the problem; but they start in the middle of the remapped box, not at healthy.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        super().__init__(problem.comparisons, problem.unknowns, held=problem.held)
+        self._shift = shifts(self.unknowns)
+        middle = 0.5 * (self.lower + self.upper)
+        self.start = self.from_box(middle[None])[0]
+        self.starts = self.start[None]
+
+    def from_box(self, points: np.ndarray) -> np.ndarray:
+        """Vectors (N, d) from points (N, d) of the remapped box."""
+        lower, upper = self.lower, self.upper
+        share = np.mod((points - lower) / (upper - lower) - self._shift, 1.0)
+        return np.clip(lower + share * (upper - lower), lower, upper)
 
 
 @cache

@@ -16,17 +16,16 @@ import os
 import socket
 import time
 import uuid
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import wraps
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Concatenate, ParamSpec, TypeVar
+from typing import Any
 
 import sqlalchemy as sql
 from sqlalchemy import Column, Connection, String, Table, Text, delete, select
 from sqlalchemy.dialects import postgresql, sqlite
 
 from ematwin.benchmarking.database import DamagedError, Database
-from ematwin.benchmarking.run import SHARED, RunResult, RunSpec, StoredRun
+from ematwin.benchmarking.plan import SHARED, Run, RunSpec
 from ematwin.errors import FileError
 
 LEASE = 30.0  # s for which a claim holds without being renewed
@@ -46,7 +45,7 @@ _runs = Table(
     Column("id", String(24), primary_key=True),
     Column("status", String(16), nullable=False),
     Column("body", Text, nullable=False),  # JSON, in ASCII
-    Column("history", sql.LargeBinary, nullable=False),  # ematwin.benchmarking.run.pack
+    Column("history", sql.LargeBinary, nullable=False),  # ematwin.benchmarking.plan.pack
     Column("checksum", String(24), nullable=False),
     sql.Index("ematwin_runs_status", "id", "status"),  # resuming reads this, not the histories
 )
@@ -57,21 +56,6 @@ _claims = Table(
     Column("owner", Text, nullable=False),
     Column("until", sql.Double, nullable=False),  # s since 1970; after it the claim is void
 )
-
-Given = ParamSpec("Given")
-Answer = TypeVar("Answer")
-
-
-def _writes(
-    work: Callable[Concatenate["Store", Connection, Given], Answer],
-) -> Callable[Concatenate["Store", Given], Answer]:
-    """Do a method of a store in one transaction that writes; it may be done more than once."""
-
-    @wraps(work)
-    def done(store: "Store", *given: Given.args, **more: Given.kwargs) -> Answer:
-        return store._database.write(lambda connection: work(store, connection, *given, **more))
-
-    return done
 
 
 def open_store(where: str | Path, *, patience: float = 120.0) -> "Store":
@@ -98,6 +82,7 @@ class Store:
         self.name = self._database.name
         # of this process among the claims
         self.owner = f"{socket.gethostname()} {os.getpid()} {uuid.uuid4().hex[:12]}"
+        self._ours = _claims.c.owner == self.owner
         self._database.check_whole()
         self.begun = self._database.exists and self._database.read(self._look, patient=False)
 
@@ -124,22 +109,22 @@ class Store:
     def begin(self, settings: Mapping[str, Any]) -> None:
         """Make the tables, or check that the study in them is this one."""
         self.check(settings)
-        self._begin(settings)
-        self.begun = True
 
-    @_writes
-    def _begin(self, connection: Connection, settings: Mapping[str, Any]) -> None:
-        if self._database.is_server:
-            connection.exec_driver_sql("SELECT pg_advisory_xact_lock(1701667188)")
-        if self._look(connection):
-            _check_same(json.loads(self._said(connection)["settings"]), settings, self.name)
-            return
-        metadata.create_all(connection)
-        text = json.dumps(settings, sort_keys=True)
-        said = {"format": FORMAT, "schema": str(SCHEMA), "settings": text}
-        said["checksum"] = _study_checksum(said)
-        pairs = [{"key": key, "value": value} for key, value in said.items()]
-        connection.execute(_study.insert(), pairs)
+        def work(connection: Connection) -> None:
+            if self._database.is_server:
+                connection.exec_driver_sql("SELECT pg_advisory_xact_lock(1701667188)")
+            if self._look(connection):
+                _check_same(json.loads(self._said(connection)["settings"]), settings, self.name)
+                return
+            metadata.create_all(connection)
+            text = json.dumps(settings, sort_keys=True)
+            said = {"format": FORMAT, "schema": str(SCHEMA), "settings": text}
+            said["checksum"] = _study_checksum(said)
+            pairs = [{"key": key, "value": value} for key, value in said.items()]
+            connection.execute(_study.insert(), pairs)
+
+        self._database.write(work)
+        self.begun = True
 
     def statuses(self) -> dict[str, str]:
         """Give ids of the finished runs and how they ended; histories stay where they are."""
@@ -148,13 +133,13 @@ class Store:
             lambda connection: {id: status for id, status in connection.execute(query)}
         )
 
-    def runs(self) -> Iterator[StoredRun]:
+    def runs(self) -> Iterator[Run]:
         """Yield all finished runs, by id; one that is not as it was written is refused by name."""
         settings = self.settings()
         shared = {name: settings[name] for name in SHARED}
         query = select(_runs).order_by(_runs.c.id).limit(1000)
 
-        def after(last: str) -> list[StoredRun]:
+        def after(last: str) -> list[Run]:
             rows = query.where(_runs.c.id > last)
             return self._database.read(lambda c: [_run_of(row, shared) for row in c.execute(rows)])
 
@@ -163,60 +148,63 @@ class Store:
             yield from page
             page = after(page[-1].spec.id)
 
-    @_writes
-    def save(self, connection: Connection, finished: Sequence[StoredRun]) -> int:
-        """Keep runs and give up their claims; a run that is done already stays as it was.
-
-        Gives how many were new, or took the place of one that had not been done.
-        """
+    def save(self, finished: Sequence[Run]) -> None:
+        """Keep runs and give up their claims; a run that is done already stays as it was."""
         if not finished:
-            return 0
+            return
         query = self._insert(_runs)
         query = query.on_conflict_do_update(
             index_elements=["id"],
             set_={column.name: query.excluded[column.name] for column in _runs.c},
             where=_runs.c.status != "done",
-        ).returning(_runs.c.id)
-        kept = connection.execute(query, [_row_of(one) for one in finished]).all()
-        ours = _claims.c.id.in_([one.spec.id for one in finished]), _claims.c.owner == self.owner
-        connection.execute(delete(_claims).where(*ours))
-        return len(kept)
+        )
+        rows = [_row_of(one) for one in finished]
+        claimed = _claims.c.id.in_([one.spec.id for one in finished])
 
-    @_writes
-    def claim(self, connection: Connection, ids: Sequence[str], retry: bool = False) -> set[str]:
+        def work(connection: Connection) -> None:
+            connection.execute(query, rows)
+            connection.execute(delete(_claims).where(claimed, self._ours))
+
+        self._database.write(work)
+
+    def claim(self, ids: Sequence[str], retry: bool = False) -> set[str]:
         """Claim runs for this process; ``retry``: also those that ended otherwise than done.
 
         Gives those that are ours now: neither finished, nor claimed by another process.
         """
-        held, now = _claims.c, time.time()
-        # a claim of far in the future was made by a clock that is wrong
-        void = sql.or_(held.until < now, held.until > now + 2.0 * LEASE)
-        query = self._insert(_claims)
-        query = query.on_conflict_do_update(
-            index_elements=["id"],
-            set_={"owner": query.excluded.owner, "until": query.excluded.until},
-            where=sql.or_(held.owner == self.owner, void),
-        ).returning(held.id)
-        asked = [{"id": id, "owner": self.owner, "until": now + LEASE} for id in ids]
-        won = set(connection.execute(query, asked).scalars())
-        # asked after the claims stand: a run may have been saved meanwhile
+        held = _claims.c
         finished = select(_runs.c.id).where(_runs.c.id.in_(ids))
         if retry:
             finished = finished.where(_runs.c.status == "done")
-        done = set(connection.execute(finished).scalars())
-        connection.execute(delete(_claims).where(held.id.in_(done), held.owner == self.owner))
-        return won - done
 
-    @_writes
-    def renew(self, connection: Connection) -> None:
+        def work(connection: Connection) -> set[str]:
+            now = time.time()
+            # a claim of far in the future was made by a clock that is wrong
+            void = sql.or_(held.until < now, held.until > now + 2.0 * LEASE)
+            query = self._insert(_claims)
+            query = query.on_conflict_do_update(
+                index_elements=["id"],
+                set_={"owner": query.excluded.owner, "until": query.excluded.until},
+                where=sql.or_(self._ours, void),
+            ).returning(held.id)
+            asked = [{"id": id, "owner": self.owner, "until": now + LEASE} for id in ids]
+            won = set(connection.execute(query, asked).scalars())
+            # asked after the claims stand: a run may have been saved meanwhile
+            done = set(connection.execute(finished).scalars())
+            connection.execute(delete(_claims).where(held.id.in_(done), self._ours))
+            return won - done
+
+        return self._database.write(work)
+
+    def renew(self) -> None:
         """Make the claims of this process hold for another while."""
-        query = sql.update(_claims).where(_claims.c.owner == self.owner)
-        connection.execute(query.values(until=time.time() + LEASE))
+        query = sql.update(_claims).where(self._ours)
+        self._database.write(lambda c: c.execute(query.values(until=time.time() + LEASE)))
 
-    @_writes
-    def release(self, connection: Connection) -> None:
+    def release(self) -> None:
         """Give up all claims of this process."""
-        connection.execute(delete(_claims).where(_claims.c.owner == self.owner))
+        query = delete(_claims).where(self._ours)
+        self._database.write(lambda connection: connection.execute(query))
 
     def _look(self, connection: Connection) -> bool:
         """Whether a study has been begun here; raise unless it is ours to read."""
@@ -250,16 +238,16 @@ class Store:
         return (postgresql if self._database.is_server else sqlite).insert(table)
 
 
-def _row_of(one: StoredRun) -> dict[str, Any]:
+def _row_of(one: Run) -> dict[str, Any]:
     """Make the row of a run, with its checksum."""
-    spec = {name: getattr(one.spec, name) for name in RunSpec.__match_args__ if name not in SHARED}
-    outcome = vars(one.result).copy()
-    id, status, history = (outcome.pop(name) for name in ("id", "status", "history"))
-    values = id, status, json.dumps({"inputs": spec, "outcome": outcome}), history
+    inputs = {name: x for name, x in vars(one.spec).items() if name not in (*SHARED, "id")}
+    outcome = vars(one).copy()
+    spec, status, history = (outcome.pop(name) for name in ("spec", "status", "history"))
+    values = spec.id, status, json.dumps({"inputs": inputs, "outcome": outcome}), history
     return dict(zip(_runs.c.keys(), (*values, _checksum(*values)), strict=True))
 
 
-def _run_of(row: Any, shared: Mapping[str, Any]) -> StoredRun:
+def _run_of(row: Any, shared: Mapping[str, Any]) -> Run:
     """Make the run of a row and the settings that all runs share."""
     if row.checksum != _checksum(row.id, row.status, row.body, row.history):
         raise DamagedError(f"run {row.id} differs from its checksum")
@@ -268,8 +256,8 @@ def _run_of(row: Any, shared: Mapping[str, Any]) -> StoredRun:
     spec = RunSpec(**{**shared, **inputs, "faults": tuple(inputs["faults"])})
     # the id is the key of the row: hashing 100,000 of them again would take half a minute
     spec.__dict__["id"] = row.id
-    outcome |= {"id": row.id, "status": row.status, "faults": tuple(outcome["faults"])}
-    return StoredRun(spec, RunResult(**outcome, history=bytes(row.history)))
+    outcome["faults"] = tuple(outcome["faults"])
+    return Run(spec, row.status, **outcome, history=bytes(row.history))
 
 
 def _checksum(id: str, status: str, body: str, history: Any) -> str:

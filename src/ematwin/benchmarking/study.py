@@ -10,9 +10,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 
-from ematwin.benchmarking.engines.base import Engine
+from ematwin.benchmarking.engine import Engine
 from ematwin.benchmarking.plan import Plan
-from ematwin.benchmarking.run import StoredRun
 from ematwin.benchmarking.store import LEASE, Store
 from ematwin.errors import EmatwinError
 
@@ -89,7 +88,7 @@ class _Work:
                 results = self._engine.finished(0.5)  # s, while nothing comes back
                 self._begin_runs(ask=False)  # before the books: no process shall wait for them
                 if results:
-                    self._store.save([StoredRun(self._specs[r.id], r) for r in results])
+                    self._store.save(results)
                     self.tally.finished += len(results)
                     self._report()
                 if time.monotonic() - self._renewed > LEASE / 4.0:

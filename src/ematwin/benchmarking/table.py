@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.benchmarking.run import SHARED, RunSpec, StoredRun, unpack
+from ematwin.benchmarking.plan import SHARED, Run, RunSpec, unpack
 from ematwin.benchmarking.subject import Subject
 from ematwin.errors import InputError, MissingExtraError
 from ematwin.estimation.search import methods
@@ -70,33 +70,32 @@ class RunTable:
         return {(c, a): groups.get((c, a), none) for c in self.cases for a in self.algorithms}
 
 
-def collect(runs: Iterable[StoredRun]) -> RunTable:
+def collect(runs: Iterable[Run]) -> RunTable:
     """Gather runs of one study, in any order, into a table."""
     first: RunSpec | None = None
     rows: list[dict[str, Any]] = []
     histories: list[History] = []
     provenance: dict[str, Counter[str]] = {}
-    for stored in runs:
-        spec, result = stored.spec, stored.result
+    for one in runs:
+        spec = one.spec
         if first is None:
             first, subject = spec, Subject.stored(spec.actuator)
             names = subject.names
         elif any(getattr(spec, name) != getattr(first, name) for name in SHARED):
             raise InputError("The runs are of different studies. Report them apart.")
-        done = result.status == "done" and math.isfinite(result.err)
+        done = one.status == "done" and math.isfinite(one.err)
         rows.append(
             {
-                "id": result.id, "case": spec.case, "algorithm": spec.algorithm,
+                "id": spec.id, "case": spec.case, "algorithm": spec.algorithm,
                 **{name: getattr(spec, name) for name in _INPUTS},
-                "status": "not finite" if result.status == "done" and not done else result.status,
-                **{name: getattr(result, name) for name in _NUMBERS},
-                "stopped": result.stopped,
+                "status": "not finite" if one.status == "done" and not done else one.status,
+                **{name: getattr(one, name) for name in (*_NUMBERS, "stopped")},
                 **{f"injected_{name}": k for name, k in zip(names, spec.faults, strict=True)},
-                **{f"found_{name}": k for name, k in zip(names, result.faults, strict=False)},
+                **{f"found_{name}": k for name, k in zip(names, one.faults, strict=False)},
             }
         )  # fmt: skip
-        histories.append(thinned(result.history))
-        for name, value in result.provenance.items():
+        histories.append(thinned(one.history))
+        for name, value in one.provenance.items():
             provenance.setdefault(name, Counter())[str(value)] += 1
     if first is None:
         raise InputError("The store holds no runs: there is nothing to report.")

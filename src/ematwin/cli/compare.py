@@ -77,11 +77,11 @@ def _engine(
     if name == "local" and scheduler is not None:
         raise InputError("--scheduler belongs to --engine dask; leave one of the two out.")
     if name == "local":
-        from ematwin.benchmarking.engines.local import LocalEngine
+        from ematwin.benchmarking.engine import LocalEngine
 
         return LocalEngine(workers or cores(), time_limit, patience)
     if name == "dask":
-        from ematwin.benchmarking.engines.dask import DaskEngine
+        from ematwin.benchmarking.dask import DaskEngine
 
         if scheduler is not None and workers is not None:
             raise InputError("A scheduler has its own workers; leave --workers out.")

@@ -52,14 +52,6 @@ class CommandErrors:
     observed: dict[str, float] = field(default_factory=dict)
     checks: int = 0  # how many
 
-    @classmethod
-    def none(
-        cls, experiment: Experiment, scenario: Scenario, demands: dict[str, float], obstacle: str
-    ) -> "CommandErrors":
-        """Infinite errors, for a command that cannot be judged."""
-        ranges = {one.name: one.width for one in experiment.magnitudes}
-        return cls(scenario, dict.fromkeys(ranges, math.inf), ranges, demands, obstacle=obstacle)
-
     @property
     def shares(self) -> dict[str, float]:
         """Expected errors over the ranges of the faults, by name."""
@@ -154,8 +146,7 @@ def expected_errors(
     fault, enough : the error of that fault, or the largest, as a share of the range, above which
         the command is worse than another: further vectors only add to it
     """
-    ranges = {one.name: one.width for one in experiment.magnitudes}
-    threads = experiment.threads or cores()
+    ranges, threads = experiment.ranges, experiment.threads or cores()
     alone = replace(experiment, threads=1)  # the vectors share the cores
 
     def at(faults: Faults) -> tuple[np.ndarray, dict[str, float]]:
@@ -177,6 +168,21 @@ def expected_errors(
     return found
 
 
+def judged(
+    experiment: Experiment, command: Scenario, limits: Mapping[str, float],
+    vectors: Sequence[Faults],
+) -> CommandErrors:  # fmt: skip
+    """Expected errors of a command by the reference; infinite ones if it would get no verdict."""
+    demands: dict[str, float] = {}
+    try:
+        demands = experiment.model.demanded(experiment.move(command, limits, fast=False))
+        return expected_errors(experiment, command, vectors, demands)
+    except UNANSWERED as error:
+        ranges, demands = experiment.ranges, getattr(error, "demands", demands)
+        unknown = dict.fromkeys(ranges, math.inf)
+        return CommandErrors(command, unknown, ranges, demands, obstacle=str(error))
+
+
 def shown_by(
     experiment: Experiment, scenario: Scenario, vectors: Sequence[Faults], fault: str | None
 ) -> list[Faults]:
@@ -187,7 +193,7 @@ def shown_by(
     left: then it is the command that shows nothing.
     """
     alone = replace(experiment, threads=1)
-    asked = {one.name: one.width for one in experiment.magnitudes if fault in (None, one.name)}
+    asked = {name: x for name, x in experiment.ranges.items() if fault in (None, name)}
 
     def hidden(faults: Faults) -> set[str]:
         try:

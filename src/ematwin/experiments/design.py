@@ -15,7 +15,7 @@ and errs clearly less.
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -27,13 +27,15 @@ from ematwin.estimation.interrupt import until_interrupted
 from ematwin.experiments.candidates import FINALISTS, SECONDS, Progress, Ranking, ranked
 from ematwin.experiments.command_errors import (
     CommandErrors,
+    Faults,
     expected_errors,
     fault_vectors,
     identified_errors,
+    judged,
     observed,
     shown_by,
 )
-from ematwin.experiments.experiment import BEYOND, UNANSWERED, Experiment, excess
+from ematwin.experiments.experiment import BEYOND, Experiment, excess
 from ematwin.experiments.identifiability import identifiability
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Scenario
@@ -47,35 +49,22 @@ CLEARLY = 1.1  # ratio of errors, expected and of `identify`, from which another
 
 @dataclass(frozen=True)
 class Design:
-    """Command that was found, beside the given one.
+    """Command that was found, beside the given one."""
 
-    Attributes
-    ----------
-    promised, default : errors of the command that was found, and of the given one in the same
-        duration
-    fault : the fault it was made for; None for the weakest
-    limits : that it keeps, by name, SI
-    held : what counts as known while commands are compared, because none of them determines it
-    draws, left_out : fault vectors over which the errors are averaged, and how many more were
-        drawn at which the given command does not determine the same faults
-    evaluations, seconds, stopped, seed : commands that were compared, and how
-    experiment : the actuator, its uncertainty, and the noise
-    checked : whether the errors observed come from `check`; else from the recordings by which the
-        command was chosen
-    """
-
-    promised: CommandErrors
-    default: CommandErrors
-    fault: str | None
-    limits: dict[str, float]
+    promised: CommandErrors  #: errors of the command that was found
+    default: CommandErrors  #: errors of the given one in the same duration
+    fault: str | None  #: the fault it was made for; None for the weakest
+    limits: dict[str, float]  #: that it keeps, by name, SI
+    #: counts as known while commands are compared, because none of them determines it
     held: tuple[str, ...]
-    draws: int
-    left_out: int
-    evaluations: int
+    draws: int  #: fault vectors over which the errors are averaged
+    left_out: int  #: further ones, at which the given command does not determine the same faults
+    evaluations: int  #: commands that were compared
     seconds: float
-    stopped: str
+    stopped: str  #: complete, budget, time or interrupted
     seed: int
-    experiment: Experiment = field(repr=False)
+    experiment: Experiment = field(repr=False)  #: the actuator, its uncertainty, and the noise
+    #: whether the errors observed come from `check`; else from those by which it was chosen
     checked: bool = False
 
     @property
@@ -269,10 +258,11 @@ def design(
     known = model.values_of(chosen, faults or {})
     fixed = {name: known[name] for name in faults or {}}
 
-    def vectors(count: int, seed: int) -> list[dict[str, float]]:
-        return fault_vectors(experiment, count, np.random.default_rng(seed), fixed, even=True)
+    def shown(count: int, seed: int) -> list[Faults]:
+        vectors = fault_vectors(experiment, count, np.random.default_rng(seed), fixed, even=True)
+        return shown_by(experiment, given, vectors, fault)
 
-    some = shown_by(experiment, given, vectors(draws, seed), fault)
+    some = shown(draws, seed)
     within = experiment.demanded(given) | limits
 
     def cost_of(command: Scenario, healthy: Recording, enough: float) -> float:
@@ -282,19 +272,9 @@ def design(
         ).worst(fault)  # fmt: skip
 
     found = ranked(experiment, given, within, cost_of, budget=budget, seed=seed, progress=progress)
-    others = shown_by(experiment, given, vectors(fresh, seed + 1), fault)
+    others = shown(fresh, seed + 1)
     final = experiment.demanded(given, fast=False) | limits
-
-    def judged(command: Scenario, kept: Mapping[str, float]) -> CommandErrors:
-        demands: dict[str, float] = {}
-        try:
-            demands = model.demanded(experiment.move(command, kept, fast=False))
-            return expected_errors(experiment, command, others, demands)
-        except UNANSWERED as error:
-            demands = getattr(error, "demands", demands)
-            return CommandErrors.none(experiment, command, demands, str(error))
-
-    best, default = _finalists(found, judged, given, final, fault)
+    best, default = _finalists(found, experiment, given, final, others, fault)
     if default.obstacle and best is default:
         raise found.refusal(chosen.name, limits)
     both = [default] if best is default else [best, default]
@@ -318,34 +298,19 @@ def design(
         )) for one in both
     ]  # fmt: skip
     return Design(
-        promised=both[0],
-        default=both[-1],
-        fault=fault,
-        limits=final,
-        held=held,
-        draws=len(others),
-        left_out=fresh - len(others),
-        evaluations=found.evaluations,
-        seconds=time.perf_counter() - started,
-        stopped=found.stopped,
-        seed=seed,
-        experiment=experiment,
-    )
+        both[0], both[-1], fault, final, held, draws=len(others), left_out=fresh - len(others),
+        evaluations=found.evaluations, seconds=time.perf_counter() - started,
+        stopped=found.stopped, seed=seed, experiment=experiment,
+    )  # fmt: skip
 
 
 def _finalists(
-    found: Ranking,
-    judged: Callable[[Scenario, Mapping[str, float]], CommandErrors],
-    given: Scenario,
-    limits: Mapping[str, float],
-    fault: str | None,
-) -> tuple[CommandErrors, CommandErrors]:
-    """The best command and the given one, compared at fresh faults.
-
-    The best of many at a few faults is so by chance as well: the given one is the best unless
-    another is expected to err clearly less.
-    """
-    default = judged(given, {})
+    found: Ranking, experiment: Experiment, given: Scenario, limits: Mapping[str, float],
+    vectors: Sequence[Faults], fault: str | None,
+) -> tuple[CommandErrors, CommandErrors]:  # fmt: skip
+    """The best command and the given one, compared at fresh faults."""
+    # the best of many at a few faults is so by chance as well: another has to err clearly less
+    default = judged(experiment, given, {}, vectors)
     if not default.obstacle and excess(default.demands, limits) > 0.0:
         default = replace(default, obstacle=BEYOND)
     best = default
@@ -353,7 +318,7 @@ def _finalists(
     with until_interrupted() as interrupts:
         for one in found.commands[: 1 if found.stopped == "interrupted" else FINALISTS]:
             interrupts.check()
-            errors = judged(one, limits)
+            errors = judged(experiment, one, limits, vectors)
             if not errors.obstacle and errors.worst(fault) < least:
                 best, least = errors, errors.worst(fault)
     if interrupts.ended:

@@ -44,32 +44,20 @@ Explanation = Mapping[str, float]
 
 @dataclass(frozen=True)
 class Discrimination:
-    """The command under which two explanations differ most.
+    """The command under which two explanations differ most."""
 
-    Attributes
-    ----------
-    scenario : Scenario
-    distance, default_distance : standard deviations between the explanations, with this command and
-        with the given one in the same duration
-    default : the given command
-    first, second : the explanations
-    actuator : ParameterSet
-    limits, demands : of motions of a healthy actuator, and of this one
-    evaluations, seconds, stopped, seed : commands that were compared, and how
-    """
-
-    scenario: Scenario
-    distance: float
-    default: Scenario
-    default_distance: float
-    first: dict[str, float]
-    second: dict[str, float]
+    scenario: Scenario  #: the command
+    distance: float  #: standard deviations between the explanations with it
+    default: Scenario  #: the given command in the same duration
+    default_distance: float  #: the distance with that
+    first: dict[str, float]  #: an explanation
+    second: dict[str, float]  #: the other one
     actuator: ParameterSet
-    limits: dict[str, float]
-    demands: dict[str, float]
-    evaluations: int
+    limits: dict[str, float]  #: of motions of a healthy actuator, by name, SI
+    demands: dict[str, float]  #: of this one
+    evaluations: int  #: commands that were compared
     seconds: float
-    stopped: str
+    stopped: str  #: complete, budget, time or interrupted
     seed: int
 
     @property
@@ -163,20 +151,10 @@ def discriminate(
         raise ranking.refusal(experiment.actuator.name, limits)
     distance, best, demands = max(found, key=lambda one: one[0])
     return Discrimination(
-        scenario=best,
-        distance=distance,
-        default=given,
-        default_distance=pair.distance(before, _WHOLE),
-        first=pair.values[0],
-        second=pair.values[1],
-        actuator=experiment.actuator,
-        limits=within,
-        demands=demands,
-        evaluations=ranking.evaluations,
-        seconds=time.perf_counter() - started,
-        stopped=ranking.stopped,
-        seed=seed,
-    )
+        best, distance, given, pair.distance(before, _WHOLE), pair.values[0], pair.values[1],
+        experiment.actuator, limits=within, demands=demands, evaluations=ranking.evaluations,
+        seconds=time.perf_counter() - started, stopped=ranking.stopped, seed=seed,
+    )  # fmt: skip
 
 
 class Pair:

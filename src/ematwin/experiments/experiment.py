@@ -37,7 +37,7 @@ from ematwin.estimation.baseline import (
 from ematwin.estimation.corrected_problem import corrected_at, of_fast_model, reference_scatter
 from ematwin.estimation.correction import Corrected, with_model_error
 from ematwin.estimation.healthy_fit import healthy_nuisances
-from ematwin.estimation.laplace import Laplace, sharp_errors, width_at
+from ematwin.estimation.laplace import sharp_errors, width_at
 from ematwin.estimation.noise import noise_at
 from ematwin.estimation.prior import Prior
 from ematwin.estimation.problem import Problem
@@ -66,22 +66,13 @@ UNANSWERED = (DivergedError, ParameterError, RecordError)
 
 
 @dataclass(frozen=True)
-class Expected:
+class Expected(Corrected):
     """Expected posterior at the true values of a simulated recording."""
-
-    peak: Laplace
-    # (d, d) array, covariance from the model error elsewhere within the width
-    model_error: np.ndarray | float = 0.0
 
     @property
     def problem(self) -> Problem:
         """With everything free."""
         return self.peak.problem
-
-    @cached_property
-    def covariance(self) -> np.ndarray:
-        """(d, d) in the coordinates of the problem's chart."""
-        return np.asarray(self.peak.widened(self.problem.model_error) + self.model_error)
 
     @cached_property
     def errors(self) -> dict[str, float]:
@@ -135,6 +126,11 @@ class Experiment:
     def magnitudes(self) -> tuple[Unknown, ...]:
         """Faults but directions."""
         return tuple(o for o in self.model.faults(self.actuator) if o.direction_of is None)
+
+    @property
+    def ranges(self) -> dict[str, float]:
+        """Ranges of the magnitudes, by name."""
+        return {one.name: one.width for one in self.magnitudes}
 
     def check_magnitude(self, fault: str) -> None:
         """Raise InputError if there is no such fault, or it is a direction."""
@@ -201,7 +197,7 @@ class Experiment:
         full = self.problem(recording)
         point = np.array([faults.get(one.name, one.healthy) for one in full.unknowns])
         near = of_fast_model(full) if fast else corrected_at(full, point) or full
-        return Expected(self._width(near, point, near.noise))
+        return self._at(near, point, near.noise)
 
     @cached_property
     def parameters(self) -> tuple[Unknown, ...]:
@@ -231,21 +227,22 @@ class Experiment:
             [comparison], [*self.parameters, *own], prior=prior.and_(Prior.independent(own))
         )
         point = problem.start
-        corrected = corrected_at(problem, point)
-        near = corrected or problem
+        near = corrected_at(problem, point) or problem
         # what the twin leaves of others
         left = noise_at(near, misfit) if math.isfinite(misfit) else 0.0
         # behind impacts no calibration gets below this
         scatter = problem.model_error * noise_at(near, reference_scatter(problem, point))
-        peak = self._width(near, point, max(near.noise, left, scatter))
-        end = Corrected(peak, 0 if corrected is None else 1, np.zeros((1, len(peak.z))))
-        end = with_model_error(end, threads=self.threads)
-        return Expected(end.peak, end.model_error)
+        rounds = 0 if near is problem else 1
+        end = self._at(near, point, max(near.noise, left, scatter), rounds)
+        return Expected(**vars(with_model_error(end, threads=self.threads)))
 
-    def _width(self, problem: Problem, point: np.ndarray, least_noise: float) -> Laplace:
-        """Posterior at a point (d,)."""
+    def _at(
+        self, problem: Problem, point: np.ndarray, least_noise: float, rounds: int = 0
+    ) -> Expected:
+        """Posterior at a point (d,), which the rounds of correction do not move."""
         aliases = aliases_of(self.model, self.actuator, problem, point)
-        return width_at(problem, point, aliases=aliases, least_noise=least_noise)
+        peak = width_at(problem, point, aliases=aliases, least_noise=least_noise)
+        return Expected(peak, rounds, left=np.zeros((1, len(point))))
 
     def limits(self, given: Mapping[str, float]) -> dict[str, float]:
         """Given limits, checked, as numbers."""

@@ -53,29 +53,19 @@ class HealthyTest:
 
 @dataclass(frozen=True)
 class HealthyTests:
-    """Healthy tests, the most informative first.
+    """Healthy tests, the most informative first."""
 
-    Attributes
-    ----------
-    actuator : on which they were simulated
-    tolerances : standard deviation of the logarithm of each parameter by the data sheet, by place
-    known : the same as it is known now
-    tests : tuple of HealthyTest
-    repeated : expected standard errors after the given command was recorded as many times instead
-    given : the given command
-    limits : that the tests keep, by name, SI
-    compared, refused : commands that were compared, and those beyond the limits or without motion
-    """
-
-    actuator: ParameterSet
+    actuator: ParameterSet  # on which they were simulated
+    #: standard deviation of the logarithm of each parameter by the data sheet, by place
     tolerances: dict[str, float]
-    known: dict[str, float]
+    known: dict[str, float]  #: the same as it is known now
     tests: tuple[HealthyTest, ...]
+    #: expected standard errors after the given command was recorded as many times instead
     repeated: dict[str, float]
-    given: Scenario
-    limits: dict[str, float]
-    compared: int
-    refused: int
+    given: Scenario  #: the given command
+    limits: dict[str, float]  #: that the tests keep, by name, SI
+    compared: int  #: commands that were compared
+    refused: int  #: of these beyond the limits or without motion
 
     @property
     def scenarios(self) -> list[Scenario]:

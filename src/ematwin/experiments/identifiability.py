@@ -87,30 +87,18 @@ class FaultIdentifiability:
 
 @dataclass(frozen=True)
 class Identifiability:
-    """Identifiability of all faults of an actuator from its answer to a command.
+    """Identifiability of all faults of an actuator from its answer to a command."""
 
-    Attributes
-    ----------
-    scenario, actuator : of the command, and of the twin
-    faults : values by name at which slopes were taken
-    told : one for each fault but directions
-    contrasts : standard errors of combinations of faults, by name
-    names, correlation : of all that is unknown, and (d, d) array; vectors by component
-    noise : relative misfit that noise and the twin's own error leave
-    obstacles : sentences on why no verdict would be given on such a recording
-    false_alarm, miss : rates to which ``smallest`` belongs
-    """
-
-    scenario: Scenario
-    actuator: ParameterSet
-    faults: dict[str, float]
-    told: tuple[FaultIdentifiability, ...]
-    contrasts: dict[str, float]
-    names: tuple[str, ...]
-    correlation: np.ndarray
-    noise: float
-    obstacles: tuple[str, ...]
-    false_alarm: float
+    scenario: Scenario  #: the command
+    actuator: ParameterSet  # of the twin
+    faults: dict[str, float]  #: values by name at which slopes were taken
+    told: tuple[FaultIdentifiability, ...]  #: of each fault but directions
+    contrasts: dict[str, float]  #: standard errors of combinations of faults, by name
+    names: tuple[str, ...]  #: of all d unknowns; vectors by component
+    correlation: np.ndarray  #: (d, d), of these
+    noise: float  #: relative misfit that noise and the twin's own error leave
+    obstacles: tuple[str, ...]  #: sentences on why no verdict would be given on such a recording
+    false_alarm: float  #: false_alarm, miss: rates to which ``smallest`` belongs
     miss: float
 
     @property

@@ -40,27 +40,17 @@ _AT_A_TIME = 512  # answers that are held whole
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Sobol indices of an answer.
+    """Sobol indices of an answer."""
 
-    Attributes
-    ----------
-    scenario, actuator : of the command, and of the twin
-    names : unknowns, (d,)
-    first, total : by channel, (d,) arrays
-    first_error, total_error : by channel, (d,) arrays: standard errors, by bootstrap
-    captions : title of each channel
-    answers : how many were simulated
-    """
-
-    scenario: Scenario
-    actuator: ParameterSet
-    names: tuple[str, ...]
-    first: dict[str, np.ndarray]
-    total: dict[str, np.ndarray]
-    first_error: dict[str, np.ndarray]
-    total_error: dict[str, np.ndarray]
-    captions: dict[str, str]
-    answers: int
+    scenario: Scenario  #: the command
+    actuator: ParameterSet  # of the twin
+    names: tuple[str, ...]  #: of the d unknowns
+    first: dict[str, np.ndarray]  #: (d,) by channel
+    total: dict[str, np.ndarray]  #: (d,) by channel
+    first_error: dict[str, np.ndarray]  #: standard errors of these, by bootstrap
+    total_error: dict[str, np.ndarray]  #: the same of the total indices
+    captions: dict[str, str]  #: title of each channel
+    answers: int  #: how many were simulated
 
     def rows(self, channel: str, least: float = 0.01) -> list[list[str]]:
         """Name, first and total index with standard errors, the largest first, down to a least."""

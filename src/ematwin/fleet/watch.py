@@ -175,8 +175,8 @@ def _workers(threads: int, scheduler: str | None) -> Iterator[Executor]:
         with ThreadPoolExecutor(threads) as pool:
             yield pool
         return
-    from ematwin.benchmarking.engines.base import EngineError
-    from ematwin.benchmarking.engines.dask import DaskEngine
+    from ematwin.benchmarking.dask import DaskEngine
+    from ematwin.benchmarking.engine import EngineError
 
     engine = DaskEngine(scheduler, threads)
     engine.start()

@@ -12,12 +12,11 @@ from ematwin.optimizers.differential_evolution import DifferentialEvolution as D
 from ematwin.optimizers.dragonfly import Dragonfly as Dragonfly
 from ematwin.optimizers.genetic_algorithm import GeneticAlgorithm as GeneticAlgorithm
 from ematwin.optimizers.grey_wolf import GreyWolf as GreyWolf
+from ematwin.optimizers.loop import LimitedObjective as LimitedObjective
 from ematwin.optimizers.loop import minimize as minimize
-from ematwin.optimizers.objective import LimitedObjective as LimitedObjective
 from ematwin.optimizers.particle_swarm import ParticleSwarm as ParticleSwarm
 from ematwin.optimizers.registry import algorithms as algorithms
 from ematwin.optimizers.result import History as History
 from ematwin.optimizers.result import MinimizeResult as MinimizeResult
 from ematwin.optimizers.result import Progress as Progress
-from ematwin.optimizers.result import Stop as Stop
 from ematwin.optimizers.whale import Whale as Whale

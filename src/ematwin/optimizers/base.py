@@ -272,21 +272,16 @@ def checked_costs(asked: FloatArray, points: FloatArray, costs: FloatArray) -> F
     """Costs of a whole batch, with +inf for costs that are not finite and rows not evaluated."""
     given = np.asarray(points, dtype=np.float64)
     values = np.asarray(costs, dtype=np.float64)
-    rows = len(given) if given.ndim == 2 else -1
-    if rows < 1 or given.shape[1] != asked.shape[1] or rows > len(asked):
+    if given.size == 0 or given.ndim != 2 or not np.array_equal(given, asked[: len(given)]):
         raise InputError(
-            f"tell() takes the batch of shape {asked.shape} or its first rows, "
-            f"received points of shape {given.shape}."
+            f"tell() takes the batch of shape {asked.shape} or its first rows, unchanged and in "
+            f"order, received other points, of shape {given.shape}."
         )
+    rows = len(given)
     if values.shape != (rows,):
         raise InputError(
             f"tell() takes one cost per point: {rows} points came with costs of "
             f"shape {values.shape}."
-        )
-    if not np.array_equal(given, asked[:rows]):
-        raise InputError(
-            "tell() received points that are not the first rows of the batch asked for. "
-            "Give them back unchanged and in order."
         )
     whole = np.full(len(asked), np.inf)
     whole[:rows] = np.where(np.isfinite(values), values, np.inf)
@@ -306,6 +301,13 @@ def positive(value: float, name: str) -> float:
     """Check that a value is a positive number."""
     if not 0.0 < value < np.inf:
         raise InputError(f"The {name} must be a positive number, received {value!r}.")
+    return float(value)
+
+
+def probability(value: float, name: str) -> float:
+    """Check a probability."""
+    if not 0.0 <= value <= 1.0:
+        raise InputError(f"The {name} must lie in [0, 1], received {value}.")
     return float(value)
 
 

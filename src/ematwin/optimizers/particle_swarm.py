@@ -29,8 +29,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from ematwin.errors import InputError
-from ematwin.optimizers.base import Box, FloatArray, PopulationOptimizer, whole_number
-from ematwin.optimizers.genetic_operators import Polynomial, probability
+from ematwin.optimizers.base import (
+    Box,
+    FloatArray,
+    PopulationOptimizer,
+    positive,
+    probability,
+    whole_number,
+)
+from ematwin.optimizers.genetic_algorithm import Polynomial
 
 
 @dataclass(frozen=True)
@@ -79,10 +86,7 @@ class GrowingRing:
     power: float = 2.0
 
     def __post_init__(self) -> None:
-        if not self.power > 0:
-            raise InputError(
-                f"The power of a growing ring must be positive, received {self.power}."
-            )
+        positive(self.power, "power of a growing ring")
 
     def informants(self, costs: FloatArray, progress: float) -> np.ndarray:
         """(N,) indices; the particle itself wins a tie."""

@@ -1,7 +1,6 @@
-"""Result of a search, its progress, and the reasons why it ends."""
+"""Result of a search, its progress, and why it ends."""
 
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Any
 
 import numpy as np
@@ -10,26 +9,15 @@ from ematwin.optimizers.base import FloatArray
 from ematwin.showing import markup
 from ematwin.showing.results import drawn, frame
 
-
-class Stop(StrEnum):
-    """Why a search ended, as written in results and files."""
-
-    BUDGET = "budget"
-    TARGET = "target"
-    STAGNATION = "stagnation"
-    CALLBACK = "callback"
-    INTERRUPTED = "interrupted"
-    CONVERGED = "converged"
-
-
 _SENTENCES = {
-    Stop.BUDGET: "the budget is spent",
-    Stop.TARGET: "the target is reached",
-    Stop.STAGNATION: "the cost has stopped falling",
-    Stop.CALLBACK: "the callback asked to stop",
-    Stop.INTERRUPTED: "interrupted; this is the best found so far",
-    Stop.CONVERGED: "the method itself has converged",
+    "budget": "the budget is spent",
+    "target": "the target is reached",
+    "stagnation": "the cost has stopped falling",
+    "callback": "the callback asked to stop",
+    "interrupted": "interrupted; this is the best found so far",
+    "converged": "the method itself has converged",
 }
+"""Why a search ended, as written in results and files, and in words."""
 
 
 @dataclass(frozen=True)
@@ -56,27 +44,15 @@ class History:
 
 @dataclass(frozen=True)
 class MinimizeResult:
-    """Result of a search.
+    """Result of a search."""
 
-    Attributes
-    ----------
-    x : (d,) array, best point
-    cost : float, its cost
-    evaluations : int
-    history : History
-    stopped : str, one of `Stop`, or a method's own reason
-    seconds : float, s, wall time, objective included; over all sittings if resumed
-    algorithm : str
-    seed : int
-    """
-
-    x: FloatArray
-    cost: float
+    x: FloatArray  #: (d,), best point
+    cost: float  #: its cost
     evaluations: int
     history: History
-    stopped: str
-    seconds: float
-    algorithm: str
+    stopped: str  #: budget, target, stagnation, callback, interrupted, or a method's own reason
+    seconds: float  #: wall time, objective included; over all sittings if resumed
+    algorithm: str  #: its name
     seed: int
 
     def to_frame(self) -> Any:
@@ -98,7 +74,7 @@ class MinimizeResult:
     @property
     def message(self) -> str:
         """One sentence for people."""
-        reason = _SENTENCES.get(self.stopped, self.stopped)  # type: ignore[call-overload]
+        reason = _SENTENCES.get(self.stopped, self.stopped)
         return (
             f"Cost {self.cost:.6g} after {self.evaluations} evaluations "
             f"in {self.seconds:.2f} s: {reason}."

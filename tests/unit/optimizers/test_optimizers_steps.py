@@ -16,7 +16,7 @@ from ematwin.optimizers import (
     Whale,
 )
 from ematwin.optimizers.differential_evolution import bounced_back, others
-from ematwin.optimizers.genetic_operators import Polynomial, Roulette, SimulatedBinary, Tournament
+from ematwin.optimizers.genetic_algorithm import Polynomial, Roulette, SimulatedBinary, Tournament
 from ematwin.optimizers.particle_swarm import Coefficients, Global, GrowingRing, Ring
 from naive import optimizers_naive as naive
 

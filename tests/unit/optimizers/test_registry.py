@@ -12,8 +12,7 @@ from ematwin.errors import InputError, MissingExtraError
 from ematwin.estimation.search import expanded, methods
 from ematwin.optimizers import Box, Optimizer, RandomSearch, Whale, algorithms, minimize, registry
 from ematwin.optimizers.differential_evolution import rand_1
-from ematwin.optimizers.genetic_algorithm import Binary
-from ematwin.optimizers.genetic_operators import Roulette
+from ematwin.optimizers.genetic_algorithm import Binary, Roulette
 from ematwin.optimizers.particle_swarm import Global
 from ematwin.optimizers.registry import PRESETS, find
 from ematwin.testing.optimizer_contract import check_optimizer

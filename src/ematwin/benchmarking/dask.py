@@ -8,13 +8,13 @@ scheduler or all of its workers are gone, the engine waits, then submits the run
 import logging
 import textwrap
 import time
+from concurrent.futures import CancelledError
 from contextlib import suppress
-from queue import Empty, SimpleQueue
 from typing import Any
 
-from ematwin.benchmarking.engines.base import PATIENCE, Engine, EngineError
-from ematwin.benchmarking.execute import execute, hard_limit
-from ematwin.benchmarking.run import RunResult, RunSpec
+from ematwin.benchmarking.engine import PATIENCE, Engine, EngineError
+from ematwin.benchmarking.execute import execute
+from ematwin.benchmarking.plan import Run, RunSpec
 from ematwin.errors import MissingExtraError
 
 _CONNECT, _LOOK = 10.0, 2.0  # s to connect, and between two looks at the workers
@@ -42,12 +42,8 @@ class DaskEngine(Engine):
         self._workers = workers
         self._cluster: Any = None
         self.client: Any = None  # of `distributed`, once started, also for work other than runs
-        self._slots = 0
         self._looked = 0.0
         self._answered = 0.0  # when there were workers last
-        self._flights: dict[str, tuple[RunSpec, Any, float]] = {}
-        self._ended: SimpleQueue[tuple[str, Any]] = SimpleQueue()  # ids and futures
-        self._again: dict[str, RunSpec] = {}  # were in flight when the scheduler was lost
 
     def start(self) -> None:  # noqa: D102
         # what they would log about lost connections is said once, as a sentence
@@ -80,38 +76,37 @@ class DaskEngine(Engine):
                 )
             time.sleep(0.2)
 
-    @property
-    def busy(self) -> int:  # noqa: D102
-        return len(self._flights) + len(self._again)
-
-    @property
-    def free(self) -> int:  # noqa: D102
-        return max(0, self._slots - self.busy)
-
-    def submit(self, spec: RunSpec) -> None:  # noqa: D102
-        self._again[spec.id] = spec
-        self._send()
-
-    def finished(self, timeout: float) -> list[RunResult]:  # noqa: D102
+    def finished(self, timeout: float) -> list[Run]:  # noqa: D102
         self._watch()
-        self._send()
-        results: list[RunResult] = []
-        with suppress(Empty):
-            while True:
-                results += self._land(*self._ended.get(timeout=0.0 if results else timeout))
-        return results
+        return super().finished(timeout)
 
-    def close(self) -> None:  # noqa: D102
-        if self.client is not None and self._flights:
-            with suppress(Exception):
-                self.client.cancel([flight[1] for flight in self._flights.values()], force=True)
+    def _end(self) -> None:
         self._disconnect()
         if self._cluster is not None:
             with suppress(Exception):
                 self._cluster.close(timeout=5)
         self._cluster = None
-        self._flights.clear()
-        self._again.clear()
+
+    def _carry(self, spec: RunSpec) -> Run:
+        while not self._closed.is_set():
+            client, began = self.client, time.monotonic()
+            run = execute, spec, self._limit, self.name
+            with suppress(Exception):  # where the scheduler is lost
+                # impure: another client of this scheduler may have asked for the same run
+                task = client.submit(*run, pure=False, key=None, retries=0)
+                while client is self.client:
+                    try:
+                        return task.result(timeout=_LOOK)
+                    except TimeoutError:
+                        continue
+                    except self._distributed.KilledWorker:
+                        return self._given_up(spec, self._overdue(began))
+                    except (OSError, CancelledError):
+                        break
+                    except Exception as error:
+                        return Run(spec, "failed", stopped=f"{type(error).__name__}: {error}")
+            self._closed.wait(0.2)  # s, until `finished` has connected again
+        raise EngineError("The engine was closed.")
 
     def _connect(self) -> None:
         self.client = self._distributed.Client(
@@ -119,51 +114,11 @@ class DaskEngine(Engine):
         )
 
     def _disconnect(self) -> None:
-        """Disconnect from the scheduler; runs in flight wait to be submitted again."""
+        """Disconnect from the scheduler; runs in flight wait for another."""
         client, self.client, self._slots = self.client, None, 0
-        self._again |= {id: flight[0] for id, flight in self._flights.items()}
-        self._flights.clear()
         if client is not None:
             with suppress(Exception):
                 client.close(timeout=5)
-
-    def _send(self) -> None:
-        """Submit waiting runs while there are free workers."""
-        for id, spec in list(self._again.items()):
-            if self.client is None or len(self._flights) >= self._slots:
-                return
-            run = execute, spec, self._limit, self.name
-            try:
-                # impure: another client of this scheduler may have asked for the same run
-                future = self.client.submit(*run, pure=False, key=None, retries=0)
-            except Exception:
-                self._disconnect()
-                return
-            del self._again[id]
-            self._flights[id] = (spec, future, time.monotonic())
-            future.add_done_callback(lambda done, id=id: self._ended.put((id, done)))
-
-    def _land(self, id: str, future: Any) -> list[RunResult]:
-        """Give the result of a future that has ended; none if it is void or tried again."""
-        if id not in self._flights or self._flights[id][1] is not future:
-            return []
-        spec, _, since = self._flights[id]
-        if future.status in {"cancelled", "lost"}:
-            self._disconnect()
-            return []
-        try:
-            result: RunResult = future.result(timeout=_CONNECT)
-        except self._distributed.KilledWorker:
-            seconds = time.monotonic() - since
-            overdue = self._limit is not None and seconds >= hard_limit(self._limit)
-            result = self._given_up(spec, overdue)
-        except (OSError, TimeoutError):
-            self._disconnect()
-            return []
-        except Exception as error:
-            result = RunResult(id, "failed", stopped=f"{type(error).__name__}: {error}")
-        del self._flights[id]
-        return [result]
 
     def _watch(self) -> None:
         """Look for workers now and then; connect again where the scheduler is gone."""

@@ -1,1 +1,0 @@
-"""Engines carry runs to processors: local processes or a Dask cluster."""
