@@ -1,6 +1,8 @@
-"""Page: verdicts on recordings, value by value against the healthy band."""
+"""Verdicts on recordings: page, table, and the trend over runs with a colour for each fault."""
 
 from collections.abc import Sequence
+from itertools import cycle
+from typing import Any
 
 from ematwin.estimation.constants import CERTAIN, SMALLEST
 from ematwin.monitoring.calibration import Calibration
@@ -8,8 +10,9 @@ from ematwin.monitoring.causes import DRIFT
 from ematwin.monitoring.detection import Detection, counted, gathered_notes
 from ematwin.monitoring.diagnosis import Diagnosis, Standing
 from ematwin.monitoring.population_calibration import PopulationCalibration
-from ematwin.plots.detection import plot_trend
+from ematwin.quantities import preferred
 from ematwin.report.page import Row, Section, Table, listed, render
+from ematwin.report.style import AMBER, GREEN, GREY, SERIES, stacked
 
 
 def detection_page(found: Detection) -> str:
@@ -96,3 +99,95 @@ def _facts(calibration: Calibration) -> dict[str, str]:
         or "from physics alone: the quantity that a fault raises",
         "intervals": "95 %, from the scatter of healthy motions within and between runs",
     }
+
+
+_SYMBOLS = ("diamond", "square", "triangle-up", "cross", "x", "star", "pentagon", "hourglass")
+_PLAIN = {
+    "healthy": (GREEN, "circle"),
+    "changed": (AMBER, "circle"),
+    "no verdict": (GREY, "circle-open"),
+}
+
+
+def plot_trend(found: Detection, each: str = "run") -> Any:
+    """Faults, or what else is reported, over runs, with healthy bands and intervals.
+
+    Runs stand at the time of their recordings where all have one, else by their names in the
+    order in which they were given. Faults are told apart by colour and symbol. The distance
+    from healthy runs comes first where a healthy population judges.
+
+    Parameters
+    ----------
+    each : "run" (its recordings together) or "motion" (each recording)
+    """
+    rows = found.each(each)
+    x, axis = _places(rows, each)
+    looks, texts = _looks(found), [_hover(one) for one in rows]
+    at = [one.standing for one in rows if one.standing is not None]
+    shown = rows[0].magnitudes
+    titles = ["Distance from healthy runs"] * bool(at)
+    titles += [m.name.replace("_", " ").capitalize() for m in shown]
+    units = [""] * bool(at)
+    units += ["times healthy" if m.unit == "x" else preferred(m.unit)[0] for m in shown]
+    figure = stacked(titles, units, "", 150 + 180 * len(titles))
+
+    def marks(row: int, y: list[float], above: Sequence[float] = (), below: Any = ()) -> None:
+        for name, (color, symbol) in looks.items():
+            own = [n for n, verdict in enumerate(rows) if verdict.said == name]
+            bars = {
+                "type": "data", "symmetric": False, "color": GREY, "thickness": 1,
+                "array": [above[n] for n in own], "arrayminus": [below[n] for n in own],
+            } if above else None  # fmt: skip
+            if own:
+                figure.add_scatter(
+                    x=[x[n] for n in own], y=[y[n] for n in own], mode="markers", name=name,
+                    legendgroup=name, showlegend=row == 1, text=[texts[n] for n in own],
+                    hoverinfo="text+y", marker={"color": color, "size": 8, "symbol": symbol},
+                    error_y=bars, row=row, col=1,
+                )  # fmt: skip
+
+    if at:
+        marks(1, [one.distance for one in at])
+        figure.update_yaxes(rangemode="tozero", row=1, col=1)
+    for row, one in enumerate(shown, start=1 + bool(at)):
+        values = [next(m for m in v.magnitudes if m.name == one.name) for v in rows]
+        factor = preferred(one.unit)[1]
+        low, high = ([factor * m.healthy[end] for m in values] for end in (0, 1))
+        figure.add_scatter(
+            x=[*x, *reversed(x)], y=[*high, *reversed(low)], fill="toself", mode="lines",
+            line={"width": 0}, fillcolor="rgba(0,158,115,0.15)", name="healthy band",
+            legendgroup="band", showlegend=row == 1 + bool(at), hoverinfo="skip", row=row, col=1,
+        )  # fmt: skip
+        above = [factor * (m.high - m.value) for m in values]
+        below = [factor * (m.value - m.low) for m in values]
+        marks(row, [factor * m.value for m in values], above, below)
+    figure.update_layout(hovermode="closest")
+    figure.update_xaxes(row=len(titles), col=1, **axis)
+    return figure
+
+
+def _places(verdicts: Sequence[Diagnosis], each: str) -> tuple[list[Any], dict[str, Any]]:
+    """Places of verdicts on the axis, and the layout of the axis: no more ticks than fit."""
+    times = [verdict.when for verdict in verdicts]
+    if all(times) and len(set(times)) == len(times):
+        return [str(time) for time in times], {"type": "date"}
+    names = [verdict.name.removeprefix(f"{each} ") for verdict in verdicts]
+    places = list(range(1, len(names) + 1))
+    ticks = places[:: -(-len(names) // 40)]
+    shown = [names[n - 1] for n in ticks]
+    texts = [name if len(name) <= 24 else f"{name[:11]}…{name[-11:]}" for name in shown]
+    return places, {"tickvals": ticks, "ticktext": texts, "title_text": each}
+
+
+def _looks(found: Detection) -> dict[str, tuple[str, str]]:
+    """Colour and symbol of each verdict, different for each fault."""
+    said = dict.fromkeys(verdict.said for verdict in (*found.runs, *found.motions))
+    faults = [name for name in said if name not in _PLAIN]
+    looks = zip(cycle(SERIES), cycle(_SYMBOLS), strict=False)
+    return _PLAIN | dict(zip(faults, looks, strict=False))
+
+
+def _hover(one: Diagnosis) -> str:
+    covariate = None if one.standing is None else one.standing.covariate
+    said = "" if covariate is None else f", {covariate.name} {covariate}"
+    return f"{one.name}<br>{one.said}{said}"

@@ -29,7 +29,7 @@ __all__ = list(_HOMES)
 
 def __getattr__(name: str) -> Any:
     if name in _HOMES:
-        return getattr(import_module(f"ematwin.plots.{_HOMES[name]}"), name)
+        return getattr(import_module(f"ematwin.report.{_HOMES[name]}"), name)
     raise AttributeError(f"module 'ematwin.plots' has no attribute {name!r}")
 
 

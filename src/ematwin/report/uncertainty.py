@@ -1,4 +1,4 @@
-"""Figures of uncertainty: corner plot, profiles, and the band of answers."""
+"""How sure an identification is: sections of its page, corner plot, profiles, band of answers."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -9,9 +9,41 @@ import numpy as np
 from ematwin.errors import InputError
 from ematwin.estimation.identification import Identification
 from ematwin.estimation.profile import LIMIT, ProfileUncertainty
-from ematwin.estimation.uncertainty import predicted
-from ematwin.plots.style import BLUE, GREEN, GREY, ORANGE, line, stacked, styled
+from ematwin.estimation.uncertainty import Uncertainty, predicted
 from ematwin.recordings.recording import Recording
+from ematwin.report.page import Row, Section, Table
+from ematwin.report.style import BLUE, GREEN, GREY, ORANGE, line, stacked, styled
+
+
+def uncertainty_sections(found: Identification, record: Recording) -> list[Section]:
+    """Intervals and probabilities, then the figures of the method."""
+    sure = found.uncertainty
+    if sure is None:
+        return []
+    sections = [
+        Section(f"How sure: {sure.method}", table=uncertainty_table(sure)),
+        Section(points=[*sure.sentences, *(f"Doubt: {sentence}" for sentence in sure.doubts)]),
+    ]
+    if isinstance(sure, ProfileUncertainty):
+        text = "The 95 % interval ends where the rise passes the dotted line, or further out by the"
+        text += " error of the model."
+        sections.append(Section("Profiles of the faults", text, figure=plot_profile(found)))
+    pairs = "Each pair of faults by draws: a slanted cloud is two that are traded off."
+    band = (
+        "The recording over the answers of the twin to draws of everything that is unknown. Noise "
+        "of the sensors is not in the band."
+    )
+    return [
+        *sections,
+        Section("Faults together", pairs, figure=plot_posterior(found)),
+        Section("What the twin may answer", band, figure=plot_answers(found, record)),
+    ]
+
+
+def uncertainty_table(sure: Uncertainty) -> Table:
+    """Interval and probability of each fault by the method that was asked for."""
+    rows = [Row(list(row), marked=sure.present[row[0]] > 0.5) for row in sure.rows]
+    return Table(list(sure.headings), rows, texts=(-1,))
 
 
 def plot_posterior(found: Identification, names: Sequence[str] | None = None) -> Any:
@@ -107,11 +139,9 @@ def plot_profile(found: Identification) -> Any:
         figure.add_vrect(*one.interval, fillcolor=GREEN, opacity=0.12, line_width=0, **place)
         figure.update_yaxes(range=[-0.2, 8.0], **place)  # rise that is shown
     figure.update_yaxes(title_text="rise", col=1)
-    titles_at = [(a.x, a.xanchor) for a in figure.layout.annotations]
-    figure = styled(figure, 110 + 250 * rows, hovermode="closest")
-    for annotation, (x, anchor) in zip(figure.layout.annotations, titles_at, strict=True):
-        annotation.update(x=x, xanchor=anchor)
-    return figure
+    above = [{"x": title.x, "xanchor": title.xanchor} for title in figure.layout.annotations]
+    styled(figure, 110 + 250 * rows, hovermode="closest")
+    return figure.update_layout(annotations=above)  # titles stay above their own panels
 
 
 def _edges(x: np.ndarray) -> np.ndarray:
@@ -130,8 +160,8 @@ def plot_answers(found: Identification, recording: Recording) -> Any:
     # more points make the page slow and show nothing more
     thin = slice(None, None, max(1, len(recording) // 5_000))
     time = recording.time[thin]
-    titles = [captions[name][0] for name in bands]
-    figure = stacked(titles, [captions[name][1] for name in bands], "time, s", 330 * len(bands))
+    titles, units = ([captions[name][k] for name in bands] for k in (0, 1))
+    figure = stacked(titles, units, "time, s", 330 * len(bands))
     for n, (name, band) in enumerate(bands.items()):
         low, middle, high = band[:, thin]
         line(figure, n + 1, time, measured[name][thin], "measured", GREY)
