@@ -12,21 +12,15 @@ from typing import Any
 
 import typer
 
-from ematwin.cli.actuators import actuators, algorithms, scenarios
-from ematwin.cli.calibrate import calibrate
+from ematwin.cli.answers import for_shell
 from ematwin.cli.channels import channels
-from ematwin.cli.compare import compare
 from ematwin.cli.demo import demo
-from ematwin.cli.design import design
-from ematwin.cli.detect import detect
-from ematwin.cli.explore import explore, serve
-from ematwin.cli.fleet import fleet
-from ematwin.cli.identifiability import identifiability
-from ematwin.cli.identify import identify
-from ematwin.cli.report import report, store
-from ematwin.cli.simulate import export_fmu, simulate
-from ematwin.cli.units import units
-from ematwin.cli.watch import watch
+from ematwin.cli.diagnose import calibrate, detect, identify
+from ematwin.cli.experiments import design, identifiability
+from ematwin.cli.fleet import fleet, serve, watch
+from ematwin.cli.lists import actuators, algorithms, scenarios, units
+from ematwin.cli.simulate import explore, export_fmu, simulate
+from ematwin.cli.study import compare, report, store
 
 app = typer.Typer(
     name="ematwin",
@@ -75,7 +69,6 @@ def root(
 def run() -> int:
     """Run the command that the process was called with; gives its exit code."""
     from ematwin import numerics
-    from ematwin.cli.wording import for_shell
     from ematwin.errors import EmatwinError
 
     if sys.stderr.isatty():

@@ -6,9 +6,8 @@ from typing import Any
 import typer
 
 import ematwin
-from ematwin.cli import options
+from ematwin.cli import answers, options
 from ematwin.cli.options import argument, option
-from ematwin.cli.recordings import meant
 from ematwin.files import check_target, write_text
 from ematwin.showing.text import capital
 
@@ -31,8 +30,8 @@ def channels(
     if write is not None:
         check_target(write, (".toml",), replace=force)
     options.check_outputs(plot)
-    chosen = ematwin.load_actuator(actuator or meant([file], None, None))
-    with options.progress_bar(f"Reading {file.name}", not json) as progress:
+    chosen = ematwin.load_actuator(actuator or options.meant([file], None, None))
+    with answers.progress_bar(f"Reading {file.name}", not json) as progress:
         found = survey(file, progress=progress)
         proposal = ematwin.propose_map(file, chosen, found)
     if write is not None:
@@ -50,13 +49,13 @@ def channels(
 
     def tell() -> None:
         title = f"Channels of {file.name}"
-        options.print_table(
+        answers.print_table(
             title, channels_table(found, proposal, sparkline), whole=["shape"], width=160
         )
-        options.print_notes("Assumed", (f"{capital(text)}." for text in found.assumed))
+        answers.print_notes("Assumed", (f"{capital(text)}." for text in found.assumed))
         print_proposal(proposal, file, actuator or chosen.name, write)
 
-    options.answer(json, plain, tell, plot)
+    answers.give(json, plain, tell, plot)
 
 
 def print_proposal(proposal: Any, file: Path, actuator: str, written: Path | None) -> None:
@@ -73,7 +72,7 @@ def print_proposal(proposal: Any, file: Path, actuator: str, written: Path | Non
     if proposal.unused:
         typer.echo(f"Not used: {', '.join(proposal.unused)}")
     doubt = "A recording read so would be refused" if proposal.refused else "Warning"
-    options.print_notes(doubt, proposal.check)
+    answers.print_notes(doubt, proposal.check)
     if written is None:
         typer.echo(f"Next: ematwin channels {file} --actuator {actuator} --write map.toml")
         return

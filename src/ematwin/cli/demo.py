@@ -11,9 +11,9 @@ from typing import Any
 import typer
 
 import ematwin
-from ematwin.cli import options
+from ematwin.cli import answers, options
+from ematwin.cli.diagnose import print_findings
 from ematwin.cli.fleet import print_fleet
-from ematwin.cli.identify import print_findings
 from ematwin.cli.options import flag, option
 from ematwin.errors import FileError, InputError
 from ematwin.files import write_text
@@ -72,7 +72,7 @@ def demo(
     record_file, twin_file = folder / "today.parquet", folder / "calibrated.toml"
     sheet_file = folder / "sheet.toml"
     sheet.save(sheet_file)
-    with options.progress_bar("Compiling (first run only) and recording", not json) as progress:
+    with answers.progress_bar("Compiling (first run only) and recording", not json) as progress:
         healthy = []
         for n, (command, file) in enumerate(zip(commands, files, strict=True), start=1):
             record = ematwin.simulate(
@@ -88,19 +88,19 @@ def demo(
         progress(1.0)
     page = comparison_page(faulty, healthy[0], injected.as_dict(), sheet)
     write_text(folder / "simulated.html", page)
-    with options.progress_bar("Calibrating on the healthy records", not json) as progress:
+    with answers.progress_bar("Calibrating on the healthy records", not json) as progress:
         twin = ematwin.calibrate(files, sheet_file, name="calibrated", progress=progress)
     twin.save(twin_file)
     twin.report(folder / "calibrated.html")
     record = ematwin.read(record_file)
-    with options.progress_bar("searching", not json) as show:
-        tell = options.searching(show, "simulations", "misfit")
+    with answers.progress_bar("searching", not json) as show:
+        tell = answers.searching(show, "simulations", "misfit")
         found = ematwin.identify(record, twin, seed=seed, progress=tell)
         without = ematwin.identify(record, sheet_file, seed=seed, progress=tell)
     found.report(folder / "report.html")
     without.report(folder / "uncalibrated.html")
     if json:
-        options.print_json({
+        answers.print_json({
             **found.as_dict(), "injected": injected.as_dict(), "uncalibrated": without.as_dict(),
             "forms": twin.baseline.forms, "record": record_file, "healthy_records": files,
             "twin": twin_file, "report": folder / "report.html",
@@ -128,7 +128,7 @@ def _fleet(folder: Path, seed: int, json: bool) -> None:
     if any((folder / name).exists() for name in ("rows", "fleet.toml")):
         raise InputError(f"{folder} holds a fleet already. Choose another with --folder.")
     with (
-        options.progress_bar("Simulating the fleet", not json) as progress,
+        answers.progress_bar("Simulating the fleet", not json) as progress,
         TemporaryDirectory(dir=folder, prefix=".") as draft,  # gone where Ctrl-C ends this
     ):
         fleet = ematwin.Fleet(draft)
@@ -143,7 +143,7 @@ def _fleet(folder: Path, seed: int, json: bool) -> None:
     if json:
         advisories = {row["serial_number"]: row["advisory"] for row in fleet.table()}
         page = folder / "fleet.html"
-        options.print_json({"fleet": folder, "report": page, "advisories": advisories})
+        answers.print_json({"fleet": folder, "report": page, "advisories": advisories})
         return
     print_fleet(fleet)
     typer.echo(f"wrote {folder / 'fleet.html'}. See it live: ematwin serve {folder}")

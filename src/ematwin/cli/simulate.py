@@ -1,11 +1,12 @@
-"""``ematwin simulate``: an actuator as a recording; ``ematwin export-fmu``: as an FMU."""
+"""``ematwin simulate``, ``explore`` and ``export-fmu``: an actuator as recording, page, FMU."""
 
 from pathlib import Path
+from typing import Any
 
 import typer
 
 import ematwin
-from ematwin.cli import complete, options
+from ematwin.cli import answers, options
 from ematwin.cli.options import argument, option
 from ematwin.errors import InputError
 from ematwin.files import check_target, write_text
@@ -50,18 +51,18 @@ def simulate(
                 raise InputError(f"--out {out} would overwrite its own input. Give another name.")
     options.check_outputs(plot)
     more = [] if also is None else [name.strip() for name in also.split(",") if name.strip()]
-    settings = {
+    settings: dict[str, Any] = {
         "noise": noise, "seed": seed, "sample_rate": sample_rate, "step": step, "also": more,
     }  # fmt: skip
-    with options.progress_bar(f"Simulating {asked.duration:g} s", not json) as progress:
-        record = ematwin.simulate(model, asked, values, chosen, progress=progress, **settings)  # type: ignore[arg-type]
+    with answers.progress_bar(f"Simulating {asked.duration:g} s", not json) as progress:
+        record = ematwin.simulate(model, asked, values, chosen, progress=progress, **settings)
     if out is not None:
         ematwin.write(record, out)
     if plot is not None:
         from ematwin.report.recordings import comparison_page
 
-        with options.progress_bar("Simulating healthy", not json) as progress:
-            healthy = ematwin.simulate(model, asked, None, chosen, progress=progress, **settings)  # type: ignore[arg-type]
+        with answers.progress_bar("Simulating healthy", not json) as progress:
+            healthy = ematwin.simulate(model, asked, None, chosen, progress=progress, **settings)
         write_text(plot, comparison_page(record, healthy, values, chosen))
     summary = kind.summary(record, chosen)
     described = kind.describe(chosen, values)
@@ -85,13 +86,13 @@ def simulate(
         f"{table_of(described)}\n\n{fidelity} model of {chosen.name}, scenario {asked.name}: "
         f"{len(record)} samples at {record.sample_rate:g} Hz, {numbers}"
     )
-    options.answer(json, lambda: plain, lambda: typer.echo(told), out, plot)
+    answers.give(json, lambda: plain, lambda: typer.echo(told), out, plot)
 
 
 def export_fmu(
     actuator: str = argument(
         "A shipped parameter set of any kind, a TOML file, or a calibration.",
-        autocompletion=complete.actuators,
+        autocompletion=options.ACTUATORS,
     ),
     out: Path = option("Write the archive here (.fmu).", ...),
     fidelity: str | None = option(
@@ -111,4 +112,30 @@ def export_fmu(
         "fingerprint": chosen.fingerprint,
     }  # fmt: skip
     told = f"{form} model of {chosen.name} as FMI {fmi}.0 co-simulation"
-    options.answer(json, lambda: plain, lambda: typer.echo(told), written)
+    answers.give(json, lambda: plain, lambda: typer.echo(told), written)
+
+
+def explore(
+    record: Path | None = argument(
+        "A recording: Parquet, CSV, MAT, MDF4, TDMS or HDF5; without one the twin is "
+        "shown beside the healthy one.",
+        None,
+    ),
+    actuator: str | None = options.RECORDED_ACTUATOR,
+    scenario: str | None = options.SCENARIO,
+    column: list[str] | None = options.COLUMN,
+    map_file: Path | None = options.MAP,
+    port: int = options.PORT,
+    units: str | None = options.UNITS,
+    no_browser: bool = options.NO_BROWSER,
+) -> None:
+    """Drag the faults of the twin, and see its answer beside a recording's, in the browser."""
+    from ematwin.exploring.explorer import Explorer
+    from ematwin.exploring.server import Server
+
+    recording, known = None, ematwin.Calibration.of(actuator)
+    if record is not None:
+        known = ematwin.Calibration.of(actuator or options.meant([record], column, map_file))
+        columns = options.map_of(column, map_file, known.actuator)
+        recording = ematwin.read(record, columns, actuator=known.actuator)
+    answers.serve_page(Server(Explorer(recording, known, scenario), port), "The twin", no_browser)

@@ -1,20 +1,22 @@
-"""``ematwin actuators``, ``scenarios`` and ``algorithms``: lists of all that can be named."""
+"""``ematwin actuators``, ``scenarios``, ``algorithms`` and ``units``: all that can be named."""
 
+import tomllib
 from pathlib import Path
 
+import tomli_w
 import typer
 
 import ematwin
-from ematwin.cli import complete, options
+from ematwin.cli import answers, options
 from ematwin.cli.options import argument, option
-from ematwin.errors import InputError
+from ematwin.errors import FileError, InputError
 from ematwin.files import check_target, write_text
-from ematwin.quantities import preferred
+from ematwin.quantities import QUANTITIES, parse_units, preferred, settings_file, units_in_settings
 
 
 def actuators(
     name: str | None = argument(
-        "Show all parameters of this set or TOML file.", None, autocompletion=complete.actuators
+        "Show all parameters of this set or TOML file.", None, autocompletion=options.ACTUATORS
     ),
     out: Path | None = option(
         "Write its parameters to this file (.toml), as a start for your own."
@@ -32,11 +34,11 @@ def actuators(
             raise InputError("--out needs the name of an actuator; see ematwin actuators.")
         found = [ematwin.load_actuator(key) for key in shipped_actuators()]
         if json:
-            options.print_json({one.name: one.description for one in found})
+            answers.print_json({one.name: one.description for one in found})
         else:
             for one in found:
                 typer.echo(f"{one.name:<12} {one.kind:<12} {one.description}")
-            options.print_notes("Warning", broken_kinds())
+            answers.print_notes("Warning", broken_kinds())
         return
     actuator = ematwin.load_actuator(name)
     model = model_of(actuator)
@@ -44,10 +46,9 @@ def actuators(
     if out is not None:
         check_target(out, (".toml",), replace=force)
         write_text(out, actuator.template(parameter_table(name, shipped_actuators())))
+    told = ("role", "unit", "meaning", "healthy", "lower", "upper")
     plain = {
-        "name": actuator.name,
-        "kind": model.kind,
-        "description": actuator.description,
+        "name": actuator.name, "kind": model.kind, "description": actuator.description,
         "parameters": {
             place: {
                 "value": value, "unit": unit, "meaning": meaning, "source": source,
@@ -59,11 +60,7 @@ def actuators(
             one.name: {"unit": one.unit, "meaning": one.meaning} for one in model.channels
         },
         "unknowns": {
-            one.name: {
-                key: getattr(one, key)
-                for key in ("role", "unit", "meaning", "healthy", "lower", "upper")
-            }
-            for one in model.unknowns(actuator)
+            one.name: {key: getattr(one, key) for key in told} for one in model.unknowns(actuator)
         },
         "out": out,
     }  # fmt: skip
@@ -87,7 +84,7 @@ def actuators(
         for channel in model.channels:
             typer.echo(f"{channel.name:<20} {channel.unit:<8} {channel.meaning}")
 
-    options.answer(json, lambda: plain, tell, out)
+    answers.give(json, lambda: plain, tell, out)
 
 
 def scenarios(json: bool = options.JSON) -> None:
@@ -95,12 +92,10 @@ def scenarios(json: bool = options.JSON) -> None:
     from ematwin.models.registry import models
 
     found = [
-        (model.kind, model.load_scenario(key))
-        for model in models().values()
-        for key in model.scenarios()
+        (kind, one.load_scenario(key)) for kind, one in models().items() for key in one.scenarios()
     ]
     if json:
-        options.print_json({
+        answers.print_json({
             s.name: {"duration": s.duration, "description": s.description, "kind": kind}
             for kind, s in found
         })  # fmt: skip
@@ -118,7 +113,7 @@ def algorithms(json: bool = options.JSON) -> None:
     found = methods()
     if json:
         told = ("name", "title", "source", "origin", "installed", "departures", "tuned_on")
-        options.print_json([
+        answers.print_json([
             {**{name: getattr(one, name) for name in told}, "aliases": list(one.aliases)}
             for one in found
         ])  # fmt: skip
@@ -126,9 +121,41 @@ def algorithms(json: bool = options.JSON) -> None:
     for one in found:
         state = "" if one.installed else f'  not installed: pip install "ematwin[{EXTRA}]"'
         typer.echo(f"{one.name:<20} {one.title}{state}")
-        for label, text in (
-            ("from", one.source), ("departures", one.departures), ("tuned on", one.tuned_on)
-        ):  # fmt: skip
-            typer.echo(f"{'':<20}   {label}: {text}")
+        typer.echo(f"{'':<20}   from: {one.source}")
+        typer.echo(f"{'':<20}   departures: {one.departures}")
+        typer.echo(f"{'':<20}   tuned on: {one.tuned_on}")
     for name, members in PRESETS.items():
         typer.echo(f"{name:<20} in a study: {', '.join(members)}")
+
+
+def units(
+    keep: str | None = argument(
+        'Units to keep, e.g. "angle=mrad, torque=mN m"; SI forgets them.', None
+    ),
+    json: bool = options.JSON,
+) -> None:
+    """List or keep the units in which values are shown, on pages as well.
+
+    Tables, JSON and DataFrames stay SI.
+    """
+    path = settings_file()
+    if keep is not None:
+        if "=" not in keep and keep.strip().casefold() != "si":
+            raise InputError(
+                f'Give units such as "angle=mrad, torque=mN m", or SI; received {keep!r}.'
+            )
+        given = {} if keep.strip().casefold() == "si" else parse_units(keep)
+        kept = {**units_in_settings(), **given} if given else {}
+        others = tomllib.loads(path.read_text("utf-8")) if path.is_file() else {}
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise FileError(f"Cannot keep units in {path}: {error.strerror}.") from None
+        write_text(path, tomli_w.dumps({**others, "units": kept}))
+    known = units_in_settings()
+    if json:
+        answers.print_json({"file": str(path), "units": known, "quantities": list(QUANTITIES)})
+        return
+    for name, own in QUANTITIES.items():
+        typer.echo(f"{name:<15} {known.get(name, own[0].replace('*', ' '))}")
+    typer.echo(f"Kept in {path}." if known else f"SI; ematwin units keeps others in {path}.")
