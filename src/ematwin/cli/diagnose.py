@@ -39,7 +39,7 @@ def calibrate(
     """Learn from healthy recordings how an actuator behaves and how far healthy runs differ."""
     from ematwin.models.registry import shipped_actuators
     from ematwin.monitoring.calibration import is_as_written
-    from ematwin.recordings.motions import fitting
+    from ematwin.recordings.read import fitting
     from ematwin.report import calibration as page
 
     check_target(out, (".toml",), replace=force or is_as_written(out))

@@ -14,7 +14,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from ematwin.errors import ParameterError, RecordError
 from ematwin.quantities import parse_quantity
 from ematwin.recordings.formats.base import open_file
-from ematwin.recordings.units import beside, unit_factor, unit_in_name
+from ematwin.recordings.words import beside, unit_factor, unit_in_name
 from ematwin.validation import one_sentence
 
 

@@ -71,14 +71,12 @@ class CsvOptions(BaseModel):
     skip_rows: Annotated[int, Field(ge=0)] | None = None  # lines before the header
 
 
-_CSV_OPTIONS = CsvOptions.model_fields
-
-
 class ChannelMap(BaseModel):
     """Channels of a file by channel of the recording, and what holds for the whole file.
 
-    Made for ``channels`` of a kind of actuator, to which time is added. Raises `InputError` if a
-    column or option is unknown or impossible.
+    Made for ``channels`` of a kind of actuator, to which time is added. Columns and options may
+    stand beside each other, or in tables of their own. Raises `InputError` if one is unknown or
+    impossible.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
@@ -92,15 +90,26 @@ class ChannelMap(BaseModel):
     csv: CsvOptions = CsvOptions()
     _channels: tuple[Channel, ...] = PrivateAttr(default=())
 
-    def __init__(self, channels: Sequence[Channel], **values: Any) -> None:
+    def __init__(self, channels: Sequence[Channel], table: Mapping[Any, Any]) -> None:
         known = with_time(channels)
-        if isinstance(columns := values.get("columns"), Mapping):
-            values["columns"] = {}
-            for key, value in columns.items():
-                name = _column_name(str(key), known)
-                if name in values["columns"]:
-                    raise InputError(f"The column map gives {name} twice; keep one of them.")
-                values["columns"][name] = {"channel": value} if isinstance(value, str) else value
+        values: dict[str, Any] = {"columns": {}, "csv": {}}
+        for key, value in table.items():
+            if key in _OPTIONS:
+                values[key] = value
+            elif key not in values:
+                values["csv" if key in CsvOptions.model_fields else "columns"][key] = value
+            elif isinstance(value, Mapping):
+                values[key].update(value)
+            else:
+                raise InputError(
+                    f"{key} must be a table, received {value!r}; write [{key}] above it."
+                )
+        given, values["columns"] = values["columns"], {}
+        for key, value in given.items():
+            name = _column_name(str(key), known)
+            if name in values["columns"]:
+                raise InputError(f"The column map gives {name} twice; keep one of them.")
+            values["columns"][name] = {"channel": value} if isinstance(value, str) else value
         left_out = values.get("without")
         if isinstance(left_out, str):
             left_out = left_out.split(",")
@@ -157,20 +166,18 @@ class ChannelMap(BaseModel):
     def of(cls, given: "Columns", channels: Sequence[Channel]) -> "ChannelMap":
         """A map from a map, a mapping, a TOML file, or None: names as in a recording.
 
-        A flat mapping may hold the options beside the columns:
-        ``{"i_a": "Phase A [A]", "sample_rate": "20 kHz"}``.
+        A mapping is for example ``{"i_a": "Phase A [A]", "sample_rate": "20 kHz"}``.
         """
         if isinstance(given, ChannelMap):
             given = given.as_table()
         if given is None or isinstance(given, Mapping):
-            return cls._from_table(given or {}, channels)
+            return cls(channels, given or {})
         if isinstance(given, str | Path):
-            path = Path(given)
-            table = load_toml(path, "column map")
+            table = load_toml(Path(given), "column map")
             try:
-                return cls._from_table(table, channels)
+                return cls(channels, table)
             except InputError as error:
-                raise InputError(f"{path}: {error}") from None
+                raise InputError(f"{Path(given)}: {error}") from None
         raise InputError(
             "columns must be a mapping of columns to channel names, or the path of a TOML file; "
             f"received {type(given).__name__}."
@@ -193,29 +200,13 @@ class ChannelMap(BaseModel):
                     f'A column is written name="channel", such as i_a="Phase A [A]"; '
                     f"received {text!r}."
                 )
-            is_option = key in _OPTIONS or key in _CSV_OPTIONS
+            is_option = key in _OPTIONS or key in CsvOptions.model_fields
             table[key if is_option else _column_name(key, with_time(channels))] = value
-        return cls._from_table(table, channels)
+        return cls(channels, table)
 
     def as_table(self) -> dict[str, Any]:
         """The map as plain values, as they would stand in a TOML file."""
         return self.model_dump(exclude_none=True, exclude_defaults=True)
-
-    @classmethod
-    def _from_table(cls, table: Mapping[str, Any], channels: Sequence[Channel]) -> "ChannelMap":
-        values: dict[str, Any] = {"columns": {}, "csv": {}}
-        for key, value in table.items():
-            if key in _OPTIONS:
-                values[key] = value
-            elif key not in values:
-                values["csv" if key in _CSV_OPTIONS else "columns"][key] = value
-            elif isinstance(value, Mapping):
-                values[key].update(value)
-            else:
-                raise InputError(
-                    f"{key} must be a table, received {value!r}; write [{key}] above it."
-                )
-        return cls(channels, **values)
 
 
 Columns = ChannelMap | Mapping[str, Any] | str | Path | None

@@ -11,9 +11,9 @@ from typing import Any
 import tomli_w
 
 from ematwin.recordings.channel import Channel, with_time
-from ematwin.recordings.matching import IN_WORDS, NAMED, Candidate, Needs, candidates, unmet
-from ematwin.recordings.survey import Survey, Surveyed
-from ematwin.recordings.units import unit_factor
+from ematwin.recordings.collect import Needs, unmet
+from ematwin.recordings.survey import Candidate, Survey, Surveyed, candidates
+from ematwin.recordings.words import IN_WORDS, NAMED, unit_factor
 from ematwin.showing import markup
 from ematwin.showing.results import frame_of_rows
 from ematwin.showing.text import capital

@@ -1,8 +1,8 @@
 """RecordedFile: an opened file of any format, with named channels to be read one by one.
 
-Each format is one subclass in one file; `open_file` chooses it by the suffix. A
-format of someone else's is found by the entry point group ``ematwin.readers``, whose names are
-suffixes without the dot. `ematwin.testing.reader_contract` holds the tests that each must pass.
+Each format is one subclass; `open_file` chooses it by the suffix. A format of someone else's is
+found by the entry point group ``ematwin.readers``, whose names are suffixes without the dot.
+`ematwin.testing.reader_contract` holds the tests that each must pass.
 """
 
 import logging
@@ -17,8 +17,8 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from ematwin.errors import EmatwinError, FileError, InputError, MissingExtraError, RecordError
-from ematwin.recordings.checksums import verify
-from ematwin.recordings.units import says_nothing
+from ematwin.recordings.tables import verify
+from ematwin.recordings.words import says_nothing
 from ematwin.showing.results import is_frame
 
 Progress = Callable[[float], None]
@@ -27,14 +27,14 @@ _TEXT = (".csv", ".tsv", ".txt")
 _FORMATS = {
     **dict.fromkeys(_TEXT, "csv_file:CsvFile"),
     ".parquet": "parquet_file:ParquetFile",
-    ".mat": "mat_file:MatFile",
-    ".mf4": "mdf_file:MdfFile",
-    ".mdf": "mdf_file:MdfFile",
-    ".tdms": "tdms_file:TdmsFile",
-    ".h5": "hdf5_file:Hdf5File",
-    ".hdf5": "hdf5_file:Hdf5File",
-    ".ulg": "ulog_file:ULogFile",
-    ".mcap": "mcap_file:McapFile",
+    ".mat": "array_files:MatFile",
+    ".mf4": "group_files:MdfFile",
+    ".mdf": "group_files:MdfFile",
+    ".tdms": "group_files:TdmsFile",
+    ".h5": "array_files:Hdf5File",
+    ".hdf5": "array_files:Hdf5File",
+    ".ulg": "topic_files:ULogFile",
+    ".mcap": "topic_files:McapFile",
 }
 _PACKED = (".gz", ".zip", ".xlsx", ".xlsm")  # read as what they hold
 _ELSEWHERE = {

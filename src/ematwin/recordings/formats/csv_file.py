@@ -12,11 +12,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ematwin.errors import FileError, RecordError
-from ematwin.recordings.checksums import verify
 from ematwin.recordings.formats.base import Progress, RecordedFile, refusing
-from ematwin.recordings.formats.clock import MISSING, over_midnight
-from ematwin.recordings.formats.csv_dialect import PLACEHOLDERS, sniff
-from ematwin.recordings.tables import to_numpy, without_apostrophe
+from ematwin.recordings.formats.csv_dialect import MISSING, PLACEHOLDERS, over_midnight, sniff
+from ematwin.recordings.tables import to_numpy, verify, without_apostrophe
 
 
 class CsvFile(RecordedFile):

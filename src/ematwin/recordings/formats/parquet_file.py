@@ -7,9 +7,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ematwin.errors import FileError, RecordError
-from ematwin.recordings.checksums import KEY, checked
 from ematwin.recordings.formats.base import RecordedFile, refusing
-from ematwin.recordings.tables import to_numpy
+from ematwin.recordings.tables import KEY, checked, to_numpy
 
 
 class ParquetFile(RecordedFile):
