@@ -103,15 +103,9 @@ class Estimate:
             for name in self.names
         ]  # fmt: skip
         of = f" from {self.source}" if self.source else ""
-        return "".join(
-            [
-                markup.heading(
-                    f"Estimate of {self.actuator}{of}, misfit {100.0 * self.misfit:.2f} %"
-                ),
-                markup.table(("unknown", "value", "standard error", "healthy", "unit"), rows),
-                *(markup.note(f"Warning: {warning}") for warning in self.warnings),
-            ]
-        )
+        title = f"Estimate of {self.actuator}{of}, misfit {100.0 * self.misfit:.2f} %"
+        header = ("unknown", "value", "standard error", "healthy", "unit")
+        return markup.result(title, header, rows, [f"Warning: {text}" for text in self.warnings])
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values; infinite ones are null."""

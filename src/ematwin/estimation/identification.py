@@ -196,13 +196,11 @@ class Identification:
             for row in fault_cells(self)
         ]
         marked = [n for n, row in enumerate(self.physical) if row.name in self.present]
-        misfit = f"misfit {100.0 * self.relative_misfit:.2f} %"
-        return "".join([
-            markup.verdict(self.verdict.sentence, self.verdict.grade),
-            markup.table(("fault", "value", "95 %", "healthy", "meaning"), rows, marked),
-            markup.note(f"{self.actuator.name}, {misfit}, {self.effort}"),
-            *(markup.note(sentence) for sentence in self._notes),
-        ])  # fmt: skip
+        misfit = f"{self.actuator.name}, misfit {100.0 * self.relative_misfit:.2f} %, {self.effort}"
+        return markup.result(
+            self.verdict.sentence, ("fault", "value", "95 %", "healthy", "meaning"), rows,
+            [misfit, *self._notes], grade=self.verdict.grade, marked=marked,
+        )  # fmt: skip
 
     @property
     def _notes(self) -> list[str]:

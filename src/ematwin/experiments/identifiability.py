@@ -146,13 +146,8 @@ class Identifiability:
     def _repr_html_(self) -> str:
         """The lead, then all faults, in a notebook."""
         marked = [n for n, one in enumerate(self.told) if one.how in ("open", "dead")]
-        return "".join(
-            [
-                markup.verdict(self.lead, "changed" if marked else "healthy"),
-                markup.table(HEADINGS, (one.cells for one in self.told), marked),
-                *(markup.note(sentence) for sentence in self.obstacles),
-            ]
-        )
+        rows, grade = [one.cells for one in self.told], "changed" if marked else "healthy"
+        return markup.result(self.lead, HEADINGS, rows, self.obstacles, grade=grade, marked=marked)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values; infinite ones are null."""

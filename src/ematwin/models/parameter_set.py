@@ -294,7 +294,7 @@ class ParameterSet(BaseModel):
         rows = [(place, f"{value:.6g}", *said) for place, value, *said in self.parameters()]
         title = f"{self.name} ({self.kind}): {self.description}"
         header = ("parameter", "value", "unit", "meaning", "source")
-        return markup.heading(title) + markup.table(header, rows)
+        return markup.result(title, header, rows)
 
     def with_arrays(self, values: Mapping[str, Any]) -> Self:
         """A variant whose values at some places are arrays, for batches of candidates.

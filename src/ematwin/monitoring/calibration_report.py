@@ -103,12 +103,10 @@ class CalibrationReport:
              f"{p.standard_error:.2g}", f"{p.template:.6g}")
             for p in self.parameters
         ]  # fmt: skip
-        return "".join(
-            [
-                markup.heading(f"{self.actuator.name}, calibrated on {len(self.learnt)} runs"),
-                markup.table(("parameter", "value", "standard error", "template"), rows),
-                *(markup.note(text) for text in (self.baseline.forms, *self.notes) if text),
-            ]
+        title = f"{self.actuator.name}, calibrated on {len(self.learnt)} runs"
+        notes = filter(None, (self.baseline.forms, *self.notes))
+        return markup.result(
+            title, ("parameter", "value", "standard error", "template"), rows, notes
         )
 
     def plot(self, kind: str = "parameters") -> Any:

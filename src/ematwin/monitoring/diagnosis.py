@@ -150,13 +150,11 @@ class Diagnosis:
     def _repr_html_(self) -> str:
         """The verdict, then the magnitudes, in a notebook."""
         rows = [(m.name, str(m), m.healthy_text) for m in self.magnitudes]
-        return "".join(
-            [
-                markup.verdict(f"{self.title}: {self.verdict.sentence}", self.grade),
-                markup.table(("quantity", "value (95 %)", "healthy"), rows),
-                *(markup.note(text) for text in self.notes),
-            ]
+        said, header = (
+            f"{self.title}: {self.verdict.sentence}",
+            ("quantity", "value (95 %)", "healthy"),
         )
+        return markup.result(said, header, rows, self.notes, grade=self.grade)
 
     def as_dict(self) -> dict[str, object]:
         """For JSON."""

@@ -126,13 +126,10 @@ class Proposal:
 
     def _repr_html_(self) -> str:
         """Whether it is complete, then the map and open questions, in a notebook."""
-        parts = [
-            markup.verdict(self.sentence, "healthy" if self.is_complete else "changed"),
-            markup.table(HEADINGS, self.rows),
-            *(markup.note(f"Open: {one.sentence}") for one in self.questions),
-            *(markup.note(f"Warning: {text}") for text in self.check),
-        ]
-        return "".join(parts)
+        notes = [f"Open: {one.sentence}" for one in self.questions]
+        notes += [f"Warning: {text}" for text in self.check]
+        grade = "healthy" if self.is_complete else "changed"
+        return markup.result(self.sentence, HEADINGS, self.rows, notes, grade=grade)
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""

@@ -238,16 +238,13 @@ class Recording:
             (name, f"{values.min():.4g}", f"{values.max():.4g}", self.units.get(name, ""))
             for name, values in self.channels.items()
         ]
-        parts = [
-            markup.heading(f"{self._heading or 'Recording: '}{self._extent}"),
-            markup.table(("channel", "least", "largest", "unit"), rows),
-        ]
+        notes = [f"Warning: {text}" for text in self.provenance.get("warnings", [])]
         if self.provenance.get("source") == "simulated":
             faults = self.provenance.get("faults") or {}
             told = ", ".join(f"{name} {value:g}" for name, value in faults.items())
-            parts.append(markup.note(f"Simulated with {told}"))
-        parts += [markup.note(f"Warning: {text}") for text in self.provenance.get("warnings", [])]
-        return "".join(parts)
+            notes.insert(0, f"Simulated with {told}")
+        title = f"{self._heading or 'Recording: '}{self._extent}"
+        return markup.result(title, ("channel", "least", "largest", "unit"), rows, notes)
 
     def plot(self) -> Any:
         """Every channel over time, a figure of plotly."""

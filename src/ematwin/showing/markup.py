@@ -8,6 +8,15 @@ _GRADES = {"healthy": "#00936e", "changed": "#c17f00", "fault": "#d55e00", "none
 _MOST_ROWS = 30
 
 
+def result(
+    title: str, header: Sequence[str], rows: Iterable[Sequence[object]], notes: Iterable[str] = (),
+    *, grade: str = "", marked: Iterable[int] = (),
+) -> str:  # fmt: skip
+    """A heading, or a verdict if it has a ``grade``; a table, and notes below it."""
+    head = verdict(title, grade) if grade else heading(title)
+    return head + table(header, rows, marked) + "".join(map(note, notes))
+
+
 def verdict(sentence: str, grade: str = "none") -> str:
     """A verdict, large, in the colour of its grade."""
     color = _GRADES.get(grade, _GRADES["none"])
