@@ -13,13 +13,11 @@ from typing import Any
 import typer
 
 from ematwin.cli.answers import for_shell
-from ematwin.cli.channels import channels
-from ematwin.cli.demo import demo
 from ematwin.cli.diagnose import calibrate, detect, identify
 from ematwin.cli.experiments import design, identifiability
 from ematwin.cli.fleet import fleet, serve, watch
-from ematwin.cli.lists import actuators, algorithms, scenarios, units
-from ematwin.cli.simulate import explore, export_fmu, simulate
+from ematwin.cli.lists import actuators, algorithms, channels, scenarios, units
+from ematwin.cli.simulate import demo, explore, export_fmu, simulate
 from ematwin.cli.study import compare, report, store
 
 app = typer.Typer(

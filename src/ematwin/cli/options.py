@@ -159,7 +159,7 @@ def map_of(column: list[str] | None, map_file: Path | None, actuator: Any) -> An
     if not column and map_file is None:
         return None
     from ematwin.models.registry import model_of
-    from ematwin.recordings.channel_map import ChannelMap
+    from ematwin.recordings.channel import ChannelMap
 
     channels = model_of(actuator).channels
     base = None if map_file is None else ChannelMap.of(map_file, channels)

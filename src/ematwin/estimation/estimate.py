@@ -12,8 +12,7 @@ from typing import Any, Self
 import numpy as np
 
 from ematwin.errors import InputError
-from ematwin.showing import markup
-from ematwin.showing.results import frame, plain
+from ematwin.showing.results import frame, html, plain
 
 FORMAT = 1
 
@@ -105,7 +104,7 @@ class Estimate:
         of = f" from {self.source}" if self.source else ""
         title = f"Estimate of {self.actuator}{of}, misfit {100.0 * self.misfit:.2f} %"
         header = ("unknown", "value", "standard error", "healthy", "unit")
-        return markup.result(title, header, rows, [f"Warning: {text}" for text in self.warnings])
+        return html(title, header, rows, [f"Warning: {text}" for text in self.warnings])
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values; infinite ones are null."""

@@ -19,8 +19,7 @@ from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import PhysicalValue, Unknown
 from ematwin.recordings.noise import Noise
-from ematwin.showing import markup
-from ematwin.showing.results import drawn, frame_of_rows, plain
+from ematwin.showing.results import drawn, frame_of_rows, html, plain
 
 FALSE_ALARM, MISS = 1.0 - NormalDist().cdf(SIGMAS), 0.1
 HEADINGS = (
@@ -147,7 +146,7 @@ class Identifiability:
         """The lead, then all faults, in a notebook."""
         marked = [n for n, one in enumerate(self.told) if one.how in ("open", "dead")]
         rows, grade = [one.cells for one in self.told], "changed" if marked else "healthy"
-        return markup.result(self.lead, HEADINGS, rows, self.obstacles, grade=grade, marked=marked)
+        return html(self.lead, HEADINGS, rows, self.obstacles, grade=grade, marked=marked)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values; infinite ones are null."""

@@ -9,8 +9,7 @@ from ematwin.errors import InputError, ParameterError, RecordError
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import DEFAULT_KIND, load_actuator, model_in, model_of, models
-from ematwin.recordings.channel import Channel
-from ematwin.recordings.channel_map import ChannelMap, Columns
+from ematwin.recordings.channel import Channel, ChannelMap, Columns
 from ematwin.recordings.cleaning import Policy
 from ematwin.recordings.collect import MissingChannelError, is_met, match
 from ematwin.recordings.formats.base import Progress, open_file

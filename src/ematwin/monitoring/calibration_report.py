@@ -13,8 +13,7 @@ from ematwin.models.parameter_set import ParameterSet
 from ematwin.monitoring.calibration import Calibration
 from ematwin.monitoring.population_calibration import PopulationCalibration
 from ematwin.recordings.recording import Recording
-from ematwin.showing import markup
-from ematwin.showing.results import drawn, frame_of_rows, page_written
+from ematwin.showing.results import drawn, frame_of_rows, html, page_written
 
 
 @dataclass(frozen=True)
@@ -105,9 +104,7 @@ class CalibrationReport:
         ]  # fmt: skip
         title = f"{self.actuator.name}, calibrated on {len(self.learnt)} runs"
         notes = filter(None, (self.baseline.forms, *self.notes))
-        return markup.result(
-            title, ("parameter", "value", "standard error", "template"), rows, notes
-        )
+        return html(title, ("parameter", "value", "standard error", "template"), rows, notes)
 
     def plot(self, kind: str = "parameters") -> Any:
         """A figure of plotly: "parameters", "fit" (before and after), or "residuals"."""

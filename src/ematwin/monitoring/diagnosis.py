@@ -5,8 +5,7 @@ from dataclasses import dataclass, field
 
 from ematwin.estimation.identification import Identification
 from ematwin.estimation.verdict import UNNAMED, Grade, Verdict
-from ematwin.showing import markup
-from ematwin.showing.results import plain
+from ematwin.showing.results import html, plain
 from ematwin.showing.text import number_of, said, said_between
 
 
@@ -154,7 +153,7 @@ class Diagnosis:
             f"{self.title}: {self.verdict.sentence}",
             ("quantity", "value (95 %)", "healthy"),
         )
-        return markup.result(said, header, rows, self.notes, grade=self.grade)
+        return html(said, header, rows, self.notes, grade=self.grade)
 
     def as_dict(self) -> dict[str, object]:
         """For JSON."""

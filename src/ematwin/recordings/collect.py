@@ -14,8 +14,15 @@ import numpy as np
 
 from ematwin.errors import RecordError
 from ematwin.recordings import words
-from ematwin.recordings.channel import TIME, Channel, channel_called, derivable
-from ematwin.recordings.channel_map import PHASES, ChannelMap, MappedChannel
+from ematwin.recordings.channel import (
+    PHASES,
+    TIME,
+    Channel,
+    ChannelMap,
+    MappedChannel,
+    channel_called,
+    derivable,
+)
 from ematwin.recordings.formats.base import Progress, RecordedFile
 from ematwin.recordings.recording import label_text
 from ematwin.recordings.sampling import ABSURD

@@ -14,8 +14,7 @@ from ematwin.recordings.channel import Channel, with_time
 from ematwin.recordings.collect import Needs, unmet
 from ematwin.recordings.survey import Candidate, Survey, Surveyed, candidates
 from ematwin.recordings.words import IN_WORDS, NAMED, unit_factor
-from ematwin.showing import markup
-from ematwin.showing.results import frame_of_rows
+from ematwin.showing.results import frame_of_rows, html
 from ematwin.showing.text import capital
 
 HEADINGS = ("taken for", "channel", "unit", "because")
@@ -129,7 +128,7 @@ class Proposal:
         notes = [f"Open: {one.sentence}" for one in self.questions]
         notes += [f"Warning: {text}" for text in self.check]
         grade = "healthy" if self.is_complete else "changed"
-        return markup.result(self.sentence, HEADINGS, self.rows, notes, grade=grade)
+        return html(self.sentence, HEADINGS, self.rows, notes, grade=grade)
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""

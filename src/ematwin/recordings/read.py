@@ -18,8 +18,7 @@ import numpy as np
 
 from ematwin.errors import InputError, RecordError
 from ematwin.quantities import parse_quantity
-from ematwin.recordings.channel import Channel, with_time
-from ematwin.recordings.channel_map import ChannelMap, Columns
+from ematwin.recordings.channel import Channel, ChannelMap, Columns, with_time
 from ematwin.recordings.cleaning import Policy, make_sound, sentence, warn_of_saturation
 from ematwin.recordings.collect import Collected, Needs, collect, derive, is_met
 from ematwin.recordings.formats.base import Progress, RecordedFile, open_file

@@ -15,8 +15,7 @@ import numpy as np
 
 from ematwin.errors import RecordError
 from ematwin.recordings.channel import NAMED
-from ematwin.showing import markup
-from ematwin.showing.results import drawn, frame
+from ematwin.showing.results import drawn, frame, html
 
 _RESERVED = {"time", "channels", "units", "labels", "start", "source", "provenance"}
 
@@ -244,7 +243,7 @@ class Recording:
             told = ", ".join(f"{name} {value:g}" for name, value in faults.items())
             notes.insert(0, f"Simulated with {told}")
         title = f"{self._heading or 'Recording: '}{self._extent}"
-        return markup.result(title, ("channel", "least", "largest", "unit"), rows, notes)
+        return html(title, ("channel", "least", "largest", "unit"), rows, notes)
 
     def plot(self) -> Any:
         """Every channel over time, a figure of plotly."""

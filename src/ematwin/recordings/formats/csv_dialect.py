@@ -217,13 +217,11 @@ def _samples(path: Path) -> tuple[str, str, str, int]:
             (head[: head.rfind(b"\n") + 1] or head).decode("utf-8")
         except UnicodeDecodeError:  # what Windows programs write in western countries
             encoding = "cp1252"
-    text, between = (
-        part.decode(encoding.removesuffix("-sig"), "replace")
-        for part in (head[len(mark) :], middle)
-    )
+    code = encoding.removesuffix("-sig")
+    text = head[len(mark) :].decode(code, "replace")
     if size > len(head):
         text = text[: text.rfind("\n") + 1]
-    return text, between, encoding, len(mark)
+    return text, middle.decode(code, "replace"), encoding, len(mark)
 
 
 def _is_comment(line: str) -> bool:
@@ -300,10 +298,7 @@ def _header(
 
 
 def _is_header(texts: Sequence[str], above: Sequence[str]) -> bool:
-    """Whether single letters are names, ``t;A;v``, and no units, ``s;A;m/s``, of the line above.
-
-    A letter is both. Units are units throughout, and each belongs to a name.
-    """
+    """Whether single letters are names, ``t;A;v``, and no units, ``s;A;m/s``, of the line above."""
     letters = [n for n, text in enumerate(texts) if text and text != "-"]
     if any(len(texts[n]) > 1 for n in letters):
         return False
@@ -312,10 +307,8 @@ def _is_header(texts: Sequence[str], above: Sequence[str]) -> bool:
 
 
 def _assumed(dialect: CsvDialect, skipped: int, header_lines: int) -> list[str]:
-    said = [
-        f"{ROUTINE}delimiter {dialect.delimiter!r}, decimal sign {dialect.decimal!r}, "
-        f"encoding {dialect.encoding}"
-    ]
+    signs = f"delimiter {dialect.delimiter!r}, decimal sign {dialect.decimal!r}"
+    said = [f"{ROUTINE}{signs}, encoding {dialect.encoding}"]
     if skipped:
         said.append(f"{skipped} lines before the header were skipped")
     if header_lines == 0:

@@ -14,14 +14,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ematwin.errors import FileError
-from ematwin.recordings.formats.base import (
-    RecordedFile,
-    as_float,
-    complaints,
-    load_library,
-    moment,
-    refusing,
-)
+from ematwin.recordings.formats import base
+from ematwin.recordings.formats.base import RecordedFile, complaints, load_library
 
 
 class MdfFile(RecordedFile):
@@ -48,15 +42,15 @@ class MdfFile(RecordedFile):
 
     def unit(self, name: str) -> str | None:  # noqa: D102
         group, index = self.channels[name]
-        with refusing(self.path, self.kind):
+        with base.refusing(self.path, self.kind):
             return self._file.get_channel_unit(group=group, index=index) or None
 
     def base_time(self, key: str) -> np.ndarray | None:  # noqa: D102
         group = int(key.removeprefix("group "))
         if group not in self._file.masters_db:
             return None
-        with refusing(self.path, self.kind):
-            return as_float(self._file.get_master(group), f"time of {key}", self.path)
+        with base.refusing(self.path, self.kind):
+            return base.as_float(self._file.get_master(group), f"time of {key}", self.path)
 
     def close(self) -> None:  # noqa: D102
         if self._file is not None:
@@ -81,7 +75,7 @@ class MdfFile(RecordedFile):
             )
         if invalid is None:
             return samples
-        values = as_float(samples, name, self.path)
+        values = base.as_float(samples, name, self.path)
         values[np.asarray(invalid, dtype=bool)] = np.nan
         return values
 
@@ -159,10 +153,10 @@ class TdmsFile(RecordedFile):
         }
         if found or self._file.file_status.incomplete_final_segment or not self.channels:
             self._file.close()
+            why = "its last segment is incomplete" if self.channels else "it holds no channels"
             raise FileError(
-                f"Cannot read {path} as TDMS: "
-                + ("its last segment is incomplete" if self.channels else "it holds no channels")
-                + ". It may be truncated; copy it again or close it in the recording program."
+                f"Cannot read {path} as TDMS: {why}. It may be truncated; copy it again or close "
+                "it in the recording program."
             )
         for name, channel in self.channels.items():
             wave = channel.properties
@@ -177,10 +171,12 @@ class TdmsFile(RecordedFile):
         starts = [one.properties.get("wf_start_time") for one in self.channels.values()]
         stamps = [start for start in starts if isinstance(start, np.datetime64)]
         self._first = min(stamps, default=None)
-        self.start = None if self._first is None else moment(self._first, UTC)  # as LabVIEW counts
+        self.start = (
+            None if self._first is None else base.moment(self._first, UTC)
+        )  # as LabVIEW counts
 
     def base_time(self, key: str) -> np.ndarray | None:  # noqa: D102
-        channel = next(self.channels[name] for name, base in self.bases.items() if base == key)
+        channel = next(self.channels[name] for name, own in self.bases.items() if own == key)
         wave = channel.properties
         step, began = wave.get("wf_increment"), wave.get("wf_start_time")
         if not step:
