@@ -16,13 +16,9 @@ def written_whole(
 ) -> Iterator[Path]:
     """Give a temporary path beside ``path``; it takes its place when the block ends well.
 
-    Parameters
-    ----------
-    durable : wait until the content is on the disk, so that it also survives a power failure
-    private : only the user may read and write the file; otherwise it has the rights of the file
-        that it replaces, or the usual ones
-
-    Raises `FileError` if the file cannot be written; an older one is left as it was.
+    ``durable`` waits until the content is on the disk, so that it survives a power failure. A
+    ``private`` file is the user's alone; others have the rights of the file that they replace, or
+    the usual ones. Raises `FileError` if the file cannot be written; an older one stays as it was.
     """
     target = Path(path)
     with _refusing(f"{target}", " Choose a folder that exists and is yours."):

@@ -125,10 +125,8 @@ def base_units(unit: str) -> dict[str, int]:
     given = _registry().Quantity(1.0, spelled_out(turns_a_minute(unit)))
     powers = given.to_base_units().unit_items()
     found = {_BASE[name]: int(power) for name, power in powers if name in _BASE}
-    angle = sum(
-        power for name, power in given.unit_items()
-        if ANGULAR.search(name) and "Celsius" not in name
-    )  # fmt: skip
+    angular = [n for n, _ in given.unit_items() if ANGULAR.search(n) and "Celsius" not in n]
+    angle = sum(power for name, power in given.unit_items() if name in angular)
     return found | ({"rad": int(angle)} if angle else {})
 
 
@@ -163,15 +161,8 @@ _preferred: dict[str, str] | None = None  # unit by quantity; None: not asked fo
 def use_units(units: str | Mapping[str, str] | None = None) -> None:
     """Show values in these units from now on, in this process.
 
-    Parameters
-    ----------
-    units : such as ``"angle=mrad, torque=mN m"``, or a mapping; "" for SI; None for units from
-        the user's settings
-
-    Raises
-    ------
-    InputError
-        If a quantity or unit is unknown.
+    ``units`` are such as ``"angle=mrad, torque=mN m"``, or a mapping; "" is SI; None takes those of
+    the user's settings. Raises `InputError` if a quantity or unit is unknown.
     """
     global _preferred
     _preferred = None if units is None else parse_units(units)

@@ -90,9 +90,8 @@ def progress_bar(title: str, shown: bool = True) -> "AbstractContextManager[Bar]
 
 def searching(show: "Bar", what: str, best: str) -> Callable[[int, float, int], None]:
     """Show on a bar how many of ``what`` were tried and the ``best`` value so far."""
-    return lambda done, value, count: show(
-        done / count, f"{done}/{count} {what}, best {best} {value:.4g}"
-    )
+    said = f"{what}, best {best}"
+    return lambda done, value, count: show(done / count, f"{done}/{count} {said} {value:.4g}")
 
 
 def serve_page(server: Any, what: str, no_browser: bool) -> None:
@@ -163,9 +162,8 @@ def _called() -> dict[str, str]:
 
     commands: Any = typer.main.get_command(app)
     called = next((word for word in sys.argv[1:] if word in commands.commands), None)
-    found = {}
-    for parameter in commands.commands[called].params if called else ():
-        long = [option for option in parameter.opts if option.startswith("--")]
-        if long:
-            found[parameter.name] = long[0]
-    return found
+    parameters = commands.commands[called].params if called else ()
+    return {
+        one.name: next(option for option in one.opts if option.startswith("--"))
+        for one in parameters if any(option.startswith("--") for option in one.opts)
+    }  # fmt: skip

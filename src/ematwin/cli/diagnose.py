@@ -50,14 +50,13 @@ def calibrate(
     else:
         template = ematwin.load_actuator(actuator or options.meant(records, column, map_file))
     wanted = options.choice(where or [], "--where")
-    taught = [(text, *options.known_fault(text)) for text in known or []]
-    choices = [wanted, *(labels for _, _, labels in taught)]
+    taught = {
+        f"{fault}: {text.partition(':')[2]}": labels
+        for text in known or [] for fault, labels in [options.known_fault(text)]
+    }  # fmt: skip
     columns = options.map_of(column, map_file, template)
-    recordings = options.load(records, columns, template, where=choices)
-    faults = {
-        f"{fault}: {text.partition(':')[2]}": fitting(recordings, labels)
-        for text, fault, labels in taught
-    }
+    recordings = options.load(records, columns, template, where=[wanted, *taught.values()])
+    faults = {name: fitting(recordings, labels) for name, labels in taught.items()}
     name = out.stem if template.name in shipped_actuators() else None  # its own stays
     with answers.progress_bar("Calibrating", not json) as progress:
         found = ematwin.calibrate(

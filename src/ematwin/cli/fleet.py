@@ -140,11 +140,11 @@ def _reached(fleet: "ematwin.Fleet", fail_on: str | None) -> bool:
     """Whether an actuator has reached what ``--fail-on`` names."""
     from ematwin.fleet.alarms import STEPS
 
+    if fail_on is None:
+        return False
     if fail_on == "fault":
         return any(row["state"] == "fault" for row in fleet.table())
-    return fail_on is not None and any(
-        row["advisory_level"] >= STEPS.index(fail_on) for row in fleet.table()
-    )
+    return any(row["advisory_level"] >= STEPS.index(fail_on) for row in fleet.table())
 
 
 def print_fleet(fleet: "ematwin.Fleet") -> None:
@@ -162,8 +162,8 @@ def print_fleet(fleet: "ematwin.Fleet") -> None:
         seen = " (acknowledged)" if row["acknowledged"] else ""
         named = (row["serial_number"], row["advisory"] + seen, life or "", row["advisory_reason"])
         shown.append(Row([str(one) for one in named], marked=row["advisory_level"] == 3))
-    headings = ["actuator", "what to do", "life left", "why"]
-    answers.print_table("", Table(headings, shown, texts=(1, 2, 3)), width=200)
+    header = ["actuator", "what to do", "life left", "why"]
+    answers.print_table("", Table(header, shown, texts=(1, 2, 3)), width=200)
     if not fleet.limits_given:
         settings = fleet.store.folder / "fleet.toml"
         typer.echo(f"No life left without limits: state some under [limits] in {settings}.")

@@ -59,9 +59,8 @@ def simulate(
                 raise InputError(f"--out {out} would overwrite its own input. Give another name.")
     options.check_outputs(plot)
     more = [] if also is None else [name.strip() for name in also.split(",") if name.strip()]
-    settings: dict[str, Any] = {
-        "noise": noise, "seed": seed, "sample_rate": sample_rate, "step": step, "also": more,
-    }  # fmt: skip
+    settings: dict[str, Any] = {"noise": noise, "seed": seed, "step": step, "also": more}
+    settings["sample_rate"] = sample_rate
     with answers.progress_bar(f"Simulating {asked.duration:g} s", not json) as progress:
         record = ematwin.simulate(model, asked, values, chosen, progress=progress, **settings)
     if out is not None:
@@ -186,9 +185,8 @@ def demo(
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as refusal:
-        raise FileError(
-            f"Cannot make the folder {folder}: {refusal.strerror}. Choose another with --folder."
-        ) from None
+        advice = "Choose another with --folder."
+        raise FileError(f"Cannot make the folder {folder}: {refusal.strerror}. {advice}") from None
     if fleet:
         _fleet(folder, seed, json)
         return
@@ -205,16 +203,12 @@ def demo(
     sheet.save(sheet_file)
     with answers.progress_bar("Compiling (first run only) and recording", not json) as progress:
         healthy = []
+        settings: dict[str, Any] = {"actuator": actual, "noise": sensor}
         for n, (command, file) in enumerate(zip(commands, files, strict=True), start=1):
-            record = ematwin.simulate(
-                "reference", command, actuator=actual, noise=sensor, seed=10 * seed + n
-            )
-            ematwin.write(record, file)
-            healthy.append(record)
+            healthy.append(ematwin.simulate("reference", command, seed=10 * seed + n, **settings))
+            ematwin.write(healthy[-1], file)
             progress(n / (len(files) + 1))
-        faulty = ematwin.simulate(
-            "reference", faults=injected, actuator=actual, noise=sensor, seed=seed
-        )
+        faulty = ematwin.simulate("reference", faults=injected, seed=seed, **settings)
         ematwin.write(faulty, record_file)
         progress(1.0)
     page = comparison_page(faulty, healthy[0], injected.as_dict(), sheet)

@@ -4,7 +4,7 @@ Nothing is chosen silently: two channels that are equally likely become a questi
 the map as comments. `ematwin.models.proposing` finds units that nobody states.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -39,7 +39,7 @@ class Entry:
     @property
     def lines(self) -> tuple[str, ...]:
         """``command = { channel = "Setpoint", unit = "deg" }``, for each unit that is left."""
-        return _lines([self.column], [(self.channel, unit) for unit in self.units or (self.unit,)])
+        return tuple(_line(self.column, self.channel, one) for one in self.units or (self.unit,))
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -93,11 +93,8 @@ class Proposal:
 
     def columns(self) -> dict[str, dict[str, Any]]:
         """The settled part of the map, as `ematwin.read` takes it."""
-        return {
-            name: values(one.channel, one.unit)
-            for name, one in self.entries.items()
-            if not one.is_open
-        }
+        settled = {name: one for name, one in self.entries.items() if not one.is_open}
+        return {name: values(one.channel, one.unit) for name, one in settled.items()}
 
     def as_toml(self) -> str:
         """The map as a file, with the reasons as comments; open lines are commented out."""
@@ -145,13 +142,9 @@ def values(channel: str, unit: str) -> dict[str, str]:
     return {"channel": channel, **({"unit": unit} if unit else {})}
 
 
-def _lines(columns: Iterable[str], channels: Sequence[tuple[str, str]]) -> tuple[str, ...]:
-    """Lines of a map for each column and each channel with its unit."""
-    return tuple(
-        f"{column} = {{ {', '.join(tomli_w.dumps({k: v}).strip() for k, v in one.items())} }}"
-        for column in columns
-        for one in (values(*channel) for channel in channels)
-    )
+def _line(column: str, channel: str, unit: str) -> str:
+    told = (tomli_w.dumps({key: one}).strip() for key, one in values(channel, unit).items())
+    return f"{column} = {{ {', '.join(told)} }}"
 
 
 class Draft:
@@ -207,13 +200,14 @@ class Draft:
                 self._ask(f"“{name}” is equally likely to be {said}", columns, [name])
         taken = {one.name for one in chosen.values()}
         for column in (name for name in self.ranked if name in chosen):
-            also = [c.name for c in self.ranked[column] if c.score >= IN_WORDS]
-            also = [f"“{name}”" for name in also if name not in taken]
+            plain = [one.name for one in self.ranked[column] if one.score >= IN_WORDS]
+            also = [name for name in plain if name not in taken]
             self.entries[column] = self._entry(column, chosen[column], also)
 
     def _ask(self, sentence: str, columns: Sequence[str], names: Sequence[str]) -> None:
-        channels = [(name, self.found[name].unit) for name in names]
-        self.questions.append(Question(sentence, _lines(columns, channels)))
+        units = {name: self.found[name].unit for name in names}
+        lines = (_line(column, *one) for column in columns for one in units.items())
+        self.questions.append(Question(sentence, tuple(lines)))
 
     def _by_span(self, name: str, free: Sequence[str], command: Surveyed) -> tuple[str, str] | None:
         """Which shaft an angle is of, by how far it moves beside the command; None: not clear."""
@@ -227,8 +221,7 @@ class Draft:
         )
         if not (span > 0.0 and commanded > 0.0):
             return None
-        ratio = span / commanded
-        sides = {name: self.channels[name].side for name in free}
+        ratio, sides = span / commanded, {name: self.channels[name].side for name in free}
         same = [name for name, side in sides.items() if side == own.side]
         others = [name for name, side in sides.items() if side not in (own.side, None)]
         said = f"it moves {ratio:.3g} times as far as the command, so it is of the"
@@ -240,7 +233,7 @@ class Draft:
         channel, one = self.channels[column], self.found[chosen.name]
         reasons = [f"{capital(channel.meaning)}: {chosen.reason}."]
         if also:
-            listed = " and ".join(also)
+            listed = " and ".join(f"“{name}”" for name in also)
             reasons.append(f"By its words {listed} would do as well, but less plainly: check it.")
         if one.unit:
             where = "the file" if one.unit_from == "file" else "its name"
@@ -260,17 +253,16 @@ class Draft:
         """Ask for needed channels for which there is no name."""
         asked = [line for one in self.questions for line in one.lines]
         for group, wanted in unmet(self.needs, tuple(self.channels.values()), self.entries):
-            choice: list[str] = []
-            for name in wanted:
-                channels = [(one.name, self.found[one.name].unit) for one in self.ranked[name]]
-                choice += _lines([name], channels)
+            choice = tuple(
+                _line(name, one.name, self.found[one.name].unit)
+                for name in wanted for one in self.ranked[name]
+            )  # fmt: skip
+            where = f"name it in the map.{' These have the right unit.' if choice else ''}"
+            if any(line.startswith(tuple(f"{name} =" for name in wanted)) for line in asked):
+                where, choice = "see above", ()
             alternatives = " or ".join(" with ".join(part) for part in group)
             lead = f"Needed and not found for certain: {alternatives}; "
-            if any(line.startswith(tuple(f"{name} =" for name in wanted)) for line in asked):
-                self.questions.append(Question(f"{lead}see above", needed=True))
-            else:
-                where = f"name it in the map.{' These have the right unit.' if choice else ''}"
-                self.questions.append(Question(lead + where, tuple(choice), needed=True))
+            self.questions.append(Question(lead + where, choice, needed=True))
         if not self.ranked["time"] and not self.found.has_times:
             said = "No channel looks like time: name it in the map, or give the rate."
             self.questions.append(Question(said, ('sample_rate = "20 kHz"',), needed=True))

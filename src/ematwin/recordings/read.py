@@ -48,12 +48,8 @@ def read_file(
 ) -> list[Recording]:
     """Read the recordings in a file; options and errors not named here as of `ematwin.read`.
 
-    Parameters
-    ----------
-    path : a file of a known format, or a DataFrame
-    channels : of the kind of actuator; ``inputs`` are those that drive the model
-    needs : groups of channels; of each group at least one whole alternative must be there
-    own : read a file that ematwin wrote as it is, whatever its channels; else if it has the needed
+    ``channels`` are of the kind of actuator, of which ``inputs`` drive the model. ``own`` reads a
+    file that ematwin wrote as it is, whatever its channels; else if it has those that it ``needs``.
     """
     channel_map = ChannelMap.of(columns, channels)
     if gaps not in (known := get_args(Policy)):

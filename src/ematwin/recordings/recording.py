@@ -76,8 +76,8 @@ class Recording:
         for name, column in self.channels.items():
             if column.shape != time.shape:
                 raise RecordError(
-                    f"{what}Column {name} has shape {column.shape} but time has "
-                    f"{time.shape}; all columns must be equally long."
+                    f"{what}Column {name} has shape {column.shape} but time has {time.shape}; "
+                    "all columns must be equally long."
                 )
             bad = np.flatnonzero(~np.isfinite(column))
             if bad.size:
@@ -100,9 +100,8 @@ class Recording:
             return channels[name]
         if name in NAMED:
             return None
-        raise AttributeError(
-            f"The recording has no channel {name!r}; it has {', '.join(channels) or 'none'}."
-        )
+        there = ", ".join(channels) or "none"
+        raise AttributeError(f"The recording has no channel {name!r}; it has {there}.")
 
     @property
     def sample_rate(self) -> float:
@@ -210,10 +209,10 @@ class Recording:
         columns = file.read(file.names)
         times = columns.pop("time", columns.pop("t", None))
         if times is None:
+            there = ", ".join(columns) or "no columns"
             raise RecordError(
-                f"The DataFrame has no column time, and its index is not one of times; it has "
-                f"{', '.join(columns) or 'no columns'}. Add the column, in s, or call the "
-                "index time."
+                "The DataFrame has no column time, and its index is not one of times; it has "
+                f"{there}. Add the column, in s, or call the index time."
             )
         began = start or next(iter(file.clocks.values()), None)
         units = {name: unit for name in columns if (unit := file.unit(name))}
@@ -264,9 +263,8 @@ def _numbers(values: Any, name: str) -> np.ndarray:
 
 def _check_time(time: np.ndarray, what: str) -> None:
     if time.ndim != 1 or time.size < 2:
-        raise RecordError(
-            f"{what}A record needs at least two samples in time, received {time.size}."
-        )
+        least = "A record needs at least two samples in time"
+        raise RecordError(f"{what}{least}, received {time.size}.")
     check_finite(time, what)
     check_increasing(time, what)
     if not is_regular(time):

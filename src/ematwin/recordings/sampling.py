@@ -11,6 +11,7 @@ are taken half the difference of the intervals earlier, so that they are such me
 import math
 from collections.abc import Callable, Collection
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -73,15 +74,12 @@ def _grid_behind_rounding(time: np.ndarray) -> np.ndarray | None:
     """
     centred = np.arange(time.size) - (time.size - 1) / 2.0
     step = 12.0 * float(centred @ time) / (time.size * (float(time.size) ** 2 - 1.0))
-    grid = step * centred
-    grid += time.mean()
+    grid = step * centred + time.mean()
     deviation = float(np.abs(time - grid).max())
     unit = max(_decimal_unit(time), float(np.spacing(np.float32(np.abs(time).max()))))
-    if not step > 0.0 or deviation > 1.01 * unit:
-        return None
-    if unit > 50.0 * step or 20.0 * unit > time[-1] - time[0]:
-        return None
-    return grid
+    is_rounded = step > 0.0 and deviation <= 1.01 * unit
+    shows_rate = unit <= 50.0 * step and 20.0 * unit <= time[-1] - time[0]
+    return grid if is_rounded and shows_rate else None
 
 
 def _decimal_unit(time: np.ndarray) -> float:
@@ -119,14 +117,10 @@ def averaged(recording: Recording, rate: float, means: Collection[str]) -> Recor
 def to_constant_rate(
     time: np.ndarray, columns: Arrays, rate: float | None, what: object, means: Collection[str] = ()
 ) -> tuple[np.ndarray, Arrays, list[str]]:
-    """Times and columns at a constant rate, and sentences on changes.
+    """Times and columns at a constant rate, Hz, and sentences on changes; None keeps the rate.
 
-    Parameters
-    ----------
-    time : (S,) array, s, increasing, without gaps
-    columns : dict of (S,) finite arrays; emptied where the rate changes, to spare memory
-    rate : Hz, wanted; None keeps the recorded rate
-    means : columns whose samples are means over the interval that ends at their time
+    ``time`` (S,), s, increases without gaps; finite ``columns`` (S,) are let go where the rate
+    changes, to spare memory. ``means`` are of the interval that ends at the time of a sample.
     """
     changed: list[str] = []
     if not is_regular(time):
@@ -153,12 +147,16 @@ def to_constant_rate(
         f"the rate was lowered from {own:.6g} to {rate:.6g} Hz behind a low-pass without delay, "
         f"whole to {_PASS * rate / 2:.6g} Hz and down by {_ATTENUATION:g} dB at {rate / 2:.6g} Hz"
     )
+    from scipy.interpolate import make_interp_spline
+
     grid = _grid(time, rate)
     moved = np.clip(grid - 0.5 * (1.0 / rate - 1.0 / own), time[0], time[-1])
+    # after the low-pass values are smooth on the scale of their own samples
+    quintic = partial(make_interp_spline, k=5)
     lowered: Arrays = {}
     for name in list(columns):
-        smooth = _filtered(columns.pop(name), taps)
-        lowered[name] = _spline(time, smooth, moved if name in means else grid)
+        smooth, at = _filtered(columns.pop(name), taps), moved if name in means else grid
+        lowered[name] = _in_blocks(quintic, time, smooth, at)
     return grid, lowered, changed
 
 
@@ -244,18 +242,8 @@ def _akima(time: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> np.ndarr
     return _in_blocks(partial(Akima1DInterpolator, extrapolate=True), time, values, wanted)
 
 
-def _spline(time: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Quintic: after the low-pass the values are smooth on the scale of their own samples."""
-    from scipy.interpolate import make_interp_spline
-
-    return _in_blocks(partial(make_interp_spline, k=5), time, values, wanted)
-
-
 def _in_blocks(
-    make: Callable[..., Callable[[np.ndarray], np.ndarray]],
-    time: np.ndarray,
-    values: np.ndarray,
-    wanted: np.ndarray,
+    make: Callable[..., Any], time: np.ndarray, values: np.ndarray, wanted: np.ndarray
 ) -> np.ndarray:
     """An interpolation made in pieces with overlap: its coefficients are many times the samples."""
     result = np.empty(wanted.shape)
@@ -271,10 +259,13 @@ def _in_blocks(
 
 
 def sampled(time: np.ndarray, values: np.ndarray, period: float) -> tuple[np.ndarray, float] | None:
-    """Values (S,) at the times (S,) of the reads, s, and the period of the clock, s.
+    """Values (S,) at the times (S,) of the reads, s, and the period of the device's clock, s.
 
-    ``period`` is as stated, s. None where the values show no such clock: they are as smooth
-    without.
+    Registers that a device refreshes by one clock a host reads by another: a serial-bus servo
+    samples its encoder every 8 ms (``period``, as stated, s), and a read gives the latest sample.
+    At 5 rad/s that is up to 40 mrad late, and no two reads are late alike. A motion is smooth, so
+    period and phase of the clock are those with which the values, each at the time of its sample,
+    lie best between their neighbours. None where they are as smooth without.
     """
     since = time - time[0]
     own, apart = period, 0.01 * period  # by which the clock of a device may be off
@@ -284,9 +275,8 @@ def sampled(time: np.ndarray, values: np.ndarray, period: float) -> tuple[np.nda
         steps = max(1, math.ceil(2.0 * apart * span / period**2))
         if steps > reads:  # so rare ones tell no clocks apart
             return None
-        rough, own, ticks = _smoothest(
-            since[:reads], values[:reads], own + np.linspace(-apart, apart, 2 * steps + 1)
-        )
+        periods = own + np.linspace(-apart, apart, 2 * steps + 1)
+        rough, own, ticks = _smoothest(since[:reads], values[:reads], periods)
         if reads == time.size:
             break
         apart /= steps  # to the periods beside it

@@ -1,7 +1,10 @@
 """Writing columns and recordings to CSV and Parquet files, through pyarrow, bit for bit.
 
-All else about a recording is kept with checksums (`checksums`); a table of several recordings has
-labels and units in its columns alone.
+All else about a recording is kept as one JSON object: in Parquet in the schema under ``ematwin``,
+in CSV in a first line ``# ematwin {...}``. A changed file is recognised by its checksums: one for
+each column, so that a column can be read alone, and one over all else. Files of 0.1 have none and
+are read as they are. Against chance only: whoever changes a file on purpose can change these, too.
+A table of several recordings has labels and units in its columns alone.
 
 No text in a CSV starts a formula: spreadsheets compute a cell that begins with = + - @, a tab or a
 line break (OWASP, "CSV injection"). An apostrophe before it makes it a text. Numbers stay numbers.
@@ -79,11 +82,9 @@ def _units(recordings: Sequence[Recording], channels: Sequence[Channel]) -> dict
     """Units of time and channels as a recording states them, else as its kind does."""
     known = {one.name: one.unit for one in with_time(channels)}
     units = {TIME.name: TIME.unit}
-    for recording in recordings:
-        for name in recording.channels:
-            unit = recording.units.get(name, known.get(name))
-            if unit is not None:
-                units.setdefault(name, unit)
+    for recording in reversed(recordings):  # the first that states one counts
+        own = known | recording.units
+        units |= {name: own[name] for name in recording.channels if name in own}
     return units
 
 
@@ -109,8 +110,7 @@ def write_table(path: str | Path, columns: Mapping[str, Any], metadata: str | No
             from pyarrow.parquet import write_table as write
 
             if metadata is not None:
-                known = dict(table.schema.metadata or {})
-                table = table.replace_schema_metadata({**known, KEY: metadata})
+                table = table.replace_schema_metadata({KEY: metadata})
             write(table, draft, compression="zstd", write_page_checksum=True)
         else:
             from pyarrow.csv import write_csv

@@ -145,14 +145,13 @@ def find_channel(names: Sequence[str], wanted: str, path: Path) -> str:
         if len(found) == 1:
             return found[0]
         if found:
-            raise RecordError(
-                f"{path} has {len(found)} channels named {wanted!r}: {_quoted(found)}. "
-                "Give the full name."
-            )
+            listed = first_names([repr(name) for name in found], 8)
+            said = f"{path} has {len(found)} channels named {wanted!r}: {listed}"
+            raise RecordError(f"{said}. Give the full name.")
     by_key = {last_part(name).casefold(): name for name in reversed(names)}
     close = difflib.get_close_matches(wanted.casefold(), by_key, n=3, cutoff=0.5)
-    near = _quoted([by_key[key] for key in close])
-    hint = f"the closest are {near}" if close else f"it has {_quoted(names)}"
+    listed = first_names([repr(by_key[key]) for key in close] or [repr(name) for name in names], 8)
+    hint = f"the closest are {listed}" if close else f"it has {listed}"
     raise RecordError(f"{path} has no channel {wanted!r}; {hint}. Correct the name in the map.")
 
 
@@ -160,10 +159,6 @@ def last_part(name: str) -> str:
     """The last part of ``group/name`` or ``struct.name``, a unit such as ``[1/s]`` left whole."""
     head = bare(name)
     return re.split(r"[/.]", head)[-1] + name[len(head) :]
-
-
-def _quoted(names: Sequence[str]) -> str:
-    return first_names([repr(name) for name in names], 8)
 
 
 def first_names(names: Sequence[str], most: int = 12) -> str:
@@ -336,7 +331,7 @@ def by_words(text: str, unit: str, channel: Channel) -> tuple[float, str] | None
 
 def _by_quantity(said: Said, wanted: Said, dimension: str, text: str) -> tuple[float, str] | None:
     """How well the quantities of two names agree; ``dimension`` is of the unit, or ""."""
-    words, goal = set(said.quantities), set(wanted.quantities)
+    words, goal = said.quantities, wanted.quantities
     if "command" in goal:
         # a set point of the position may say so; one of anything else is another channel
         if "command" not in words or words - {"command", "position"}:
@@ -344,7 +339,7 @@ def _by_quantity(said: Said, wanted: Said, dimension: str, text: str) -> tuple[f
         return IN_WORDS, f"“{text}” is a word for what is commanded"
     if not goal or "command" in words or ("error" in words) != ("error" in goal):
         return None
-    words -= {"position"} if "error" in goal else set()
+    words = words - {"position"} if "error" in goal else words
     quantity = next(iter(goal))
     if quantity == "load" and words - {"load", "torque"}:
         return None
@@ -356,22 +351,18 @@ def _by_quantity(said: Said, wanted: Said, dimension: str, text: str) -> tuple[f
         return (IN_WORDS if clear else NAMED), f"“{text}” is a word for a {quantity}"
     if words or dimension != quantity:
         return None
-    for part, what in ((said.phase, "phase"), (said.place, "place")):
-        if part:
-            return IN_WORDS, f"“{text}” names the {what} and its unit is that of a {quantity}"
+    if what := "phase" if said.phase else "place" if said.place else "":
+        return IN_WORDS, f"“{text}” names the {what} and its unit is that of a {quantity}"
     return UNIT_ONLY, f"its unit is that of a {quantity}, and nothing else speaks for it"
 
 
 def _wanted(channel: Channel) -> Said:
     """The words of a name that means this channel."""
     said = said_by(channel.name)
-    quantities = set(said.quantities)
-    for whole in ("command", "error"):
-        if whole in quantities:
-            quantities = {whole}
+    quantities = said.quantities & {"command"} or said.quantities & {"error"} or said.quantities
     place = said.place
     if quantities & {"command", "load"}:
         place = channel.side or ""
     elif quantities & {"position", "speed"}:
         place = place or channel.side or ""
-    return Said(frozenset(quantities), place, said.phase)
+    return Said(quantities, place, said.phase)

@@ -8,7 +8,7 @@ from ematwin.estimation.constants import CERTAIN, SMALLEST
 from ematwin.monitoring.calibration import Calibration
 from ematwin.monitoring.causes import DRIFT
 from ematwin.monitoring.detection import Detection, counted, gathered_notes
-from ematwin.monitoring.diagnosis import Diagnosis, Standing
+from ematwin.monitoring.diagnosis import Diagnosis
 from ematwin.monitoring.population_calibration import PopulationCalibration
 from ematwin.quantities import preferred
 from ematwin.report.page import Row, Section, Table, listed, render
@@ -51,30 +51,23 @@ def verdict_table(
     """A row for each verdict on a recording, run or motion; None shows all magnitudes."""
     if magnitudes is None:
         magnitudes = list(dict.fromkeys(m.name for one in verdicts for m in one.magnitudes))
-    at = [one.standing for one in verdicts if one.standing is not None]
-    covariates = list(dict.fromkeys(s.covariate.name for s in at if s.covariate is not None))
-    left = ["actuator"] if any(one.actuator for one in verdicts) else []
-    left += [what, "verdict", *(["distance"] if at else [])]
+    rows, covariates = [], {}
+    for one in verdicts:
+        cells = {"actuator": one.actuator, what: one.name, "verdict": one.said}
+        cells |= {m.name: str(m) for m in one.magnitudes}
+        if one.standing is not None:
+            cells["distance"] = f"{one.standing.distance:.2g}"
+            if (known := one.standing.covariate) is not None:
+                covariates[known.name] = cells[known.name] = str(known)
+        rows.append(cells)
+    left = ["actuator", what, "verdict"][0 if any(one.actuator for one in verdicts) else 1 :]
+    far = ["distance"] if any("distance" in cells for cells in rows) else []
+    header = [*left, *far, *magnitudes, *covariates]
     shown = [
-        Row([*([one.actuator] if left[0] == "actuator" else []),
-             *_cells(one, at, magnitudes, covariates)], marked=one.alarm)
-        for one in verdicts
-    ]  # fmt: skip
-    texts = tuple(range(1, left.index("verdict") + 1))
-    return Table([*left, *magnitudes, *covariates], shown, texts=texts, pairs=True)
-
-
-def _cells(
-    one: Diagnosis, at: Sequence[Standing], magnitudes: Sequence[str], covariates: Sequence[str]
-) -> list[str]:
-    own = one.standing
-    cells = [one.name, one.said]
-    if at:
-        cells.append("" if own is None else f"{own.distance:.2g}")
-    values = {m.name: str(m) for m in one.magnitudes}
-    known = None if own is None else own.covariate
-    beside = {} if known is None else {known.name: str(known)}
-    return cells + [(values | beside).get(name, "") for name in (*magnitudes, *covariates)]
+        Row([cells.get(name, "") for name in header], marked=one.alarm)
+        for one, cells in zip(verdicts, rows, strict=True)
+    ]
+    return Table(header, shown, texts=tuple(range(1, len(left))), pairs=True)
 
 
 def _facts(calibration: Calibration) -> dict[str, str]:
@@ -103,10 +96,9 @@ def _facts(calibration: Calibration) -> dict[str, str]:
 
 _SYMBOLS = ("diamond", "square", "triangle-up", "cross", "x", "star", "pentagon", "hourglass")
 _PLAIN = {
-    "healthy": (GREEN, "circle"),
-    "changed": (AMBER, "circle"),
+    "healthy": (GREEN, "circle"), "changed": (AMBER, "circle"),
     "no verdict": (GREY, "circle-open"),
-}
+}  # fmt: skip
 
 
 def plot_trend(found: Detection, each: str = "run") -> Any:
@@ -114,11 +106,8 @@ def plot_trend(found: Detection, each: str = "run") -> Any:
 
     Runs stand at the time of their recordings where all have one, else by their names in the
     order in which they were given. Faults are told apart by colour and symbol. The distance
-    from healthy runs comes first where a healthy population judges.
-
-    Parameters
-    ----------
-    each : "run" (its recordings together) or "motion" (each recording)
+    from healthy runs comes first where a healthy population judges. ``each`` is "run" (its
+    recordings together) or "motion" (each recording).
     """
     rows = found.each(each)
     x, axis = _places(rows, each)

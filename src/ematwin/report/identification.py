@@ -191,14 +191,8 @@ def _hover(found: Identification, name: str) -> str:
 def plot_fit(found: Identification, recording: Recording | None = None) -> Any:
     """Measured and fitted channels over time, and their differences.
 
-    Parameters
-    ----------
-    recording : that was identified; None takes the recording in the identification
-
-    Raises
-    ------
-    InputError
-        If the identification keeps no recording and none is given.
+    ``recording`` was identified; None takes the one in the identification. Raises `InputError` if
+    it keeps none.
     """
     recording = recording or found.recording
     if recording is None:
@@ -225,12 +219,7 @@ def plot_fit(found: Identification, recording: Recording | None = None) -> Any:
 
 
 def plot_convergence(found: Any) -> Any:
-    """Best cost over the simulations of a search.
-
-    Parameters
-    ----------
-    found : Identification, or the `MinimizeResult` of `ematwin.minimize`
-    """
+    """Best cost over the simulations of an identification or a `MinimizeResult`."""
     if isinstance(found, Identification):
         evaluations, cost = found.history.T
         title, unit, each = "Best misfit so far", "misfit", "simulations"

@@ -58,15 +58,6 @@ def channels_table(
     return Table(["channel", "unit", "rate", "range", *more, "taken for"], rows, texts=(1, -1))
 
 
-def _fault_table(values: Mapping[str, float], actuator: Any) -> Table:
-    """Each value, as it is searched and as it is measured; what differs from healthy is marked."""
-    rows = [
-        Row([row.name, f"{row.normalised:.3g}", *row.said, row.meaning], row.value != row.healthy)
-        for row in model_of(actuator).describe(actuator, values)
-    ]
-    return Table(["fault", "k", "value", "healthy", "meaning"], rows, texts=(-1,))
-
-
 def comparison_page(
     record: Recording, healthy: Recording, values: Mapping[str, float], actuator: Any
 ) -> str:
@@ -82,8 +73,13 @@ def comparison_page(
         "samples": f"{len(record)} at {record.sample_rate:g} Hz",
         "noise": listed(source.get("noise")), "seed": str(source.get("seed")),
     }  # fmt: skip
+    rows = [
+        Row([row.name, f"{row.normalised:.3g}", *row.said, row.meaning], row.value != row.healthy)
+        for row in model.describe(actuator, values)
+    ]
+    faults = Table(["fault", "k", "value", "healthy", "meaning"], rows, texts=(-1,))
     sections = [
-        Section("Faults", table=_fault_table(values, actuator)),
+        Section("Faults", table=faults),
         Section("Response", figure=plot_response(record, healthy, actuator)),
         Section("Where this comes from", facts=facts),
     ]
@@ -105,13 +101,9 @@ def plot_recording(recording: Recording) -> Any:
 
 
 def plot_channels(found: Survey, taken: tuple[str, ...] = (), rate: float | None = None) -> Any:
-    """Every channel of a surveyed file; those ``taken`` stand out.
+    """Every channel of a surveyed file; those whose names are ``taken`` stand out.
 
-    Parameters
-    ----------
-    found : Survey
-    taken : names of channels
-    rate : samples per second, Hz, where it is known: the axis is then time, else sample numbers
+    Where the ``rate`` is known, samples per second, Hz, the axis is time, else sample numbers.
     """
     shown = [one for one in found.channels if not one.is_text and one.samples][:24]
     if not shown:

@@ -1,7 +1,6 @@
 """Figures of a study of search methods."""
 
 import math
-from collections.abc import Callable
 from itertools import cycle
 from typing import Any
 
@@ -18,29 +17,20 @@ MOST_CASES = 12  # with bars or a panel of their own
 
 
 def plot_study(analysis: Any) -> dict[str, Any]:
-    """Draw every figure of a study, by its heading.
+    """Every figure of a study by its heading, from the `StudyAnalysis` of `ematwin.compare`.
 
     Means with their intervals, average ranks, convergence, distributions of Err%, evaluations to
     target; what has no data is left out.
-
-    Parameters
-    ----------
-    analysis : `StudyAnalysis`, as `ematwin.compare` gives it
-
-    Returns
-    -------
-    dict of plotly.graph_objects.Figure
     """
-    figures: dict[str, Callable[[Any], Any]] = {
-        "Mean Err%": lambda study: _means(study, "err", "mean Err%"),
-        "Mean time of a search": lambda study: _means(study, "seconds", "mean time, s"),
-        "Average ranks": _ranks,
-        "Convergence": _convergence,
-        "Distribution of Err%": _distributions,
-        "Evaluations to target": _targets,
+    drawn = {
+        "Mean Err%": _means(analysis, "err", "mean Err%"),
+        "Mean time of a search": _means(analysis, "seconds", "mean time, s"),
+        "Average ranks": _ranks(analysis),
+        "Convergence": _convergence(analysis),
+        "Distribution of Err%": _distributions(analysis),
+        "Evaluations to target": _targets(analysis),
     }
-    drawn = ((heading, draw(analysis)) for heading, draw in figures.items())
-    return {heading: figure for heading, figure in drawn if figure.data}
+    return {heading: figure for heading, figure in drawn.items() if figure.data}
 
 
 def _colors(analysis: Any) -> dict[str, str]:

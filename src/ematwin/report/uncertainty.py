@@ -49,17 +49,9 @@ def uncertainty_table(sure: Uncertainty) -> Table:
 def plot_posterior(found: Identification, names: Sequence[str] | None = None) -> Any:
     """Joint distribution of faults: each pair as a cloud of draws, each alone as a histogram.
 
-    A dotted line stands at a threshold that is a number.
-
-    Parameters
-    ----------
-    found : Identification with an ``uncertainty``
-    names : unknowns that are shown; all faults if not given
-
-    Raises
-    ------
-    InputError
-        If the identification has no draws, or not of an unknown that is named.
+    A dotted line stands at a threshold that is a number. ``names`` are the unknowns that are shown,
+    all faults if not given. Raises `InputError` if ``found``, identified with an ``uncertainty``,
+    has no draws, or not of an unknown that is named.
     """
     sure = found.uncertainty
     if sure is None:
@@ -112,14 +104,7 @@ def plot_posterior(found: Identification, names: Sequence[str] | None = None) ->
 def plot_profile(found: Identification) -> Any:
     """Rise of the deviance along each fault while everything else follows.
 
-    Parameters
-    ----------
-    found : Identification with ``uncertainty="profile"``
-
-    Raises
-    ------
-    InputError
-        If the identification has no profiles.
+    Raises `InputError` unless ``found`` was identified with ``uncertainty="profile"``.
     """
     if not isinstance(found.uncertainty, ProfileUncertainty):
         raise InputError('The identification has no profiles; identify with uncertainty="profile".')
