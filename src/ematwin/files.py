@@ -22,9 +22,7 @@ def written_whole(
     """
     target = Path(path)
     with _refusing(f"{target}", " Choose a folder that exists and is yours."):
-        handle, name = tempfile.mkstemp(
-            prefix=f".{target.name}.", suffix=target.suffix, dir=target.parent
-        )
+        handle, name = tempfile.mkstemp(target.suffix, f".{target.name}.", target.parent)
         os.close(handle)
     draft = Path(name)
     try:
@@ -97,21 +95,16 @@ def check_target(path: Path, suffixes: tuple[str, ...], *, replace: bool = True)
     `InputError`, or `FileError` if the folder is missing or read-only.
     """
     if path.suffix.lower() not in suffixes:
-        raise InputError(
-            f"Cannot tell how to write {path}: end its name in {' or '.join(suffixes)}."
-        )
+        known = " or ".join(suffixes)
+        raise InputError(f"Cannot tell how to write {path}: end its name in {known}.")
     if path.is_dir():
         raise FileError(f"Cannot write {path}: it is a folder. Give the name of a file.")
     if path.exists() and not replace:
-        raise InputError(
-            f"{path} exists, and may hold what you put in. Give another name, or replace it with "
-            "--force."
-        )
+        advice = "Give another name, or replace it with --force."
+        raise InputError(f"{path} exists, and may hold what you put in. {advice}")
     folder = path.parent
     try:
         tempfile.TemporaryFile(dir=folder).close()  # rights alone do not tell of read-only mounts
     except OSError:
-        raise FileError(
-            f"Cannot write {path}: the folder {folder} is missing or read-only. "
-            "Choose a folder that exists and is yours."
-        ) from None
+        said = f"Cannot write {path}: the folder {folder} is missing or read-only"
+        raise FileError(f"{said}. Choose a folder that exists and is yours.") from None

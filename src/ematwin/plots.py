@@ -17,10 +17,11 @@ _FILES = {
         "plot_learnt_errors", "plot_smallest",
     ),
     "detection": ("plot_trend",),
-    "identification": ("plot_convergence", "plot_faults", "plot_fit"),
+    "identification": (
+        "plot_convergence", "plot_faults", "plot_fit", "plot_posterior", "plot_profile",
+    ),
     "recordings": ("plot_channels", "plot_recording", "plot_response"),
     "study": ("plot_study",),
-    "uncertainty": ("plot_posterior", "plot_profile"),
 }  # fmt: skip
 _HOMES = {name: file for file, names in _FILES.items() for name in names}
 

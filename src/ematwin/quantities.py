@@ -73,9 +73,8 @@ def to_si(value: float, unit: str, si_unit: str, what: str) -> float:
         return float(_registry().Quantity(value, spelled_out(spelled)).to(si_unit).magnitude)
     except Exception:
         # pint raises a family of unrelated types here (undefined unit, dimension, syntax)
-        raise ParameterError(
-            f"{what} must have a {kind}; received {value:g} {unit!r}. Correct the unit."
-        ) from None
+        received = f"received {value:g} {unit!r}"
+        raise ParameterError(f"{what} must have a {kind}; {received}. Correct the unit.") from None
 
 
 def spelled_out(unit: str) -> str:
@@ -174,17 +173,14 @@ def parse_units(units: str | Mapping[str, str], what: str = "units") -> dict[str
     if isinstance(units, str):
         parts = [part.partition("=") for part in units.split(",") if part.strip()]
         if not all(sign for _, sign, _ in parts):
-            raise InputError(
-                f'{what} must be quantity=unit, such as "angle=mrad, torque=mN m", received '
-                f"{units!r}."
-            )
+            example = 'such as "angle=mrad, torque=mN m"'
+            raise InputError(f"{what} must be quantity=unit, {example}, received {units!r}.")
         units = {name: unit for name, _, unit in parts}
     found = {str(name).strip(): str(unit).strip() for name, unit in units.items()}
     for name, unit in found.items():
         if name not in QUANTITIES:
-            raise InputError(
-                f"{what} must name quantities of {', '.join(QUANTITIES)}; received {name!r}."
-            )
+            known = ", ".join(QUANTITIES)
+            raise InputError(f"{what} must name quantities of {known}; received {name!r}.")
         try:
             to_si(1.0, unit, QUANTITIES[name][0], name)
         except ParameterError as error:

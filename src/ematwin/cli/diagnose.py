@@ -177,8 +177,8 @@ def identify(
 def print_findings(found: "ematwin.Identification") -> None:
     """The verdict, then the table for people."""
     from ematwin.estimation.identification import fault_cells
+    from ematwin.report.identification import uncertainty_table
     from ematwin.report.page import Row, Table
-    from ematwin.report.uncertainty import uncertainty_table
 
     typer.echo(f"{found.verdict.sentence}\n")
     header = ["fault", "value", "95 % interval", "healthy", "k", "meaning"]

@@ -66,9 +66,8 @@ def design(
     written: Any = out
     found: Any
     page: Any
-    given = {
-        "--fault": fault is not None, "--at": at, "--check": check, "--trials": trials is not None,
-    }  # fmt: skip
+    given: dict[str, Any] = {"--fault": fault is not None, "--at": at, "--check": check}
+    given["--trials"] = trials is not None
     if learn:
         given |= {"--exact": exact, "--budget": budget is not None, "--discriminate": discriminate}
         _refuse("--learn proposes tests of the healthy actuator and", given)
@@ -144,16 +143,12 @@ def _explanations(
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Two explanations, from two lists of values, an answer of identify, or a recording."""
     if len(texts) == 2:
-        first, second = (
-            options.numbers([part.strip() for part in text.split(",")], "--discriminate")
-            for text in texts
-        )
+        parts = ([part.strip() for part in text.split(",")] for text in texts)
+        first, second = (options.numbers(part, "--discriminate") for part in parts)
         return first, second
     if len(texts) != 1 or "=" in texts[0]:
-        raise InputError(
-            "--discriminate needs two explanations, received "
-            f"{len(texts)}; give it twice, or once with a file."
-        )
+        said = f"--discriminate needs two explanations, received {len(texts)}"
+        raise InputError(f"{said}; give it twice, or once with a file.")
     path = Path(texts[0])
     if path.suffix.lower() == ".json":
         answer, others = _answer(path)
@@ -166,9 +161,8 @@ def _explanations(
             "recording (.csv, .parquet)."
         )
     if not others:
-        raise InputError(
-            f"{path} leaves one explanation only; give two, each as --discriminate name=value,..."
-        )
+        advice = "give two, each as --discriminate name=value,..."
+        raise InputError(f"{path} leaves one explanation only; {advice}")
     # points of one space: nothing of them is free
     common = [name for name in others[0] if name in answer]
     return {n: answer[n] for n in common}, {n: others[0][n] for n in common}
@@ -274,10 +268,9 @@ def identifiability(
             typer.echo(f"Best command first, with its least identifiable fault: {names}")
 
     def plain() -> dict[str, object]:
-        told = [
-            one.as_dict() | ({"sobol": parts[one.scenario.name].as_dict()} if parts else {})
-            for one in found
-        ]
+        told = [one.as_dict() for one in found]
+        for one in told if parts else []:
+            one["sobol"] = parts[one["scenario"]].as_dict()
         return {"commands": told, "report": report}
 
     answers.give(json, plain, tell, report)

@@ -25,9 +25,8 @@ STEP = option(
 
 fleet = typer.Typer(
     help="Show a fleet, record overhauls, acknowledge and silence alarms, withdraw such entries.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-)
+    no_args_is_help=True, rich_markup_mode=None,
+)  # fmt: skip
 
 
 @fleet.command()
@@ -52,10 +51,9 @@ def status(
         known.export(recordings)
     if report is not None:
         known.report(report)
-    answers.give(
-        json, lambda: {"actuators": plain(known.table())}, lambda: print_fleet(known), table,
-        recordings, report, fails=_reached(known, fail_on),
-    )  # fmt: skip
+    told = (lambda: {"actuators": plain(known.table())}, lambda: print_fleet(known))
+    fails = _reached(known, fail_on)
+    answers.give(json, *told, table, recordings, report, fails=fails)
 
 
 @fleet.command()

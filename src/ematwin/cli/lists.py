@@ -93,9 +93,7 @@ def scenarios(json: bool = options.JSON) -> None:
     """List the shipped scenarios of all kinds."""
     from ematwin.models.registry import models
 
-    found = [
-        (kind, one.load_scenario(key)) for kind, one in models().items() for key in one.scenarios()
-    ]
+    found = [(kind, m.load_scenario(key)) for kind, m in models().items() for key in m.scenarios()]
     if json:
         answers.print_json({
             s.name: {"duration": s.duration, "description": s.description, "kind": kind}
@@ -143,9 +141,8 @@ def units(
     path = settings_file()
     if keep is not None:
         if "=" not in keep and keep.strip().casefold() != "si":
-            raise InputError(
-                f'Give units such as "angle=mrad, torque=mN m", or SI; received {keep!r}.'
-            )
+            example = '"angle=mrad, torque=mN m"'
+            raise InputError(f"Give units such as {example}, or SI; received {keep!r}.")
         given = {} if keep.strip().casefold() == "si" else parse_units(keep)
         kept = {**units_in_settings(), **given} if given else {}
         others = tomllib.loads(path.read_text("utf-8")) if path.is_file() else {}

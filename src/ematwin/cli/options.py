@@ -52,8 +52,7 @@ def _names(module: str, names: Callable[[Any], Iterable[str]]) -> Callable[[str]
 # the shell itself completes the names of files
 ACTUATORS = _names("models.registry", lambda registry: registry.shipped_actuators())
 SCENARIOS = _names(
-    "models.registry",
-    lambda registry: {name for model in registry.models().values() for name in model.scenarios()},
+    "models.registry", lambda known: {n for m in known.models().values() for n in m.scenarios()}
 )
 ALGORITHMS = _names("estimation.search", lambda search: [one.name for one in search.methods()])
 _PRESETS = _names("optimizers.registry", lambda registry: registry.PRESETS)
@@ -218,10 +217,8 @@ def remarks(recordings: "Sequence[Recording]") -> tuple[list[str], list[str]]:
 
 def choice(texts: list[str], what: str) -> Choices:
     """``["run=1,2"]`` as ``{"run": ["1", "2"]}``."""
-    return {
-        name: [value.strip() for value in values.split(",") if value.strip()]
-        for name, values in pairs(texts, what).items()
-    }
+    found = pairs(texts, what).items()
+    return {name: [x.strip() for x in values.split(",") if x.strip()] for name, values in found}
 
 
 def known_fault(text: str) -> tuple[str, Choices]:

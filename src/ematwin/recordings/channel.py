@@ -175,9 +175,8 @@ class ChannelMap(BaseModel):
             elif isinstance(value, Mapping):
                 values[key].update(value)
             else:
-                raise InputError(
-                    f"{key} must be a table, received {value!r}; write [{key}] above it."
-                )
+                advice = f"write [{key}] above it"
+                raise InputError(f"{key} must be a table, received {value!r}; {advice}.")
         given, values["columns"] = values["columns"], {}
         for key, value in given.items():
             name = _column_name(str(key), known)
@@ -252,10 +251,8 @@ class ChannelMap(BaseModel):
                 return cls(channels, table)
             except InputError as error:
                 raise InputError(f"{Path(given)}: {error}") from None
-        raise InputError(
-            "columns must be a mapping of columns to channel names, or the path of a TOML file; "
-            f"received {type(given).__name__}."
-        )
+        said = "columns must be a mapping of columns to channel names, or the path of a TOML file"
+        raise InputError(f"{said}; received {type(given).__name__}.")
 
     @classmethod
     def parse(
@@ -270,10 +267,8 @@ class ChannelMap(BaseModel):
             key, value = (part.strip() for part in f"{text}=".split("=", 1))
             value = value.removesuffix("=").strip().strip("\"'")
             if not key or not value:
-                raise InputError(
-                    f'A column is written name="channel", such as i_a="Phase A [A]"; '
-                    f"received {text!r}."
-                )
+                example = 'name="channel", such as i_a="Phase A [A]"'
+                raise InputError(f"A column is written {example}; received {text!r}.")
             is_option = key in _OPTIONS or key in CsvOptions.model_fields
             table[key if is_option else _column_name(key, with_time(channels))] = value
         return cls(channels, table)
@@ -294,8 +289,6 @@ def _column_name(text: str, channels: Sequence[Channel]) -> str:
         known = [*names, *(alias for one in channels for alias in one.aliases)]
         near = difflib.get_close_matches(plain(text), known, n=3, cutoff=0.6)
         hint = f" The closest are {', '.join(near)}." if near else ""
-        raise InputError(
-            f"A recording has no column {text!r}; there are {', '.join(names)}.{hint} "
-            "Correct the name."
-        )
+        said = f"A recording has no column {text!r}; there are {', '.join(names)}.{hint}"
+        raise InputError(f"{said} Correct the name.")
     return channel.name

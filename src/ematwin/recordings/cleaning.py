@@ -79,10 +79,8 @@ def _refusal(found: Collected, starts: np.ndarray, holes: _Holes) -> str:
         )
         if others := [other for other in holes if other != name]:
             said += f"; so have {', '.join(others)}"
-    return (
-        f'{said}. Take the longest sound stretch with gaps="longest", or fill and mask with '
-        'gaps="mask".'
-    )
+    advice = 'Take the longest sound stretch with gaps="longest", or fill and mask with gaps="mask"'
+    return f"{said}. {advice}."
 
 
 def _longest(found: Collected, starts: np.ndarray) -> str:
@@ -92,10 +90,8 @@ def _longest(found: Collected, starts: np.ndarray) -> str:
     stretches = [(left + a, left + b) for left, end in edges for a, b in runs(good[left:end])]
     first, stop = max(stretches, key=lambda run: time[run[1] - 1] - time[run[0]], default=(0, 0))
     if stop - first < 2:
-        raise RecordError(
-            f"{found.name} has no two consecutive samples at which all columns have values. "
-            "Leave the column with the holes out of the map."
-        )
+        said = f"{found.name} has no two consecutive samples at which all columns have values"
+        raise RecordError(f"{said}. Leave the column with the holes out of the map.")
     found.columns = {name: values[first:stop].copy() for name, values in found.columns.items()}
     found.time = time[first:stop].copy()
     return (

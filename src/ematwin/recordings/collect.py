@@ -346,10 +346,8 @@ def _find_times(found: Collected) -> None:
     if rate is not None:
         if len(set(lengths.values())) > 1:
             told = ", ".join(f"{name} {size}" for name, size in lengths.items())
-            raise RecordError(
-                f"With sample_rate all channels of {file.path} must be equally long; they "
-                f"have {told} samples."
-            )
+            said = f"With sample_rate all channels of {file.path} must be equally long"
+            raise RecordError(f"{said}; they have {told} samples.")
         found.changed.append(f"time was counted from a rate of {rate:g} Hz")
     for column, key in found.bases.items():
         if key in found.times:
@@ -365,10 +363,8 @@ def _find_times(found: Collected) -> None:
                 'Map it, such as time="t [ms]", or give sample_rate.'
             )
         elif time.size != lengths[column]:
-            raise RecordError(
-                f"{column} of {file.path} has {lengths[column]} samples, time has "
-                f"{time.size}. Map channels that were sampled together."
-            )
+            said = f"{column} of {file.path} has {lengths[column]} samples, time has {time.size}"
+            raise RecordError(f"{said}. Map channels that were sampled together.")
         else:
             found.times[key] = time
             found.start = file.clocks.get(found.channels["time"]["channel"])

@@ -173,20 +173,16 @@ def _as_written(
     """A recording that ematwin wrote, bit for bit; only the rate is changed, if asked for."""
     units: dict[str, str] = dict(file.metadata.get("units", {}))
     if "time" not in file.names:
-        raise RecordError(
-            f"{file.path} has no channel for time; it has {', '.join(file.names)}. "
-            "Rename or add the column."
-        )
+        told = f"{file.path} has no channel for time; it has {', '.join(file.names)}"
+        raise RecordError(f"{told}. Rename or add the column.")
     known = {channel.name: channel for channel in with_time(channels)}
     # another kind may mean something else by a name
     checked = file.names if set(file.names) <= set(known) else ("time",)
     for name in checked:
         unit, si_unit = units.get(name, known[name].unit), known[name].unit
         if unit != si_unit:
-            raise RecordError(
-                f"{file.path} gives {name} in {unit}; a recording holds it in {si_unit}. "
-                "Convert it."
-            )
+            said = f"{file.path} gives {name} in {unit}; a recording holds it in {si_unit}"
+            raise RecordError(f"{said}. Convert it.")
     values = file.read(file.names, progress)
     time = values.pop("time")
     unknown = {"source": "file", "file": file.given.name}
@@ -255,10 +251,8 @@ def fitting(motions: Sequence[_Motion], where: Choice | Sequence[Choice] | None)
             names = dict.fromkeys(name for motion in motions for name in motion.labels)
             known = {n: dict.fromkeys(m.labels[n] for m in motions if n in m.labels) for n in names}
             there = "; ".join(f"{name} {', '.join(list(v)[:20])}" for name, v in known.items())
-            raise RecordError(
-                f"None of the {len(motions)} motions has {given or 'anything to read'}; there are "
-                f"{there or 'none'}. Correct the choice."
-            )
+            said = f"None of the {len(motions)} motions has {given or 'anything to read'}"
+            raise RecordError(f"{said}; there are {there or 'none'}. Correct the choice.")
         wanted |= chosen
     return [motion for motion in motions if id(motion) in wanted]
 
@@ -266,9 +260,9 @@ def fitting(motions: Sequence[_Motion], where: Choice | Sequence[Choice] | None)
 def _fits(motion: Any, where: Choice) -> bool:
     for name, values in where.items():
         if name not in motion.labels:
+            there = ", ".join(motion.labels) or "none"
             raise InputError(
-                f"{motion.source} has no label {name!r}; it has "
-                f"{', '.join(motion.labels) or 'none'}. Correct the name."
+                f"{motion.source} has no label {name!r}; it has {there}. Correct the name."
             )
         if motion.labels[name] not in values:
             return False

@@ -75,10 +75,8 @@ class Recording:
         _check_time(time, what)
         for name, column in self.channels.items():
             if column.shape != time.shape:
-                raise RecordError(
-                    f"{what}Column {name} has shape {column.shape} but time has {time.shape}; "
-                    "all columns must be equally long."
-                )
+                said = f"{what}Column {name} has shape {column.shape} but time has {time.shape}"
+                raise RecordError(f"{said}; all columns must be equally long.")
             bad = np.flatnonzero(~np.isfinite(column))
             if bad.size:
                 raise RecordError(
@@ -88,10 +86,8 @@ class Recording:
         try:
             json.dumps(self.provenance)
         except (TypeError, ValueError) as error:
-            raise RecordError(
-                f"The provenance must hold JSON values, so that files can keep it: {error}. "
-                "Convert them."
-            ) from None
+            said = f"The provenance must hold JSON values, so that files can keep it: {error}"
+            raise RecordError(f"{said}. Convert them.") from None
 
     def __getattr__(self, name: str) -> Any:
         """A channel by name; None for one that kinds of actuators know and this one has not."""
@@ -166,10 +162,8 @@ class Recording:
         """The part from ``start`` to ``stop``, s, both included."""
         inside = (self.time >= start) & (self.time <= stop)
         if inside.sum() < 2:
-            raise RecordError(
-                f"The record has fewer than two samples between {start:g} and {stop:g} s; it runs "
-                f"from {self.time[0]:g} to {self.time[-1]:g} s."
-            )
+            said = f"The record has fewer than two samples between {start:g} and {stop:g} s"
+            raise RecordError(f"{said}; it runs from {self.time[0]:g} to {self.time[-1]:g} s.")
         return self.changed(**{name: value[inside] for name, value in self.columns()})
 
     def to_dataframe(self) -> Any:

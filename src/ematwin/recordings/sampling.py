@@ -38,10 +38,8 @@ def tidy_time(time: np.ndarray, what: object) -> tuple[np.ndarray, list[str]]:
         raise RecordError(f"{what} holds {time.size} samples; a record needs at least two in time.")
     check_finite(time, f"{what}: ")
     if np.abs(time).max() > ABSURD:
-        raise RecordError(
-            f"{what}: time runs from {time.min():.4g} to {time.max():.4g} s, which no clock does. "
-            "The file is damaged, or another channel was meant."
-        )
+        said = f"{what}: time runs from {time.min():.4g} to {time.max():.4g} s, which no clock does"
+        raise RecordError(f"{said}. The file is damaged, or another channel was meant.")
     changed: list[str] = []
     if abs(time[0]) > 1e6:  # s: counted from somebody's calendar, not from the start
         changed.append(f"time is counted from its first sample, {time[0]:.6f} s")
@@ -131,10 +129,8 @@ def to_constant_rate(
     if rate is None or abs(own / rate - 1.0) < _WHOLE:
         return time, columns, changed
     if rate > own:
-        changed.append(
-            f"the rate was raised from {own:.6g} to {rate:.6g} Hz by interpolation, which adds no "
-            "information"
-        )
+        said = f"the rate was raised from {own:.6g} to {rate:.6g} Hz by interpolation"
+        changed.append(f"{said}, which adds no information")
         grid = _grid(time, rate)
         return grid, _each(columns, partial(_akima, time, wanted=grid)), changed
     taps = _low_pass(own, rate)

@@ -26,10 +26,8 @@ def detection_page(found: Detection) -> str:
         for name, one in parts.items()
     ]  # fmt: skip
     reasons = {one.title: one.verdict.sentence for one in shown if one.grade != "healthy"}
-    sections = [
-        Section(f"{kind.capitalize()}s", table=verdict_table(shown, kind)),
-        Section("Why", facts=reasons),
-    ]
+    verdicts = Section(f"{kind.capitalize()}s", table=verdict_table(shown, kind))
+    sections = [verdicts, Section("Why", facts=reasons)]
     sections = [*sections, *trends] if found.is_named else [*trends, *sections]
     for name, one in parts.items():
         if one.by_run:
@@ -63,10 +61,8 @@ def verdict_table(
     left = ["actuator", what, "verdict"][0 if any(one.actuator for one in verdicts) else 1 :]
     far = ["distance"] if any("distance" in cells for cells in rows) else []
     header = [*left, *far, *magnitudes, *covariates]
-    shown = [
-        Row([cells.get(name, "") for name in header], marked=one.alarm)
-        for one, cells in zip(verdicts, rows, strict=True)
-    ]
+    filled = [[cells.get(name, "") for name in header] for cells in rows]
+    shown = [Row(cells, one.alarm) for cells, one in zip(filled, verdicts, strict=True)]
     return Table(header, shown, texts=tuple(range(1, len(left))), pairs=True)
 
 

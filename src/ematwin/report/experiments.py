@@ -37,10 +37,8 @@ def identifiability_page(
             f"{100.0 * one.false_alarm:.2g} %."
         )
         obstacles = [f"No verdict: {sentence}" for sentence in one.obstacles]
-        sections += [
-            Section(one.scenario.name, text=text, points=obstacles, table=told_table(one)),
-            Section(figure=plot_correlation(one)),
-        ]
+        sections.append(Section(one.scenario.name, text, obstacles, told_table(one)))
+        sections.append(Section(figure=plot_correlation(one)))
         if parts:
             own = parts[one.scenario.name]
             text = (
@@ -109,10 +107,9 @@ def design_page(found: Design) -> str:
 
 def discrimination_page(found: Discrimination) -> str:
     """HTML page of a command under which two explanations differ."""
-    rows = [
-        Row([name, _shown(found.first.get(name)), _shown(found.second.get(name))])
-        for name in {**found.first, **found.second}
-    ]
+    both = (found.first, found.second)
+    names = {**found.first, **found.second}
+    rows = [Row([name, *(_shown(values.get(name)) for values in both)]) for name in names]
     facts = {
         "distance": f"{found.distance:.3g} standard deviations",
         f"distance with {found.default.name}": f"{found.default_distance:.3g}",
@@ -161,10 +158,8 @@ def tests_table(found: HealthyTests, files: Sequence[str]) -> Table:
     for n, test in enumerate(found.tests):
         asked = [said(test.demands.get(one.name, 0.0), one.unit, 3) for one in demands]
         what = test.scenario.description or test.scenario.name
-        rows.append(Row([
-            str(n + 1), what, ", ".join(found.improves(n)), f"{test.scenario.duration:g} s", *asked,
-            *files[n : n + 1],
-        ]))  # fmt: skip
+        cells = [str(n + 1), what, ", ".join(found.improves(n)), f"{test.scenario.duration:g} s"]
+        rows.append(Row([*cells, *asked, *files[n : n + 1]]))
     limits = [said(found.limits[one.name], one.unit, 3) for one in demands]
     rows.append(Row(["", "limit", "", "", *limits, *([""] if files else [])]))
     header = ["", "test", "improves most", "duration", *(one.name for one in demands)]

@@ -9,28 +9,17 @@ from ematwin.models.registry import model_of
 from ematwin.recordings.proposal import HEADINGS, Proposal
 from ematwin.recordings.recording import Recording
 from ematwin.recordings.survey import Survey, Surveyed
+from ematwin.report import style
 from ematwin.report.page import Row, Section, Table, listed, render
-from ematwin.report.style import (
-    BLUE,
-    GREY,
-    ORANGE,
-    PALE,
-    Panel,
-    compact,
-    empty,
-    panels_drawn,
-    stacked,
-)
+from ematwin.report.style import BLUE, GREY, ORANGE, PALE, Panel
 from ematwin.showing.text import said
 
 
 def channels_page(found: Survey, proposal: Proposal) -> str:
     """HTML page: the proposed map with its reasons, open questions, a plot of every channel."""
-    rows = [
-        Row(cells, marked=entry.is_open)
-        for cells, entry in zip(proposal.rows, proposal.entries.values(), strict=True)
-    ]
-    taken = tuple(entry.channel for entry in proposal.entries.values())
+    entries = proposal.entries.values()
+    rows = [Row(cells, one.is_open) for cells, one in zip(proposal.rows, entries, strict=True)]
+    taken = tuple(one.channel for one in entries)
     sections = [
         Section("Proposed map", table=Table(list(HEADINGS), rows, texts=(1, 2, 3))),
         Section("Open", points=[one.sentence for one in proposal.questions]),
@@ -84,10 +73,8 @@ def comparison_page(
         Section("Where this comes from", facts=facts),
     ]
     what = first.title.partition(",")[0].lower()
-    lead = (
-        f"The faults change the {what} by {said(rms, first.unit, 3)} RMS, "
-        f"{100.0 * rms / level:.1f} % of the healthy one."
-    )
+    share = f"{100.0 * rms / level:.1f} % of the healthy one"
+    lead = f"The faults change the {what} by {said(rms, first.unit, 3)} RMS, {share}."
     return render(f"{actuator.name}: faulty and healthy", lead, sections)
 
 
@@ -97,7 +84,7 @@ def plot_recording(recording: Recording) -> Any:
     for name, values in recording.channels.items():
         panel = Panel(name.replace("_", " "), recording.units.get(name, ""))
         panels.append(panel.line(recording.time, values, panel.title, BLUE))
-    return panels_drawn(panels, "time, s", 120).update_layout(showlegend=False)
+    return style.panels_drawn(panels, "time, s", 120).update_layout(showlegend=False)
 
 
 def plot_channels(found: Survey, taken: tuple[str, ...] = (), rate: float | None = None) -> Any:
@@ -107,15 +94,15 @@ def plot_channels(found: Survey, taken: tuple[str, ...] = (), rate: float | None
     """
     shown = [one for one in found.channels if not one.is_text and one.samples][:24]
     if not shown:
-        return empty(120)
+        return style.empty(120)
     timed = all(one.rate or rate for one in shown)
     names, units = [one.name for one in shown], [one.unit for one in shown]
-    figure = stacked(names, units, "time, s" if timed else "sample", 110 + 120 * len(shown))
+    figure = style.stacked(names, units, "time, s" if timed else "sample", 110 + 120 * len(shown))
     for n, one in enumerate(shown):
         name, color = ("in the map", ORANGE) if one.name in taken else ("not used", BLUE)
         figure.add_scatter(
-            x=compact(one.places / ((one.rate or rate or 1.0) if timed else 1.0)),
-            y=compact(one.shape), mode="lines", name=name, legendgroup=color,
+            x=style.compact(one.places / ((one.rate or rate or 1.0) if timed else 1.0)),
+            y=style.compact(one.shape), mode="lines", name=name, legendgroup=color,
             showlegend=all(trace.legendgroup != color for trace in figure.data),
             line={"color": color, "width": 1.2}, row=n + 1, col=1,
         )  # fmt: skip
@@ -141,4 +128,4 @@ def plot_response(recording: Recording, healthy: Recording, actuator: Any) -> An
         if one.reference is not None:
             panel.line(time, one.reference, "command", BLUE, dash="dot")
         panels.append(panel.line(time, one.values, "faulty", ORANGE))
-    return panels_drawn(panels, "time, s", 215)
+    return style.panels_drawn(panels, "time, s", 215)

@@ -31,13 +31,13 @@ ENTRY_POINTS = "ematwin.readers"
 _TEXT = (".csv", ".tsv", ".txt")
 _FORMATS = {
     **dict.fromkeys(_TEXT, "csv_file:CsvFile"),
-    ".parquet": "parquet_file:ParquetFile",
-    ".mat": "array_files:MatFile",
+    ".parquet": "binary_files:ParquetFile",
+    ".mat": "binary_files:MatFile",
     **dict.fromkeys((".mf4", ".mdf"), "group_files:MdfFile"),
     ".tdms": "group_files:TdmsFile",
-    **dict.fromkeys((".h5", ".hdf5"), "array_files:Hdf5File"),
-    ".ulg": "topic_files:ULogFile",
-    ".mcap": "topic_files:McapFile",
+    **dict.fromkeys((".h5", ".hdf5"), "binary_files:Hdf5File"),
+    ".ulg": "binary_files:ULogFile",
+    ".mcap": "binary_files:McapFile",
 }
 _PACKED = (".gz", ".zip", ".xlsx", ".xlsm")  # read as what they hold
 _ELSEWHERE = {
@@ -190,10 +190,8 @@ def open_file(path: Any, **options: Any) -> RecordedFile:
     is_table = is_frame(path)
     suffix = "" if is_table else Path(path).suffix.lower()
     if options and suffix not in (*_TEXT, *_PACKED):
-        raise InputError(
-            f"{', '.join(sorted(options))} can be given only for CSV files; "
-            f"{'a DataFrame' if is_table else path} is not one. Leave it out."
-        )
+        said = f"{', '.join(sorted(options))} can be given only for CSV files"
+        raise InputError(f"{said}; {'a DataFrame' if is_table else path} is not one. Leave it out.")
     if is_table:
         return FrameFile(path)
     path = Path(path)
@@ -258,14 +256,11 @@ def _unzipped(path: Path, folder: Path) -> tuple[Path, str]:
     with zipfile.ZipFile(path) as archive:
         files = [one.filename for one in archive.infolist() if not one.is_dir()]
         # without what macOS adds
-        names = [
-            n for n in files if not Path(n).name.startswith((".", "_")) and "__MACOSX" not in n
-        ]
+        names = [n for n in files if Path(n).name[:1] not in (".", "_") and "__MACOSX" not in n]
         if len(names) != 1:
             listed = ", ".join(names[:5]) or "nothing"
-            raise FileError(
-                f"{path} must hold one file, and holds {listed}. Unpack it, and give the folder."
-            )
+            said = f"{path} must hold one file, and holds {listed}"
+            raise FileError(f"{said}. Unpack it, and give the folder.")
         inside = folder / Path(names[0]).name
         with archive.open(names[0]) as source, inside.open("wb") as target:
             shutil.copyfileobj(source, target)
@@ -364,10 +359,8 @@ def as_float(values: Any, name: str, path: Path) -> np.ndarray:
     if array.dtype.kind == "m":
         array = array.astype("timedelta64[ns]").astype(np.int64) * 1e-9
     if array.dtype.kind not in "biuf":
-        raise RecordError(
-            f"Channel {name!r} of {path} must hold real numbers; it holds {array.dtype}. "
-            "Choose another channel or export it as numbers."
-        )
+        said = f"Channel {name!r} of {path} must hold real numbers; it holds {array.dtype}"
+        raise RecordError(f"{said}. Choose another channel or export it as numbers.")
     return np.array(array, dtype=np.float64, order="C").reshape(-1)
 
 

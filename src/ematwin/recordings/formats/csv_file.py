@@ -48,10 +48,8 @@ class CsvFile(RecordedFile):
         positions = [self.channels[name] for name in names]
         for name, position in zip(names, positions, strict=True):
             if position in self._dialect.text:
-                raise RecordError(
-                    f"Column {name} of {self.path} must hold numbers; it holds text. "
-                    "Remove text and units from its rows."
-                )
+                told = f"Column {name} of {self.path} must hold numbers; it holds text"
+                raise RecordError(f"{told}. Remove text and units from its rows.")
         parts: list[list[np.ndarray]] = [[] for _ in names]
         origins: dict[int, int] = {}
         with refusing(self.path, self.kind):

@@ -69,10 +69,8 @@ class MdfFile(RecordedFile):
             raise ValueError(found[0])
         promised = self._file.groups[group].channel_group.cycles_nr
         if len(samples) != promised:
-            raise FileError(
-                f"{self.path} promises {promised} samples of {name!r} and holds {len(samples)}. "
-                "It was truncated; copy it again."
-            )
+            said = f"{self.path} promises {promised} samples of {name!r} and holds {len(samples)}"
+            raise FileError(f"{said}. It was truncated; copy it again.")
         if invalid is None:
             return samples
         values = base.as_float(samples, name, self.path)
@@ -146,18 +144,13 @@ class TdmsFile(RecordedFile):
         # that of types complains of names in another encoding, which are read all the same
         with complaints("nptdms.types"), complaints(*loggers) as found:
             self._file = library.TdmsFile.open(path)
-        self.channels = {
-            f"{group.name}/{channel.name}": channel
-            for group in self._file.groups()
-            for channel in group.channels()
-        }
+        channels = (one for group in self._file.groups() for one in group.channels())
+        self.channels = {f"{one.group_name}/{one.name}": one for one in channels}
         if found or self._file.file_status.incomplete_final_segment or not self.channels:
             self._file.close()
             why = "its last segment is incomplete" if self.channels else "it holds no channels"
-            raise FileError(
-                f"Cannot read {path} as TDMS: {why}. It may be truncated; copy it again or close "
-                "it in the recording program."
-            )
+            said = f"Cannot read {path} as TDMS: {why}. It may be truncated"
+            raise FileError(f"{said}; copy it again or close it in the recording program.")
         for name, channel in self.channels.items():
             wave = channel.properties
             if unit := wave.get("unit_string") or wave.get("NI_UnitDescription"):
@@ -171,9 +164,8 @@ class TdmsFile(RecordedFile):
         starts = [one.properties.get("wf_start_time") for one in self.channels.values()]
         stamps = [start for start in starts if isinstance(start, np.datetime64)]
         self._first = min(stamps, default=None)
-        self.start = (
-            None if self._first is None else base.moment(self._first, UTC)
-        )  # as LabVIEW counts
+        if self._first is not None:
+            self.start = base.moment(self._first, UTC)  # as LabVIEW counts
 
     def base_time(self, key: str) -> np.ndarray | None:  # noqa: D102
         channel = next(self.channels[name] for name, own in self.bases.items() if own == key)
