@@ -194,10 +194,8 @@ def print_findings(found: "ematwin.Identification") -> None:
             value, (low, high) = found.contrasts[one.name]
             number, between = with_interval(value, low, high)
             typer.echo(f"{one.meaning}: {number} ({between})")
-    typer.echo(
-        f"misfit {100.0 * found.relative_misfit:.2f} % ({found.cost:.4g}), "
-        f"{found.effort}, seed {found.seed}; stopped: {found.stopped}"
-    )
+    misfit = f"misfit {100.0 * found.relative_misfit:.2f} % ({found.cost:.4g})"
+    typer.echo(f"{misfit}, {found.effort}, seed {found.seed}; stopped: {found.stopped}")
     if found.stopped == "interrupted":
         typer.echo("Interrupted: this is the best found so far.")
     if (sure := found.uncertainty) is not None:

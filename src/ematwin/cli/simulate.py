@@ -89,10 +89,9 @@ def simulate(
         f"{name.replace('_', ' ')} {said(x, own.get(name.rpartition('_')[0], ''), 3)}"
         for name, x in summary.items()
     )
-    told = (
-        f"{table_of(described)}\n\n{fidelity} model of {chosen.name}, scenario {asked.name}: "
-        f"{len(record)} samples at {record.sample_rate:g} Hz, {numbers}"
-    )
+    what = f"{fidelity} model of {chosen.name}, scenario {asked.name}"
+    samples = f"{len(record)} samples at {record.sample_rate:g} Hz"
+    told = f"{table_of(described)}\n\n{what}: {samples}, {numbers}"
     answers.give(json, lambda: plain, lambda: typer.echo(told), out, plot)
 
 

@@ -58,20 +58,18 @@ def compare(
     )  # fmt: skip
     carrier = _engine(engine, scheduler, workers, time_limit, patience)
     with Store(store) as opened, answers.progress_bar("Runs", not json) as show:
+        where = opened.name
         tally = run_study(
             plan, opened, carrier, retry_failed=retry_failed,
             progress=lambda now: show(now.complete / now.planned, f"{now.complete}/{now.planned}"),
         )  # fmt: skip
-        where = opened.name
 
     def tell() -> None:
         ended = ", ".join(f"{n} {status}" for status, n in sorted(tally.counts.items()))
         others = f", {tally.elsewhere} came from other processes" if tally.elsewhere else ""
         typer.echo(f"{tally.planned} runs in {where}: {ended}.")
-        typer.echo(
-            f"{tally.finished} of them now, in {tally.seconds:.1f} s; "
-            f"{tally.found} were done before{others}."
-        )
+        now = f"{tally.finished} of them now, in {tally.seconds:.1f} s"
+        typer.echo(f"{now}; {tally.found} were done before{others}.")
         if tally.counts.get("done", 0) < tally.planned:
             typer.echo("To repeat failed runs, give the same command with --retry-failed.")
         typer.echo(f"Next: ematwin report {where}")

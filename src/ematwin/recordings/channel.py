@@ -208,10 +208,8 @@ class ChannelMap(BaseModel):
     def _problem(self) -> str | None:
         """A sentence on entries that do not fit together, or None."""
         if sorted(self.phase_order) != list("abc"):
-            return (
-                "phase_order must name a, b and c once each, "
-                f"received {self.phase_order!r}; write for example acb"
-            )
+            said = f"phase_order must name a, b and c once each, received {self.phase_order!r}"
+            return f"{said}; write for example acb"
         both = sorted({*self.without} & self.columns.keys())
         if both:
             return f"{', '.join(both)} is mapped and left out; do one of the two"
@@ -229,10 +227,8 @@ class ChannelMap(BaseModel):
             if channel.side is None:
                 return f"{name} belongs to no shaft; remove its side"
             if entry.side != channel.side and self.gear_ratio is None:
-                return (
-                    f"{name} is given on the {entry.side} side, but a recording holds it on the "
-                    f"{channel.side} side; give gear_ratio"
-                )
+                said = f"{name} is given on the {entry.side} side, but a recording holds it on the"
+                return f"{said} {channel.side} side; give gear_ratio"
         return None
 
     @classmethod

@@ -65,18 +65,14 @@ def _refusal(found: Collected, starts: np.ndarray, holes: _Holes) -> str:
     if starts.size:
         n = int(starts[np.argmax(np.diff(time)[starts])])
         many = f"{starts.size} gaps, the longest" if starts.size > 1 else "a gap"
-        said = (
-            f"{found.name} has {many} of {time[n + 1] - time[n]:.4g} s from {time[n]:.6g} to "
-            f"{time[n + 1]:.6g} s (after sample {n})"
-        )
+        where = f"from {time[n]:.6g} to {time[n + 1]:.6g} s (after sample {n})"
+        said = f"{found.name} has {many} of {time[n + 1] - time[n]:.4g} s {where}"
     else:
         name, some = max(holes.items(), key=lambda item: max(b - a for a, b in item[1]))
         first, stop = max(some, key=lambda run: run[1] - run[0])
         many = f"{len(some)} stretches, the longest" if len(some) > 1 else "a stretch"
-        said = (
-            f"{found.name}: column {name} has no values in {many} of {stop - first} samples from "
-            f"{time[first]:.6g} to {time[stop - 1]:.6g} s (sample {first} on)"
-        )
+        said = f"{found.name}: column {name} has no values in {many} of {stop - first} samples"
+        said += f" from {time[first]:.6g} to {time[stop - 1]:.6g} s (sample {first} on)"
         if others := [other for other in holes if other != name]:
             said += f"; so have {', '.join(others)}"
     advice = 'Take the longest sound stretch with gaps="longest", or fill and mask with gaps="mask"'
@@ -94,10 +90,8 @@ def _longest(found: Collected, starts: np.ndarray) -> str:
         raise RecordError(f"{said}. Leave the column with the holes out of the map.")
     found.columns = {name: values[first:stop].copy() for name, values in found.columns.items()}
     found.time = time[first:stop].copy()
-    return (
-        f"only the longest stretch without holes was taken, {time[first]:.6g} to "
-        f"{time[stop - 1]:.6g} s of {time[0]:.6g} to {time[-1]:.6g} s"
-    )
+    taken = f"{time[first]:.6g} to {time[stop - 1]:.6g} s of {time[0]:.6g} to {time[-1]:.6g} s"
+    return f"only the longest stretch without holes was taken, {taken}"
 
 
 def _mask(found: Collected, starts: np.ndarray, holes: _Holes, inputs: Collection[str]) -> str:

@@ -215,10 +215,9 @@ class Draft:
         is_known = one.unit and command.unit and free and own.side
         if not is_known or self.channels[free[0]].unit != own.unit:
             return None
-        span, commanded = (
-            (each.high - each.low) * unit_factor(each.unit, own.unit, each.name)
-            for each in (one, command)
-        )
+        span = (one.high - one.low) * unit_factor(one.unit, own.unit, one.name)
+        factor = unit_factor(command.unit, own.unit, command.name)
+        commanded = factor * (command.high - command.low)
         if not (span > 0.0 and commanded > 0.0):
             return None
         ratio, sides = span / commanded, {name: self.channels[name].side for name in free}
@@ -243,9 +242,8 @@ class Draft:
         if one.low == one.high and column != "load":
             reasons.append(f"It is {one.low:g} throughout.")
         if column == "load":
-            reasons.append(
-                "Its sign cannot be told: where it is positive with positive motion, add sign = -1."
-            )
+            advice = "where it is positive with positive motion, add sign = -1."
+            reasons.append(f"Its sign cannot be told: {advice}")
         unit_from = one.unit_from or ("" if channel.unit else "channel")  # a ratio has none
         return Entry(column, one.name, one.unit, unit_from, tuple(reasons))
 

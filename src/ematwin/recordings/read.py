@@ -215,11 +215,11 @@ def _motions(found: Collected) -> list[Collected]:
     for name in measured:
         if np.any(_changes(labels[name]) & ~starts[1:]):
             del labels[name]
-    ends = pairwise(np.r_[np.flatnonzero(starts), time.size].tolist())
-    return [
-        found.part(slice(first, end), {name: str(text[first]) for name, text in labels.items()})
-        for first, end in ends
-    ]
+    parts = []
+    for first, end in pairwise(np.r_[np.flatnonzero(starts), time.size].tolist()):
+        own = {name: str(text[first]) for name, text in labels.items()}
+        parts.append(found.part(slice(first, end), own))
+    return parts
 
 
 def _check_single(found: Collected) -> None:

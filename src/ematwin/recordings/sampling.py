@@ -49,10 +49,8 @@ def tidy_time(time: np.ndarray, what: object) -> tuple[np.ndarray, list[str]]:
     grid = _grid_behind_rounding(time)
     if grid is not None:
         rate = (grid.size - 1) / (grid[-1] - grid[0])
-        changed.append(
-            f"time was written with too few digits; it was put on the even grid of {rate:.6g} Hz "
-            "that it was rounded from"
-        )
+        put = f"it was put on the even grid of {rate:.6g} Hz that it was rounded from"
+        changed.append(f"time was written with too few digits; {put}")
         return grid, changed
     check_increasing(time, f"{what}: ")
     return time, changed
@@ -191,10 +189,8 @@ def _even_grid(time: np.ndarray) -> tuple[np.ndarray, str]:
     grid = np.linspace(time[0], time[-1], max(count, 1) + 1)
     spread = float(np.abs(steps - middle).max() / middle)
     lost = f"; single samples were missing {late} times" if late else ""
-    return grid, (
-        f"uneven times (steps up to {100 * spread:.3g} % off the median{lost}) were brought "
-        f"to a constant {count / (time[-1] - time[0]):.6g} Hz by interpolation"
-    )
+    said = f"uneven times (steps up to {100 * spread:.3g} % off the median{lost}) were brought to"
+    return grid, f"{said} a constant {count / (time[-1] - time[0]):.6g} Hz by interpolation"
 
 
 def _each(columns: Arrays, change: Callable[[np.ndarray], np.ndarray]) -> Arrays:

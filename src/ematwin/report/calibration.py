@@ -26,10 +26,8 @@ def calibration_page(report: CalibrationReport) -> str:
     """HTML page: parameters beside their template, undetermined ones, spread of healthy runs."""
     actuator = report.actuator
     told = [p for p in report.parameters if p.determined]
-    lead = (
-        f"{actuator.name}: {len(told)} parameters from {report.baseline.recordings} healthy "
-        f"recordings. {misfit_sentence(report)}"
-    )
+    learnt = f"{len(told)} parameters from {report.baseline.recordings} healthy recordings"
+    lead = f"{actuator.name}: {learnt}. {misfit_sentence(report)}"
     sections = [
         Section("How it is built", points=forms_sentences(report), table=_forms_table(report)),
         Section("Parameters", table=parameter_table(report)),
@@ -108,10 +106,8 @@ def open_sentences(report: CalibrationReport, file: str = "CALIBRATED.toml") -> 
     fitted = {p.place for p in report.parameters}
     missing = [p.place for p in report.parameters if not p.determined]
     fixed = [one[0] for one in report.actuator.parameters() if one[0] not in fitted]
-    said = [
-        f"Only ratios or products of {', '.join(group)} are known; a common factor stays uncertain."
-        for group in report.tied
-    ]
+    known = "are known; a common factor stays uncertain."
+    said = [f"Only ratios or products of {', '.join(group)} {known}" for group in report.tied]
     if missing:
         learn = f"ematwin design --learn --actuator {shlex.quote(file)} --out test.toml"
         tests = "" if model_of(report.actuator).recordings_differ else f" Tests that would: {learn}"
@@ -131,10 +127,8 @@ def spread_sentences(report: CalibrationReport) -> list[str]:
         off = [f"{name} {plain(value, 2)}" for name, value in scatter.items() if value > 1e-9]
         if not off:
             return ["Estimates on healthy recordings are healthy within their standard errors."]
-        return [
-            "Healthy recordings are found off healthy by more than their standard errors explain: "
-            f"{', '.join(off)} (one standard deviation)."
-        ]
+        said = "Healthy recordings are found off healthy by more than their standard errors explain"
+        return [f"{said}: {', '.join(off)} (one standard deviation)."]
     told = []
     for one in calibration.quantities:
         unit, scale = ("%", 100.0) if one.logarithmic else (one.unit, one.scale)

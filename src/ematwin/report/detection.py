@@ -20,11 +20,10 @@ def detection_page(found: Detection) -> str:
     shown, parts = found.runs[:400], found.actuators  # of the table; the figures show all
     kind = "run" if found.by_run else "recording"
     told = f"A point for each {kind}, with its interval. In the band lie 95 % of healthy ones."
-    trends = [
-        Section(name or "Trend", text=f"{one.sentence} {told}" if name else told,
-                figure=plot_trend(one))
-        for name, one in parts.items()
-    ]  # fmt: skip
+    trends = []
+    for name, one in parts.items():
+        text = f"{one.sentence} {told}" if name else told
+        trends.append(Section(name or "Trend", text, figure=plot_trend(one)))
     reasons = {one.title: one.verdict.sentence for one in shown if one.grade != "healthy"}
     verdicts = Section(f"{kind.capitalize()}s", table=verdict_table(shown, kind))
     sections = [verdicts, Section("Why", facts=reasons)]

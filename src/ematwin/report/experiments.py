@@ -46,10 +46,9 @@ def identifiability_page(
                 f"{own.answers} answers: by itself, and with all in which it takes part; standard "
                 "errors."
             )
-            sections += [
-                Section(f"{one.scenario.name}: {caption}", text, table=sobol_table(own, channel))
-                for channel, caption in own.captions.items()
-            ]
+            for channel, caption in own.captions.items():
+                title = f"{one.scenario.name}: {caption}"
+                sections.append(Section(title, text, table=sobol_table(own, channel)))
     title = f"{found[0].actuator.name}: identifiability of faults"
     return render(title, found[0].lead, sections)
 
@@ -78,10 +77,8 @@ def design_page(found: Design) -> str:
         text += f" {found.left_out_sentence}"
     if found.promised.checks:
         which = "" if found.checked else ", by which it was chosen"
-        text += (
-            f" Observed: root mean square of what identify erred on {found.promised.checks} "
-            f"simulated recordings of each command{which}."
-        )
+        erred = f"what identify erred on {found.promised.checks} simulated recordings"
+        text += f" Observed: root mean square of {erred} of each command{which}."
     price = "On a healthy actuator; in brackets the most that was seen with faults."
     begun = "Identifiability of faults that have just begun"
     every = "With everything that is unknown, also what no command can determine."
@@ -135,11 +132,8 @@ def healthy_tests_page(found: HealthyTests) -> str:
         "Standard errors from the prior and the information of the simulated recordings. "
         "Marked: after all tests still more than half the error that the tolerance states."
     )
-    facts = {
-        "compared": f"{found.compared} commands, of which {found.refused} exceed a limit or move "
-        "too little",
-        "limits": _listed(found.limits),
-    }
+    refused = f"of which {found.refused} exceed a limit or move too little"
+    facts = {"compared": f"{found.compared} commands, {refused}", "limits": _listed(found.limits)}
     sections = [
         Section("Tests", table=tests_table(found, []), figure=plot_healthy_tests(found)),
         Section("Parameters", text=text, figure=plot_learnt_errors(found)),

@@ -111,11 +111,8 @@ def plot_faults(found: Identification) -> Any:
     name, orange is a fault that the verdict names; grey where there is no verdict or the value was
     held. A diamond is the true value, where the recording is a simulation.
     """
-    unknowns = {
-        one.name: one
-        for one in found.model.faults(found.actuator)
-        if one.name in found.values and one.direction_of is None
-    }
+    faults = [one for one in found.model.faults(found.actuator) if one.direction_of is None]
+    unknowns = {one.name: one for one in faults if one.name in found.values}
     names = list(unknowns)[::-1]  # plotly draws from below
     healthy = {name: one.healthy for name, one in unknowns.items()}
 
@@ -248,10 +245,8 @@ def uncertainty_sections(found: Identification, record: Recording) -> list[Secti
         text += " error of the model."
         sections.append(Section("Profiles of the faults", text, figure=plot_profile(found)))
     pairs = "Each pair of faults by draws: a slanted cloud is two that are traded off."
-    band = (
-        "The recording over the answers of the twin to draws of everything that is unknown. Noise "
-        "of the sensors is not in the band."
-    )
+    band = "The recording over the answers of the twin to draws of everything that is unknown."
+    band += " Noise of the sensors is not in the band."
     return [
         *sections,
         Section("Faults together", pairs, figure=plot_posterior(found)),

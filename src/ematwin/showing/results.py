@@ -39,10 +39,8 @@ def is_frame(value: Any) -> bool:
 def plain(value: Any) -> Any:
     """Values for JSON: None for NaN and infinity, text for keys, lists for arrays."""
     if isinstance(value, Mapping):
-        return {
-            " -> ".join(key) if isinstance(key, tuple) else str(key): plain(item)
-            for key, item in value.items()
-        }
+        keys = (" -> ".join(key) if isinstance(key, tuple) else str(key) for key in value)
+        return dict(zip(keys, map(plain, value.values()), strict=True))
     if hasattr(value, "model_dump"):  # of pydantic
         return value.model_dump(mode="json", exclude_none=True)
     if is_dataclass(value):

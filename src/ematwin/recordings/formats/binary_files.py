@@ -73,10 +73,8 @@ class ParquetFile(RecordedFile):
         if is_moment or pa.types.is_time(kind) or pa.types.is_duration(kind):
             import pyarrow.compute as pc
 
-            in_ns = (
-                pa.timestamp("ns", tz=kind.tz) if is_moment
-                else pa.time64("ns") if pa.types.is_time(kind) else pa.duration("ns")
-            )  # fmt: skip
+            in_ns = pa.time64("ns") if pa.types.is_time(kind) else pa.duration("ns")
+            in_ns = pa.timestamp("ns", tz=kind.tz) if is_moment else in_ns
             ticks = column.cast(in_ns).cast(pa.int64())
             origin = (ticks[0].as_py() or 0) if len(ticks) else 0
             if is_moment:  # a time of day has no date

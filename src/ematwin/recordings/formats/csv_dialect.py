@@ -60,14 +60,11 @@ class Clock:
         if not found:
             return None
         slashed = [match for match in found if match[5] == "/"]
-        month_first = any(match[12] or int(match[6]) > 12 for match in slashed) and not any(
-            int(match[4]) > 12 for match in slashed
-        )
-        return cls(
-            any(match[1] or match[4] for match in found),
-            any(match[13] for match in found),
-            month_first if slashed else None,
-        )
+        day_first = any(int(match[4]) > 12 for match in slashed)
+        month_first = any(match[12] or int(match[6]) > 12 for match in slashed) and not day_first
+        is_dated = any(match[1] or match[4] for match in found)
+        is_utc = any(match[13] for match in found)
+        return cls(is_dated, is_utc, month_first if slashed else None)
 
     def nanoseconds(self, texts: Sequence[str | None]) -> np.ndarray:
         """Times (S,), int64, since 1970 or midnight; `MISSING` where a cell is empty."""

@@ -217,10 +217,8 @@ class TwinCatFile(CsvFile):
                 self.channels[name.strip()] = (place, time)  # of its values and of its times
                 unit = units[place].partition(" (")[0].strip() if place < len(units) else ""
                 self.units[name.strip()] = "" if unit == "(None)" else unit
-        self._began, self._ended = (
-            int(text) if text.strip().isdigit() else 0
-            for text in (facts.get(_START, ""), facts.get("Endtime of export", ""))
-        )
+        ends = (facts.get(key, "").strip() for key in (_START, "Endtime of export"))
+        self._began, self._ended = (int(text) if text.isdigit() else 0 for text in ends)
         if self._began:
             epoch = datetime(1601, 1, 1, tzinfo=UTC)
             self.start = epoch + timedelta(microseconds=self._began // 10)

@@ -157,10 +157,8 @@ class TdmsFile(RecordedFile):
                 self.units[name] = str(unit)
             self.bases[name] = f"{len(channel)} samples"
             if wave.get("wf_increment"):
-                self.bases[name] += (
-                    f" each {wave['wf_increment']!r} s from {wave.get('wf_start_offset', 0.0)!r} s "
-                    f"after {wave.get('wf_start_time')}"
-                )
+                start = f"{wave.get('wf_start_offset', 0.0)!r} s after {wave.get('wf_start_time')}"
+                self.bases[name] += f" each {wave['wf_increment']!r} s from {start}"
         starts = [one.properties.get("wf_start_time") for one in self.channels.values()]
         stamps = [start for start in starts if isinstance(start, np.datetime64)]
         self._first = min(stamps, default=None)
