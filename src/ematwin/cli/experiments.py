@@ -132,10 +132,9 @@ def _limits(texts: list[str], actuator: Any) -> dict[str, float]:
     from ematwin.models.registry import model_of
 
     units = {one.name: one.unit for one in model_of(actuator).limited}
-    return {  # a name that there is not is refused later, with those that there are
-        name: parse_quantity(text, units.get(name, ""), f"--limit {name}")
-        for name, text in options.pairs(texts, "--limit").items()
-    }
+    # a name that there is not is refused later, with those that there are
+    given = options.pairs(texts, "--limit").items()
+    return {name: parse_quantity(x, units.get(name, ""), f"--limit {name}") for name, x in given}
 
 
 def _explanations(

@@ -133,13 +133,11 @@ def report(
     check_extra()
     if out is not None:
         page.check_folder(out)
+    settings: dict[str, Any] = {"threshold": threshold, "seed": seed}
+    settings["targets"] = tuple(sorted(set(target))) if target else TARGETS
+    settings["misfits"] = tuple(sorted(set(misfit), reverse=True)) if misfit else STATED_MISFITS
     with open_store(store) as opened:
-        analysis = analyse(
-            opened.runs(),
-            targets=tuple(sorted(set(target))) if target else TARGETS,
-            misfits=tuple(sorted(set(misfit), reverse=True)) if misfit else STATED_MISFITS,
-            threshold=threshold, seed=seed,
-        )  # fmt: skip
+        analysis = analyse(opened.runs(), **settings)
     files = [] if out is None else page.write_report(analysis, out)
     written = None if out is None else {"folder": out, "files": files}
 

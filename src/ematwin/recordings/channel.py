@@ -61,6 +61,11 @@ class Channel:
     def __post_init__(self) -> None:
         NAMED.add(self.name)
 
+    def follows_from(self, present: Collection[str]) -> bool:
+        """Whether it is none of the channels that are there, and follows from them."""
+        sources = None if self.derived is None or self.name in present else self.derived.sources
+        return sources is not None and all(source in present for source in sources)
+
 
 TIME = Channel("time", "s", "time", aliases=("t",))
 
@@ -84,17 +89,6 @@ def channel_called(text: str, channels: Sequence[Channel]) -> Channel | None:
         if key == channel.name or key in channel.aliases:
             return channel
     return None
-
-
-def derivable(channels: Sequence[Channel], present: Collection[str]) -> list[Channel]:
-    """The channels that are not there and follow from those that are."""
-    return [
-        channel
-        for channel in channels
-        if channel.name not in present
-        and channel.derived is not None
-        and all(source in present for source in channel.derived.sources)
-    ]
 
 
 PHASES = ("current_a", "current_b", "current_c")

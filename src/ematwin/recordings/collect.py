@@ -14,15 +14,7 @@ import numpy as np
 
 from ematwin.errors import RecordError
 from ematwin.recordings import words
-from ematwin.recordings.channel import (
-    PHASES,
-    TIME,
-    Channel,
-    ChannelMap,
-    MappedChannel,
-    channel_called,
-    derivable,
-)
+from ematwin.recordings.channel import PHASES, Channel, ChannelMap, MappedChannel, channel_called
 from ematwin.recordings.formats.base import Progress, RecordedFile
 from ematwin.recordings.recording import label_text
 from ematwin.recordings.sampling import ABSURD
@@ -56,10 +48,10 @@ def match(
         column: (words.find_channel(file.names, entry.channel, file.path), entry)
         for column, entry in mapped.items()
     }
-    closed = {*mapped, *channel_map.without, *([TIME.name] if channel_map.sample_rate else [])}
+    closed = {*mapped, *channel_map.without, *(["time"] if channel_map.sample_rate else [])}
     by_name = {name: many for name, many in _by_name(file, channels).items() if name not in closed}
     missing = (name for _, names in unmet(needs, channels, mapped) for name in names)
-    needed = {TIME.name, *missing} if mapped else by_name.keys()
+    needed = {"time", *missing} if mapped else by_name.keys()
     for column in [name for name in by_name if name in needed]:
         name, *others = by_name.pop(column)
         if others:
@@ -124,7 +116,7 @@ def _optional(
 
 def with_derived(channels: Sequence[Channel], present: Collection[str]) -> set[str]:
     """The channels that are there, and those that follow from them."""
-    return {*present, *(channel.name for channel in derivable(channels, present))}
+    return {*present, *(one.name for one in channels if one.follows_from(present))}
 
 
 def is_met(group: Sequence[Sequence[str]], present: Collection[str]) -> bool:
@@ -256,7 +248,7 @@ def derive(found: Collected, time: np.ndarray | None = None) -> None:
     """
     channels = found.map.channels
     columns = found.columns if time is None else found.columns | {"time": time}
-    for channel in derivable(channels, columns):
+    for channel in [one for one in channels if one.follows_from(columns)]:
         derivation = channel.derived
         assert derivation is not None
         sources = derivation.sources

@@ -86,10 +86,9 @@ class Proposal:
     @property
     def rows(self) -> list[list[str]]:
         """Cells for people, below `HEADINGS`."""
-        return [
-            [name, one.channel, one.unit or f"{' or '.join(one.units)}?", " ".join(one.reasons)]
-            for name, one in self.entries.items()
-        ]
+        units = (one.unit or f"{' or '.join(one.units)}?" for one in self.entries.values())
+        told = zip(self.entries.items(), units, strict=True)
+        return [[name, one.channel, unit, " ".join(one.reasons)] for (name, one), unit in told]
 
     def columns(self) -> dict[str, dict[str, Any]]:
         """The settled part of the map, as `ematwin.read` takes it."""

@@ -106,10 +106,9 @@ def _cleaned(
         moved_to = sampled(found.time, found.columns[channel.name], channel.refreshed)
         if moved_to is not None:  # each read was a sample of before
             found.columns[channel.name], period = moved_to
-            found.changed.append(
-                f"{channel.name} is read up to {1e3 * period:.3g} ms after it was sampled, as its "
-                "steps show; it was brought to the times of the reads"
-            )
+            late = f"{channel.name} is read up to {1e3 * period:.3g} ms after it was sampled"
+            put = "it was brought to the times of the reads"
+            found.changed.append(f"{late}, as its steps show; {put}")
     time, columns, changed = to_constant_rate(found.time, found.columns, rate, found.name, means)
     provenance: dict[str, Any] = {
         "source": "file", "file": file.given.name, "format": file.kind,

@@ -38,11 +38,10 @@ def write_recording(
     """
     columns = dict(recording.columns())
     metadata: dict[str, Any] = {
-        "format": FORMAT,
-        "units": _units([recording], channels),
+        "format": FORMAT, "units": _units([recording], channels),
         "provenance": recording.provenance,
         "means": [one.name for one in channels if one.is_mean and one.name in columns],
-    }
+    }  # fmt: skip
     if recording.labels:
         metadata["labels"] = recording.labels
     if recording.start is not None:
@@ -66,10 +65,9 @@ def write_recordings(
                 f"{one.name} has the channels {', '.join(one.channels)}, {recordings[0].name} has "
                 f"{', '.join(names)}; a table needs the same in all. Write them one by one."
             )
-    columns: dict[str, Any] = {
-        name: [one.labels.get(name, "") for one in recordings for _ in one.time]
-        for name in dict.fromkeys(name for one in recordings for name in one.labels)
-    }
+    columns: dict[str, Any] = {}
+    for label in dict.fromkeys(label for one in recordings for label in one.labels):
+        columns[label] = [one.labels.get(label, "") for one in recordings for _ in one.time]
     units = _units(recordings, channels)
     for name in (TIME.name, *names):
         unit = units.get(name, "")

@@ -62,10 +62,9 @@ def _fit_sections(report: CalibrationReport) -> list[Section]:
         "Root mean square of the difference in each of 48 parts. What depends on the angle is "
         "cogging or the winding, on the speed friction or back-EMF, on the time warming or a load."
     )
-    return [
-        Section("Before and after", beside, figure=plot_before_and_after(report)),
-        Section("Residuals by angle, speed and time", by_parts, figure=plot_residuals(report)),
-    ]
+    fit = Section("Before and after", beside, figure=plot_before_and_after(report))
+    title = "Residuals by angle, speed and time"
+    return [fit, Section(title, by_parts, figure=plot_residuals(report))]
 
 
 def parameter_table(report: CalibrationReport) -> Table:
@@ -247,10 +246,8 @@ def _beside(
 
 def _motion(model: Model, recording: Recording) -> tuple[np.ndarray, str, np.ndarray, str]:
     """The recorded position nearest to the motor, else the command; its name; speed, its unit."""
-    places = [
-        one.name for one in model.channels
-        if one.unit in ("rad", "m") and one.name in recording.channels and one.name != model.command
-    ]  # fmt: skip
+    there = (one for one in model.channels if one.name in recording.channels)
+    places = [x.name for x in there if x.unit in ("rad", "m") and x.name != model.command]
     name = next((name for name in places if "motor" in name), next(iter(places), model.command))
     unit, factor = preferred(model.channel(name).unit)
     place = recording.channels[name]

@@ -66,10 +66,8 @@ def told_table(found: Identifiability) -> Table:
 
 def design_page(found: Design) -> str:
     """HTML page of a design."""
-    text = (
-        "Expected error of each fault, averaged over faults that are not known yet: from noise "
-        "and model discrepancy."
-    )
+    text = "Expected error of each fault, averaged over faults that are not known yet: from noise "
+    text += "and model discrepancy."
     if found.held:
         held = ", ".join(found.held)
         text += f" Counted as known, because no command can determine them: {held}."

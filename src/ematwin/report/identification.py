@@ -63,12 +63,11 @@ def fault_table(found: Identification) -> Table:
 
 def parts_table(found: Identification) -> Table:
     """Combinations of faults, and what of load and sensors is not as recorded."""
-    rows = [
-        Row([one.meaning, *with_interval(value, low, high), one.ambiguity])
-        for one in found.model.contrasts(found.actuator)
-        if one.name in found.contrasts
-        for value, (low, high) in [found.contrasts[one.name]]
-    ]
+    rows = []
+    for part in found.model.contrasts(found.actuator):
+        if part.name in found.contrasts:
+            value, (low, high) = found.contrasts[part.name]
+            rows.append(Row([part.meaning, *with_interval(value, low, high), part.ambiguity]))
     for name, (value, (low, high)) in found.nuisances.items():
         one = found.model.unknown(found.actuator, name)
         cells = [one.meaning, *said_between(value, low, high, one.unit), "not as recorded"]
@@ -247,11 +246,9 @@ def uncertainty_sections(found: Identification, record: Recording) -> list[Secti
     pairs = "Each pair of faults by draws: a slanted cloud is two that are traded off."
     band = "The recording over the answers of the twin to draws of everything that is unknown."
     band += " Noise of the sensors is not in the band."
-    return [
-        *sections,
-        Section("Faults together", pairs, figure=plot_posterior(found)),
-        Section("What the twin may answer", band, figure=plot_answers(found, record)),
-    ]
+    sections.append(Section("Faults together", pairs, figure=plot_posterior(found)))
+    sections.append(Section("What the twin may answer", band, figure=plot_answers(found, record)))
+    return sections
 
 
 def uncertainty_table(sure: Uncertainty) -> Table:

@@ -119,10 +119,8 @@ def plot_response(recording: Recording, healthy: Recording, actuator: Any) -> An
     beside = Panel(first.title, first.unit).line(time, base.values, "healthy", PALE, width=5)
     title = f"Difference of the {first.title[0].lower()}{first.title[1:]}"
     difference = first.values - base.values
-    panels = [
-        beside.line(time, first.values, "faulty", ORANGE),
-        Panel(title, first.unit).line(time, difference, "faulty - healthy", GREY),
-    ]
+    left = Panel(title, first.unit).line(time, difference, "faulty - healthy", GREY)
+    panels = [beside.line(time, first.values, "faulty", ORANGE), left]
     for one, other in others:
         panel = Panel(one.title, one.unit).line(time, other.values, "healthy", PALE, width=5)
         if one.reference is not None:

@@ -179,14 +179,12 @@ class MatFile(RecordedFile):
         self._library = load_library("pymatreader", "pymatreader", "Reading MATLAB files")
         self._fields: dict[str, np.ndarray] = {}  # of the variable that was read last
         for name, shape, kind in self._library.whosmat(path):
-            found = (
-                matrix_columns(name, shape)
-                if re.fullmatch(r"double|single|logical|u?int\d+", kind)
-                else ((key, values.shape[0]) for key, values in self._read(name))
-            )
+            if re.fullmatch(r"double|single|logical|u?int\d+", kind):
+                found = matrix_columns(name, shape)
+            else:
+                found = [(key, values.shape[0]) for key, values in self._read(name)]
             for key, length in found:
-                self.channels[key] = name
-                self.bases[key] = f"{length} samples"
+                self.channels[key], self.bases[key] = name, f"{length} samples"
 
     def values(self, name: str) -> np.ndarray:  # noqa: D102
         if name not in self._fields:

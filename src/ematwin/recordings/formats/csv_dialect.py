@@ -175,17 +175,14 @@ def sniff(
     columns = [[row[n].strip() for row in probed if len(row) == width] for n in range(width)]
     clocks = {n: clock for n, cells in enumerate(columns) if (clock := Clock.of(cells))}
     text = {
-        n
-        for n, cells in enumerate(columns)
-        if n not in clocks
-        and not any(_is_number(cell, decimal) for cell in cells)
+        n for n, cells in enumerate(columns)
+        if n not in clocks and not _numbers(cells, decimal)
         and any(cell.casefold() not in _MISSING for cell in cells)
-    }
+    }  # fmt: skip
     signed = {n for n, cells in enumerate(columns) if any(x.startswith("+") for x in cells)}
     start = mark + len("".join(lines[:data]).encode(encoding.removesuffix("-sig")))
-    dialect = CsvDialect(
-        names, units, delimiter, decimal, encoding, start, signed, clocks, text, metadata
-    )
+    signs = (delimiter, decimal, encoding)
+    dialect = CsvDialect(names, units, *signs, start, signed, clocks, text, metadata)
     if not metadata:
         dialect.assumed += _assumed(dialect, first, header_lines)
     return dialect
@@ -229,12 +226,8 @@ def _fields(line: str, delimiter: str) -> list[str]:
     return next(csv.reader([line.rstrip("\r\n")], delimiter=delimiter), [""])
 
 
-def _is_number(text: str, decimal: str) -> bool:
-    return _NUMBER[decimal].fullmatch(text.strip()) is not None
-
-
 def _numbers(fields: Sequence[str], decimal: str) -> int:
-    return sum(_is_number(text, decimal) for text in fields)
+    return sum(_NUMBER[decimal].fullmatch(text.strip()) is not None for text in fields)
 
 
 def _signs(lines: Sequence[str], delimiter: str | None, decimal: str | None) -> tuple[str, str]:

@@ -14,14 +14,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ematwin.errors import FileError, RecordError
+from ematwin.recordings.formats import csv_dialect
 from ematwin.recordings.formats.base import Progress, RecordedFile, refusing
-from ematwin.recordings.formats.csv_dialect import (
-    MISSING,
-    PLACEHOLDERS,
-    CsvDialect,
-    over_midnight,
-    sniff,
-)
+from ematwin.recordings.formats.csv_dialect import CsvDialect
 from ematwin.recordings.tables import to_numpy, verify, without_apostrophe
 
 
@@ -33,7 +28,7 @@ class CsvFile(RecordedFile):
 
     def __init__(self, path: Path, **options: Any) -> None:
         super().__init__(path)
-        self._dialect = sniff(path, **options)
+        self._dialect = csv_dialect.sniff(path, **options)
         self.channels = {name: place for place, name in enumerate(self._dialect.names)}
         self.metadata = self._dialect.metadata
         self.units = self.metadata.get("units", {}) if self.metadata else {
@@ -68,7 +63,7 @@ class CsvFile(RecordedFile):
             found[name] = np.concatenate(parts.pop(0))  # one after the other, to spare memory
             clock = self._dialect.clocks.get(position)
             if clock is not None and not clock.is_dated:
-                found[name] = over_midnight(found[name])
+                found[name] = csv_dialect.over_midnight(found[name])
             elif clock is not None and position in origins:
                 first = np.datetime64(origins[position], "ns")
                 self.note_clock(name, first, UTC if clock.is_utc else None)
@@ -115,7 +110,7 @@ class CsvFile(RecordedFile):
                 ),
                 csv.ConvertOptions(
                     include_columns=list(chosen), column_types=chosen,
-                    null_values=[*csv.ConvertOptions().null_values, *PLACEHOLDERS],
+                    null_values=[*csv.ConvertOptions().null_values, *csv_dialect.PLACEHOLDERS],
                     decimal_point=self._dialect.decimal, check_utf8=False,
                     strings_can_be_null=True,
                 ),
@@ -136,7 +131,7 @@ class CsvFile(RecordedFile):
                 raise RecordError(
                     f"Column {name} of {self.path} holds clock times, but {error}. Correct it."
                 ) from None
-            known = times != MISSING
+            known = times != csv_dialect.MISSING
             origin = origins.setdefault(position, int(times[known][0])) if known.any() else 0
             return np.where(known, (times - origin) * 1e-9, np.nan)
         if pa.types.is_string(column.type):  # numbers such as +1.5, which pyarrow does not parse
