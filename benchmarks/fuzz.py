@@ -169,7 +169,7 @@ class TomlFiles:
         from ematwin.benchmarking.subject import cases_of
         from ematwin.models.registry import model_of, models, shipped_actuators
         from ematwin.monitoring.calibration import Calibration
-        from ematwin.recordings.channel_map import ChannelMap
+        from ematwin.recordings.channel import ChannelMap
 
         root = Path(__file__).resolve().parents[1]
         self._path = folder / "damaged.toml"

@@ -6,8 +6,8 @@ from typing import Any
 from benchmarks.peers.measure import Part, machine
 
 from ematwin import __version__
-from ematwin.plots.style import BLUE, ORANGE, styled
 from ematwin.report.page import Row, Section, Table, render
+from ematwin.report.style import BLUE, ORANGE, styled
 
 TITLE = "ematwin beside its peers"
 

@@ -16,19 +16,13 @@ def written_whole(
 ) -> Iterator[Path]:
     """Give a temporary path beside ``path``; it takes its place when the block ends well.
 
-    Parameters
-    ----------
-    durable : wait until the content is on the disk, so that it also survives a power failure
-    private : only the user may read and write the file; otherwise it has the rights of the file
-        that it replaces, or the usual ones
-
-    Raises `FileError` if the file cannot be written; an older one is left as it was.
+    ``durable`` waits until the content is on the disk, so that it survives a power failure. A
+    ``private`` file is the user's alone; others have the rights of the file that they replace, or
+    the usual ones. Raises `FileError` if the file cannot be written; an older one stays as it was.
     """
     target = Path(path)
     with _refusing(f"{target}", " Choose a folder that exists and is yours."):
-        handle, name = tempfile.mkstemp(
-            prefix=f".{target.name}.", suffix=target.suffix, dir=target.parent
-        )
+        handle, name = tempfile.mkstemp(target.suffix, f".{target.name}.", target.parent)
         os.close(handle)
     draft = Path(name)
     try:
@@ -101,21 +95,16 @@ def check_target(path: Path, suffixes: tuple[str, ...], *, replace: bool = True)
     `InputError`, or `FileError` if the folder is missing or read-only.
     """
     if path.suffix.lower() not in suffixes:
-        raise InputError(
-            f"Cannot tell how to write {path}: end its name in {' or '.join(suffixes)}."
-        )
+        known = " or ".join(suffixes)
+        raise InputError(f"Cannot tell how to write {path}: end its name in {known}.")
     if path.is_dir():
         raise FileError(f"Cannot write {path}: it is a folder. Give the name of a file.")
     if path.exists() and not replace:
-        raise InputError(
-            f"{path} exists, and may hold what you put in. Give another name, or replace it with "
-            "--force."
-        )
+        advice = "Give another name, or replace it with --force."
+        raise InputError(f"{path} exists, and may hold what you put in. {advice}")
     folder = path.parent
     try:
         tempfile.TemporaryFile(dir=folder).close()  # rights alone do not tell of read-only mounts
     except OSError:
-        raise FileError(
-            f"Cannot write {path}: the folder {folder} is missing or read-only. "
-            "Choose a folder that exists and is yours."
-        ) from None
+        said = f"Cannot write {path}: the folder {folder} is missing or read-only"
+        raise FileError(f"{said}. Choose a folder that exists and is yours.") from None

@@ -73,9 +73,8 @@ def to_si(value: float, unit: str, si_unit: str, what: str) -> float:
         return float(_registry().Quantity(value, spelled_out(spelled)).to(si_unit).magnitude)
     except Exception:
         # pint raises a family of unrelated types here (undefined unit, dimension, syntax)
-        raise ParameterError(
-            f"{what} must have a {kind}; received {value:g} {unit!r}. Correct the unit."
-        ) from None
+        received = f"received {value:g} {unit!r}"
+        raise ParameterError(f"{what} must have a {kind}; {received}. Correct the unit.") from None
 
 
 def spelled_out(unit: str) -> str:
@@ -125,10 +124,8 @@ def base_units(unit: str) -> dict[str, int]:
     given = _registry().Quantity(1.0, spelled_out(turns_a_minute(unit)))
     powers = given.to_base_units().unit_items()
     found = {_BASE[name]: int(power) for name, power in powers if name in _BASE}
-    angle = sum(
-        power for name, power in given.unit_items()
-        if ANGULAR.search(name) and "Celsius" not in name
-    )  # fmt: skip
+    angular = [n for n, _ in given.unit_items() if ANGULAR.search(n) and "Celsius" not in n]
+    angle = sum(power for name, power in given.unit_items() if name in angular)
     return found | ({"rad": int(angle)} if angle else {})
 
 
@@ -163,15 +160,8 @@ _preferred: dict[str, str] | None = None  # unit by quantity; None: not asked fo
 def use_units(units: str | Mapping[str, str] | None = None) -> None:
     """Show values in these units from now on, in this process.
 
-    Parameters
-    ----------
-    units : such as ``"angle=mrad, torque=mN m"``, or a mapping; "" for SI; None for units from
-        the user's settings
-
-    Raises
-    ------
-    InputError
-        If a quantity or unit is unknown.
+    ``units`` are such as ``"angle=mrad, torque=mN m"``, or a mapping; "" is SI; None takes those of
+    the user's settings. Raises `InputError` if a quantity or unit is unknown.
     """
     global _preferred
     _preferred = None if units is None else parse_units(units)
@@ -183,17 +173,14 @@ def parse_units(units: str | Mapping[str, str], what: str = "units") -> dict[str
     if isinstance(units, str):
         parts = [part.partition("=") for part in units.split(",") if part.strip()]
         if not all(sign for _, sign, _ in parts):
-            raise InputError(
-                f'{what} must be quantity=unit, such as "angle=mrad, torque=mN m", received '
-                f"{units!r}."
-            )
+            example = 'such as "angle=mrad, torque=mN m"'
+            raise InputError(f"{what} must be quantity=unit, {example}, received {units!r}.")
         units = {name: unit for name, _, unit in parts}
     found = {str(name).strip(): str(unit).strip() for name, unit in units.items()}
     for name, unit in found.items():
         if name not in QUANTITIES:
-            raise InputError(
-                f"{what} must name quantities of {', '.join(QUANTITIES)}; received {name!r}."
-            )
+            known = ", ".join(QUANTITIES)
+            raise InputError(f"{what} must name quantities of {known}; received {name!r}.")
         try:
             to_si(1.0, unit, QUANTITIES[name][0], name)
         except ParameterError as error:

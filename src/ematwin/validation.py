@@ -22,9 +22,8 @@ def load_toml(path: Path, kind: str) -> dict[str, Any]:
     except OSError as error:
         raise FileError(f"Cannot read the {kind} file {path}: {error.strerror}.") from None
     except UnicodeDecodeError:
-        raise ParameterError(
-            f"The {kind} file {path} is not text; a TOML file is needed."
-        ) from None
+        said = f"The {kind} file {path} is not text"
+        raise ParameterError(f"{said}; a TOML file is needed.") from None
     except tomllib.TOMLDecodeError as error:
         raise ParameterError(f"The {kind} file {path} is not valid TOML: {error}.") from None
 

@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 
 import ematwin as library
-from ematwin.cli.options import print_table, progress_bar
-from ematwin.cli.wording import SENTENCES, for_shell
+from ematwin.cli.answers import SENTENCES, for_shell, print_table, progress_bar
 from ematwin.report.page import Row, Table
 
 IDENTIFY = {
@@ -51,7 +50,7 @@ def test_arguments_become_options(options, text, said):
 def test_a_sentence_that_is_said_otherwise_is_one_of_the_library(sentence):
     """As it stands in the source, without the quotes and line breaks between its pieces."""
     sources = Path(library.__file__).parent.rglob("*.py")
-    pieces = ("".join(path.read_text().split()) for path in sources if path.name != "wording.py")
+    pieces = ("".join(path.read_text().split()) for path in sources if path.name != "answers.py")
     wanted = "".join(sentence.split())
     assert any(wanted in text.replace('""', "").replace('"f"', "") for text in pieces)
 

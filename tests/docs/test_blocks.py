@@ -28,7 +28,7 @@ from ematwin.fleet.fleet import settings_of
 from ematwin.models import registry
 from ematwin.models.registry import actuator_in, load_actuator, model_of, shipped_actuators
 from ematwin.optimizers import registry as methods
-from ematwin.recordings.channel_map import ChannelMap
+from ematwin.recordings.channel import ChannelMap
 from page_blocks import PAGES, PLAIN, PROJECT, Block, blocks_of, words_of
 from page_files import GIVEN
 

@@ -12,7 +12,7 @@ from synthetic import done, failed, settings_of, spec, study, vector
 from ematwin.benchmarking.analysis import analyse
 from ematwin.benchmarking.page import write_report
 from ematwin.benchmarking.store import Store
-from ematwin.plots.study import MOST_CASES, plot_study
+from ematwin.report.study import MOST_CASES, plot_study
 
 FILES = {
     "index.html", "results.csv", "results.parquet", "cells.csv", "effects.csv", "targets.csv",

@@ -217,7 +217,7 @@ def test_a_plugged_in_reader_is_found(tmp_path: Path, monkeypatch: pytest.Monkey
     from ematwin.recordings.formats import base
 
     entry = EntryPoint(
-        name="h5x", value="ematwin.recordings.formats.hdf5_file:Hdf5File", group="ematwin.readers"
+        "h5x", "ematwin.recordings.formats.binary_files:Hdf5File", group="ematwin.readers"
     )
     monkeypatch.setattr(base, "entry_points", lambda group: [entry])
     path = tmp_path / "run.h5x"

@@ -9,7 +9,7 @@ import pytest
 import ematwin
 from ematwin.errors import FileError, InputError, RecordError
 from ematwin.models.reading import channels_of
-from ematwin.recordings.channel_map import ChannelMap
+from ematwin.recordings.channel import ChannelMap
 from ematwin.testing.reader_contract import bench_channels
 
 TOML = """

@@ -1,10 +1,10 @@
-"""Registers that a device refreshes by its own clock: `ematwin.recordings.refreshed`."""
+"""Registers that a device refreshes by its own clock: `ematwin.recordings.sampling`."""
 
 import numpy as np
 import pytest
 
 import ematwin
-from ematwin.recordings.refreshed import sampled
+from ematwin.recordings.sampling import sampled
 
 PERIOD = 0.008
 STEP = 2.0 * np.pi / 4096.0

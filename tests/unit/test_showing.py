@@ -1,6 +1,7 @@
 """Results in a notebook and in pandas: tables, HTML that is escaped, figures, bars."""
 
 import sys
+from html import escape
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -14,7 +15,6 @@ from ematwin.errors import InputError, MissingExtraError, RecordError
 from ematwin.estimation.identification import Identification
 from ematwin.monitoring.detection import Detection
 from ematwin.recordings.survey import survey
-from ematwin.showing import markup
 from ematwin.showing.text import with_interval
 from ematwin.testing.reader_contract import bench_channels
 
@@ -145,7 +145,7 @@ def test_every_result_is_a_table(record: ematwin.Recording, found: Identificatio
 
 def test_results_show_their_verdict_first(record: ematwin.Recording, found: Identification) -> None:
     html = found._repr_html_()
-    assert html.index(markup.escape(found.verdict.sentence)) < html.index("<table")
+    assert html.index(escape(found.verdict.sentence)) < html.index("<table")
     told = ematwin.identifiability(actuator="rm1605", exact=True)
     for result in (
         record, found, found.estimate, found.verdict, found.actuator, told,

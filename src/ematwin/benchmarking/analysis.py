@@ -15,8 +15,7 @@ from ematwin.benchmarking.plan import Run
 from ematwin.benchmarking.statistics import ALPHA, TARGETS, THRESHOLD, RankComparison, matrix
 from ematwin.benchmarking.table import RunTable, collect
 from ematwin.errors import InputError
-from ematwin.showing import markup
-from ematwin.showing.results import drawn, plain
+from ematwin.showing.results import drawn, html, plain
 from ematwin.showing.text import counted, listed
 
 ENOUGH = 5  # runs of a case and algorithm, below which nothing is claimed
@@ -91,14 +90,8 @@ class StudyAnalysis:
         """Show the mean Err% of each case and algorithm and the conclusions in a notebook."""
         means = matrix(self.cells, "err_mean")
         rows = [(case, *(f"{value:.3g}" for value in row)) for case, row in means.iterrows()]
-        return "".join(
-            [
-                markup.heading(self.lead),
-                markup.note("Mean Err% by case and algorithm"),
-                markup.table(("case", *means.columns), rows),
-                *(markup.note(sentence) for sentence in self.conclusions),
-            ]
-        )
+        lead = html(self.lead, notes=["Mean Err% by case and algorithm"])
+        return lead + html("", ("case", *means.columns), rows, self.conclusions)
 
     def as_dict(self) -> dict[str, Any]:
         """Give all tables as plain values; None where a number could not be computed."""

@@ -11,9 +11,9 @@ from ematwin.benchmarking.statistics import ALPHA, RESAMPLES, matrix
 from ematwin.errors import FileError
 from ematwin.estimation.search import methods as all_methods
 from ematwin.files import folder_written_whole, write_text
-from ematwin.plots.study import MOST_CASES
 from ematwin.recordings.tables import no_formula
 from ematwin.report.page import Row, Section, Table, render
+from ematwin.report.study import MOST_CASES
 from ematwin.showing.text import counted, listed
 
 MOST_ROWS = 600  # of a table on the page; the files hold all

@@ -12,21 +12,13 @@ from typing import Any
 
 import typer
 
-from ematwin.cli.actuators import actuators, algorithms, scenarios
-from ematwin.cli.calibrate import calibrate
-from ematwin.cli.channels import channels
-from ematwin.cli.compare import compare
-from ematwin.cli.demo import demo
-from ematwin.cli.design import design
-from ematwin.cli.detect import detect
-from ematwin.cli.explore import explore, serve
-from ematwin.cli.fleet import fleet
-from ematwin.cli.identifiability import identifiability
-from ematwin.cli.identify import identify
-from ematwin.cli.report import report, store
-from ematwin.cli.simulate import export_fmu, simulate
-from ematwin.cli.units import units
-from ematwin.cli.watch import watch
+from ematwin.cli.answers import for_shell
+from ematwin.cli.diagnose import calibrate, detect, identify
+from ematwin.cli.experiments import design, identifiability
+from ematwin.cli.fleet import fleet, serve, watch
+from ematwin.cli.lists import actuators, algorithms, channels, scenarios, units
+from ematwin.cli.simulate import demo, explore, export_fmu, simulate
+from ematwin.cli.study import compare, report, store
 
 app = typer.Typer(
     name="ematwin",
@@ -37,9 +29,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 # what typer raises on a wrong option; it has no public name
-_UsageError: Any = next(
-    kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException"
-)
+_UsageError: Any = next(x for x in typer.BadParameter.__mro__ if x.__name__ == "ClickException")
 
 for command in (
     compare, demo, identify, calibrate, detect, watch, serve, explore, identifiability, design,
@@ -75,7 +65,6 @@ def root(
 def run() -> int:
     """Run the command that the process was called with; gives its exit code."""
     from ematwin import numerics
-    from ematwin.cli.wording import for_shell
     from ematwin.errors import EmatwinError
 
     if sys.stderr.isatty():
@@ -92,8 +81,7 @@ def run() -> int:
         return _refused("Not enough memory. Shorten the scenario or lower the sample rate.")
     except typer.Abort:
         return 130
-    except BrokenPipeError:
-        # whoever read the answer has seen enough
+    except BrokenPipeError:  # whoever read the answer has seen enough
         _drop_answer()
         return 0
     except OSError as error:
@@ -117,19 +105,12 @@ def _refused(sentence: str) -> int:
 def _usage_sentence(error: Any) -> str:
     """The error in the options, the text received, and where help is."""
     text = error.format_message().strip().rstrip(".")
-    received = _received(getattr(error, "param", None))
-    if received is not None and received not in text:
-        text += f", received {received!r}"
+    options = getattr(getattr(error, "param", None), "opts", ())
+    for n, argument in enumerate(sys.argv):
+        option, equals, received = argument.partition("=")
+        received = received if equals else "".join(sys.argv[n + 1 : n + 2])
+        if option in options and received and received not in text:
+            text += f", received {received!r}"
+            break
     context = getattr(error, "ctx", None)
     return f"{text}. See {context.command_path if context else 'ematwin'} --help."
-
-
-def _received(parameter: Any) -> str | None:
-    """The text that the command line gave for an option."""
-    for option in getattr(parameter, "opts", ()):
-        for n, argument in enumerate(sys.argv):
-            if argument.startswith(f"{option}="):
-                return argument[len(option) + 1 :]
-            if argument == option and n + 1 < len(sys.argv):
-                return sys.argv[n + 1]
-    return None

@@ -1,14 +1,15 @@
-"""``ematwin fleet``: advisories of a fleet, and entries of its maintainers."""
+"""``ematwin watch``, ``fleet`` and ``serve``: who in a fleet needs what when, and its entries."""
 
-from collections.abc import Callable
+import time
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import typer
 
 import ematwin
-from ematwin.cli import options
+from ematwin.cli import answers, options
 from ematwin.cli.options import argument, option
 from ematwin.errors import InputError
 from ematwin.showing.results import plain
@@ -24,12 +25,11 @@ STEP = option(
 
 fleet = typer.Typer(
     help="Show a fleet, record overhauls, acknowledge and silence alarms, withdraw such entries.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-)
+    no_args_is_help=True, rich_markup_mode=None,
+)  # fmt: skip
 
 
-@fleet.command("status")
+@fleet.command()
 def status(
     fleet: Path = FLEET,
     report: Path | None = options.REPORT,
@@ -42,7 +42,7 @@ def status(
     json: bool = options.JSON,
 ) -> None:
     """Say which actuator needs what, and when, from the recordings that are judged."""
-    check_step(fail_on)
+    _check_step(fail_on)
     options.check_outputs(report, table, recordings)
     known = ematwin.Fleet(fleet, create=False)
     if table is not None:
@@ -51,13 +51,12 @@ def status(
         known.export(recordings)
     if report is not None:
         known.report(report)
-    options.answer(
-        json, lambda: {"actuators": plain(known.table())}, lambda: print_fleet(known), table,
-        recordings, report, fails=reached(known, fail_on),
-    )  # fmt: skip
+    told = (lambda: {"actuators": plain(known.table())}, lambda: print_fleet(known))
+    fails = _reached(known, fail_on)
+    answers.give(json, *told, table, recordings, report, fails=fails)
 
 
-@fleet.command("overhaul")
+@fleet.command()
 def overhaul(
     fleet: Path = FLEET,
     serial: str = SERIAL,
@@ -68,19 +67,20 @@ def overhaul(
     from ematwin.fleet.store import moment_of
 
     when = datetime.now(UTC) if on is None else moment_of(on)
-    ematwin.Fleet(fleet, create=False)[serial].overhaul(when, note)
+    _unit(fleet, serial).overhaul(when, note)
     typer.echo(f"{serial}: overhaul on {when:%Y-%m-%d} recorded.")
 
 
-@fleet.command("acknowledge")
+@fleet.command()
 def acknowledge(
     fleet: Path = FLEET, serial: str = SERIAL, magnitude: str | None = MAGNITUDE, note: str = NOTE
 ) -> None:
     """Acknowledge alarms of an actuator: shown as such until their step changes."""
-    _told(fleet, serial, "acknowledged", lambda one: one.acknowledge(magnitude, note))
+    names = _unit(fleet, serial).acknowledge(magnitude, note)
+    typer.echo(f"{serial}: {', '.join(names)} acknowledged.")
 
 
-@fleet.command("silence")
+@fleet.command()
 def silence(
     fleet: Path = FLEET,
     serial: str = SERIAL,
@@ -89,27 +89,28 @@ def silence(
     note: str = NOTE,
 ) -> None:
     """Silence alarms of an actuator until a day."""
-    _told(fleet, serial, f"silenced until {until}", lambda one: one.silence(magnitude, until, note))
+    names = _unit(fleet, serial).silence(magnitude, until, note)
+    typer.echo(f"{serial}: {', '.join(names)} silenced until {until}.")
 
 
-@fleet.command("history")
+@fleet.command()
 def history(fleet: Path = FLEET, serial: str = SERIAL, json: bool = options.JSON) -> None:
     """Show alarms of an actuator and entries of its maintainers, the latest first."""
     from ematwin.fleet.pages import history as known
 
-    unit = ematwin.Fleet(fleet, create=False)[serial]
+    unit = _unit(fleet, serial)
+    if not json:
+        answers.print_table("", known(unit), whole=("day", "entry"), width=200)
+        return
     told = [
         one | {name: one[name].isoformat() for name in ("time", "known")}
         | {"withdrawn": one not in unit.events}
         for one in reversed(unit.history)
     ]  # fmt: skip
-    options.answer(
-        json, lambda: {"events": told},
-        lambda: options.print_table("", known(unit), whole=("day", "entry"), width=200),
-    )  # fmt: skip
+    answers.print_json({"events": told})
 
 
-@fleet.command("withdraw")
+@fleet.command()
 def withdraw(
     fleet: Path = FLEET,
     serial: str = SERIAL,
@@ -117,16 +118,15 @@ def withdraw(
     note: str = NOTE,
 ) -> None:
     """Withdraw wrong entries; the history shows both. Then enter the right ones."""
-    for one in ematwin.Fleet(fleet, create=False)[serial].withdraw(*entries, note=note):
+    for one in _unit(fleet, serial).withdraw(*entries, note=note):
         typer.echo(f"{serial}: {one['what']} of {one['time']:%Y-%m-%d} withdrawn.")
 
 
-def _told(folder: Path, serial: str, how: str, tell: Callable[[Any], tuple[str, ...]]) -> None:
-    names = tell(ematwin.Fleet(folder, create=False)[serial])
-    typer.echo(f"{serial}: {', '.join(names)} {how}.")
+def _unit(folder: Path, serial: str) -> Any:
+    return ematwin.Fleet(folder, create=False)[serial]
 
 
-def check_step(fail_on: str | None) -> None:
+def _check_step(fail_on: str | None) -> None:
     """Refuse a ``--fail-on`` that is neither a step of an alarm nor a fault."""
     from ematwin.fleet.alarms import STEPS
 
@@ -134,15 +134,15 @@ def check_step(fail_on: str | None) -> None:
         raise InputError(f"--fail-on takes fault, watch, plan or act, received {fail_on!r}.")
 
 
-def reached(fleet: "ematwin.Fleet", fail_on: str | None) -> bool:
+def _reached(fleet: "ematwin.Fleet", fail_on: str | None) -> bool:
     """Whether an actuator has reached what ``--fail-on`` names."""
     from ematwin.fleet.alarms import STEPS
 
+    if fail_on is None:
+        return False
     if fail_on == "fault":
         return any(row["state"] == "fault" for row in fleet.table())
-    return fail_on is not None and any(
-        row["advisory_level"] >= STEPS.index(fail_on) for row in fleet.table()
-    )
+    return any(row["advisory_level"] >= STEPS.index(fail_on) for row in fleet.table())
 
 
 def print_fleet(fleet: "ematwin.Fleet") -> None:
@@ -160,10 +160,97 @@ def print_fleet(fleet: "ematwin.Fleet") -> None:
         seen = " (acknowledged)" if row["acknowledged"] else ""
         named = (row["serial_number"], row["advisory"] + seen, life or "", row["advisory_reason"])
         shown.append(Row([str(one) for one in named], marked=row["advisory_level"] == 3))
-    headings = ["actuator", "what to do", "life left", "why"]
-    options.print_table("", Table(headings, shown, texts=(1, 2, 3)), width=200)
+    header = ["actuator", "what to do", "life left", "why"]
+    answers.print_table("", Table(header, shown, texts=(1, 2, 3)), width=200)
     if not fleet.limits_given:
         settings = fleet.store.folder / "fleet.toml"
         typer.echo(f"No life left without limits: state some under [limits] in {settings}.")
     if len(rows) > most:
         typer.echo(f"and {len(rows) - most} more actuators; --report shows all")
+
+
+def watch(
+    recordings: list[Path] = argument(
+        "Folders or files with recordings: recordings/EMA-17/2026-05-01T08-30.csv, a "
+        "table with a column serial_number, or a table of runs with columns path, serial, time."
+    ),
+    fleet: Path = option("Folder of the fleet; made where it is missing.", ...),
+    actuator: str | None = option(
+        "Twin of actuators without a file calibrations/<serial number>.toml in the fleet."
+    ),
+    serial_number: str | None = option(
+        r"Regular expression for paths, e.g. '(?P<serial>EMA-\d+)'; a group time is "
+        "the date."
+    ),
+    column: list[str] | None = options.COLUMN,
+    map_file: Path | None = options.MAP,
+    every: float | None = option("Look again every so many seconds, until Ctrl-C; else once."),
+    scheduler: str | None = option(
+        "Judge on the workers of a Dask scheduler, e.g. tcp://host:8786, which see the "
+        "same folders."
+    ),
+    report: Path | None = options.REPORT,
+    table: Path | None = options.TABLE,
+    fail_on: str | None = STEP,
+    units: str | None = options.UNITS,
+    json: bool = options.JSON,
+) -> None:
+    """Judge new recordings of a fleet, and say which actuator needs what, and when.
+
+    Each recording is judged once, and its estimate is kept in the folder of the fleet. Ctrl-C
+    or a crash loses nothing: the same command goes on.
+    """
+    from ematwin.fleet.paths import Paths
+
+    _check_step(fail_on)
+    if every is not None and not every > 0.0:
+        raise InputError(f"--every needs seconds above 0, received {every:g}.")
+    options.check_outputs(report, table)
+    columns = None
+    if column or map_file:
+        columns = options.map_of(column, map_file, ematwin.load_actuator(actuator))
+    Paths(recordings, serial_number)  # refuses what is not there before a fleet is made
+    known = ematwin.Fleet(fleet)
+    while True:
+        with answers.progress_bar("Judging", not json) as progress:
+            found = known.watch(
+                recordings, actuator=actuator, columns=columns, progress=progress,
+                pattern=serial_number, scheduler=scheduler,
+            )  # fmt: skip
+        if table is not None and len(known):
+            known.export(table, "advisory")
+        if report is not None:
+            known.report(report)
+        fails = every is None and _reached(known, fail_on)
+        told = partial(_plain, known, found), partial(_tell, known, found)
+        answers.give(json, *told, table, report, fails=fails)
+        if every is None:
+            break
+        time.sleep(every)
+
+
+def _plain(fleet: "ematwin.Fleet", found: Any) -> dict[str, object]:
+    return {
+        "judged": found.judged, "known": found.known, "duplicates": found.duplicates,
+        "set_aside": [{"source": a, "reason": b} for a, b in found.set_aside],
+        "actuators": plain(fleet.table()),
+    }  # fmt: skip
+
+
+def _tell(fleet: "ematwin.Fleet", found: Any) -> None:
+    typer.echo(str(found))
+    answers.print_notes("Set aside", [f"{path}: {reason}" for path, reason in found.set_aside])
+    print_fleet(fleet)
+
+
+def serve(
+    fleet: Path = argument("The folder of `ematwin watch --fleet`."),
+    port: int = options.PORT,
+    units: str | None = options.UNITS,
+    no_browser: bool = options.NO_BROWSER,
+) -> None:
+    """Show a fleet in the browser, as it is at each moment: read only, on this machine only."""
+    from ematwin.fleet.serve import FleetServer
+
+    known = ematwin.Fleet(fleet, create=False)
+    answers.serve_page(FleetServer(known, port), "The fleet", no_browser)

@@ -1,25 +1,24 @@
-"""Options that several commands share, and how their texts become values."""
+"""Options that several commands share, how the shell completes them, and what their texts mean."""
 
-import json
-import os
-import shutil
-import sys
-from collections.abc import Callable, Collection, Iterable
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
-from ematwin.cli import complete
-from ematwin.cli.wording import for_shell
+import ematwin
 from ematwin.errors import InputError
 from ematwin.files import check_target
-from ematwin.quantities import use_units
+from ematwin.quantities import parse_quantity, use_units
 
 if TYPE_CHECKING:
-    from ematwin.report.page import Table
-    from ematwin.showing.bars import Bar
+    from ematwin.models.parameter_set import ParameterSet
+    from ematwin.monitoring.calibration import Calibration
+    from ematwin.recordings.recording import Recording
+
+Choices = dict[str, list[str]]  # values by label, as `ematwin.read` takes them
 
 
 def option(help: str, default: Any = None, *names: str, **more: Any) -> Any:
@@ -37,14 +36,42 @@ def flag(name: str, help: str) -> Any:
     return typer.Option(False, name, help=help)
 
 
+def _names(module: str, names: Callable[[Any], Iterable[str]]) -> Callable[[str], list[str]]:
+    """Complete one of the ``names`` that a module of ematwin knows, which is loaded only then."""
+
+    def starting(incomplete: str) -> list[str]:
+        try:
+            known = names(import_module(f"ematwin.{module}"))
+            return sorted(name for name in known if name.startswith(incomplete))
+        except Exception:  # such as a broken package that adds an actuator: the prompt stays
+            return []
+
+    return starting
+
+
+# the shell itself completes the names of files
+ACTUATORS = _names("models.registry", lambda registry: registry.shipped_actuators())
+SCENARIOS = _names(
+    "models.registry", lambda known: {n for m in known.models().values() for n in m.scenarios()}
+)
+ALGORITHMS = _names("estimation.search", lambda search: [one.name for one in search.methods()])
+_PRESETS = _names("optimizers.registry", lambda registry: registry.PRESETS)
+
+
+def several_algorithms(incomplete: str) -> list[str]:
+    """Complete search methods and presets with commas between them."""
+    before, comma, last = incomplete.rpartition(",")
+    return [f"{before}{comma}{name}" for name in [*ALGORITHMS(last), *_PRESETS(last)]]
+
+
 ACTUATOR = option(
     "A shipped parameter set of any kind, a TOML file, or a calibrated actuator.",
     "servo48",
-    autocompletion=complete.actuators,
+    autocompletion=ACTUATORS,
 )
 SCENARIO = option(
     "A shipped scenario, or a TOML, CSV or Parquet file; the kind's default if not given.",
-    autocompletion=complete.scenarios,
+    autocompletion=SCENARIOS,
 )
 EXACT = flag("--exact", "Parameters are exactly those of the actuator: no tolerances count.")
 WHERE = option("Use only recordings with this label: condition=normal. Repeatable.")
@@ -60,7 +87,7 @@ FORCE = flag("--force", "Replace a file that exists, which you may have edited."
 RECORDED_ACTUATOR = option(
     "A shipped parameter set of any kind, a TOML file, or a calibrated actuator; if not "
     "given the default one of the kind that has such channels.",
-    autocompletion=complete.actuators,
+    autocompletion=ACTUATORS,
 )
 FAIL = option(
     "End with exit code 1 if a recording gets one of these grades: fault, changed, none; "
@@ -82,10 +109,8 @@ def pairs(texts: list[str], what: str) -> dict[str, str]:
     for text in texts:
         name, equals, value = text.partition("=")
         if not (name.strip() and equals and value.strip()):
-            raise InputError(
-                f"{what} needs name=value, received {text!r}. Write for example {what} "
-                "friction=0.25."
-            )
+            example = f"Write for example {what} friction=0.25."
+            raise InputError(f"{what} needs name=value, received {text!r}. {example}")
         if name.strip() in found:
             raise InputError(f"{what} gives {name.strip()} twice; give it once.")
         found[name.strip()] = value.strip()
@@ -119,87 +144,87 @@ def check_outputs(page: Path | None, *tables: Path | None) -> None:
         check_target(table, (".csv", ".parquet"))
 
 
-def print_json(answer: Any) -> None:
-    """An answer for a program, on standard output; paths are texts."""
-    typer.echo(json.dumps(answer, indent=2, allow_nan=False, default=os.fspath))
+def meant(files: list[Path], column: list[str] | None, map_file: Path | None) -> "ParameterSet":
+    """The actuator that the first of some files is of, where none was named."""
+    from ematwin.models.reading import actuator_for
+    from ematwin.monitoring.gather import files_of
+
+    given = pairs(column or [], "--column")
+    return actuator_for(files_of(files[0])[0], given or map_file)
 
 
-def answer(
-    json: bool, plain: Callable[[], Any], tell: Callable[[], None], *written: Path | None,
-    fails: bool = False,
-) -> None:  # fmt: skip
-    """Answer a program (`plain`) or people (`tell`, then the files that were ``written``).
+def map_of(column: list[str] | None, map_file: Path | None, actuator: Any) -> Any:
+    """The channel map of the options for recordings of an actuator, or None without any."""
+    if not column and map_file is None:
+        return None
+    from ematwin.models.registry import model_of
+    from ematwin.recordings.channel import ChannelMap
 
-    ``fails``: a grade of --fail-on was met, so that the exit code is 1.
+    channels = model_of(actuator).channels
+    base = None if map_file is None else ChannelMap.of(map_file, channels)
+    return ChannelMap.parse(column or [], channels, base)
+
+
+def load(files: list[Path], columns: Any, actuator: Any, **reading: Any) -> "list[Recording]":
+    """Recordings of an actuator in files and folders, each motion of a table."""
+    from ematwin.monitoring.gather import files_of
+
+    files = [file for path in files for file in files_of(path)]
+    return ematwin.read(files, columns, actuator=actuator, split=True, **reading)
+
+
+def gathered(
+    files: list[Path], actuator: Any, column: list[str] | None, map_file: Path | None,
+    known_of: "Callable[[Any, Path], Calibration]", **reading: Any,
+) -> tuple[Any, "Calibration"]:  # fmt: skip
+    """Recordings in files and folders, or those of a table of runs, and what judges the first.
+
+    ``known_of`` takes the actuator that was named, if any, and the first file of it.
     """
-    if json:
-        print_json(plain())
-    else:
-        tell()
-        for path in filter(None, written):
-            typer.echo(f"wrote {path}")
-    if fails:
-        raise typer.Exit(1)
+    from ematwin.monitoring.gather import files_of
+    from ematwin.monitoring.runs import is_table_of_runs, read_runs
+
+    columns = partial(map_of, column, map_file)
+    for table in filter(is_table_of_runs, files):
+        if len(files) > 1:
+            raise InputError(f"{table} is a table of runs (a column path); give it alone.")
+        runs = read_runs(table, actuator, columns, known_of=known_of, **reading)
+        return runs, runs.groups[0].known
+    known = known_of(actuator, files_of(files[0])[0])
+    return load(files, columns(known.actuator), known.actuator, **reading), known
 
 
-def has_room() -> bool:
-    """Whether the terminal has room for whole tables; a file has."""
-    return not sys.stdout.isatty() or shutil.get_terminal_size().columns >= 110
+def constant_load(text: str | None, actuator: "ParameterSet") -> float | None:
+    """A load in SI, from a number with or without its unit; None where none is given."""
+    from ematwin.models.registry import model_of
+
+    if text is None:
+        return None
+    model = model_of(actuator)
+    if model.load is None:
+        raise InputError(f"The kind {model.kind} takes no load; leave --load out.")
+    return parse_quantity(text, model.channel(model.load).unit, "--load")
 
 
-def print_table(
-    title: str, shown: "Table", *, whole: Collection[str] = (), width: int = 150
-) -> None:
-    """Print a table, but for columns that stay ``whole`` wrapped to a terminal; to a file all."""
-    from rich.console import Console
-    from rich.table import Table as Drawn
+def remarks(recordings: "Sequence[Recording]") -> tuple[list[str], list[str]]:
+    """Assumptions made in reading, and doubts; alike sentences once."""
+    from ematwin.recordings.read import assumptions
 
-    # the name of a file or channel is no markup
-    console = Console(markup=False, emoji=False)
-    if not console.is_terminal:
-        console.width = width
-    table = Drawn(title=title or None, title_justify="left")
-    for n, heading in enumerate(shown.header):
-        table.add_column(
-            heading,
-            justify="left" if n == 0 or shown.is_text(n) else "right",
-            no_wrap=heading in whole,
-            overflow="ellipsis" if heading in whole else "fold",
-        )
-    for row in shown.rows:
-        table.add_row(*row.cells, style="bold" if row.marked else None)
-    console.print(table)
+    assumed = [text for one in recordings for text in assumptions(one)]
+    doubtful = [text for one in recordings for text in one.provenance.get("warnings", [])]
+    return list(dict.fromkeys(assumed)), list(dict.fromkeys(doubtful))
 
 
-def print_notes(kind: str, notes: Iterable[str]) -> None:
-    """Print notes on an answer, a line for each: ``Warning: ...``."""
-    for note in notes:
-        typer.echo(f"{kind}: {for_shell(note)}")
+def choice(texts: list[str], what: str) -> Choices:
+    """``["run=1,2"]`` as ``{"run": ["1", "2"]}``."""
+    found = pairs(texts, what).items()
+    return {name: [x.strip() for x in values.split(",") if x.strip()] for name, values in found}
 
 
-def progress_bar(title: str, shown: bool = True) -> "AbstractContextManager[Bar]":
-    """A bar on standard error; gives a function that takes the share done, and words beside it."""
-    from ematwin.showing.bars import in_terminal, no_bar
-
-    return in_terminal(title) if shown else nullcontext(no_bar)
-
-
-def searching(show: "Bar", what: str, best: str) -> Callable[[int, float, int], None]:
-    """Show on a bar how many of ``what`` were tried and the ``best`` value so far."""
-    return lambda done, value, count: show(
-        done / count, f"{done}/{count} {what}, best {best} {value:.4g}"
-    )
-
-
-def serve_page(server: Any, what: str, no_browser: bool) -> None:
-    """Show the page of a `LocalServer` until Ctrl-C; ``what`` is on it."""
-    import webbrowser
-
-    with server:
-        typer.echo(f"{server.address}\n{what} is on this page. Ctrl-C ends it.")
-        if not no_browser:
-            webbrowser.open(server.address)
-        try:
-            server.serve_forever()
-        except KeyboardInterrupt:
-            typer.echo("Ended.")
+def known_fault(text: str) -> tuple[str, Choices]:
+    """``"lubrication:condition=dry;run=1,2"`` as fault and choice."""
+    fault, colon, rest = text.partition(":")
+    if not (fault.strip() and colon and rest.strip()):
+        example = "Write for example --known lubrication:condition=dry."
+        raise InputError(f"--known needs fault:label=value, received {text!r}. {example}")
+    return fault.strip(), choice([part for part in rest.split(";") if part.strip()], "--known")

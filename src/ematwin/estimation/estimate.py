@@ -12,8 +12,7 @@ from typing import Any, Self
 import numpy as np
 
 from ematwin.errors import InputError
-from ematwin.showing import markup
-from ematwin.showing.results import frame, plain
+from ematwin.showing.results import frame, html, plain
 
 FORMAT = 1
 
@@ -103,15 +102,9 @@ class Estimate:
             for name in self.names
         ]  # fmt: skip
         of = f" from {self.source}" if self.source else ""
-        return "".join(
-            [
-                markup.heading(
-                    f"Estimate of {self.actuator}{of}, misfit {100.0 * self.misfit:.2f} %"
-                ),
-                markup.table(("unknown", "value", "standard error", "healthy", "unit"), rows),
-                *(markup.note(f"Warning: {warning}") for warning in self.warnings),
-            ]
-        )
+        title = f"Estimate of {self.actuator}{of}, misfit {100.0 * self.misfit:.2f} %"
+        header = ("unknown", "value", "standard error", "healthy", "unit")
+        return html(title, header, rows, [f"Warning: {text}" for text in self.warnings])
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values; infinite ones are null."""

@@ -16,8 +16,7 @@ from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import model_of
 from ematwin.models.unknown import PhysicalValue
 from ematwin.recordings.recording import Recording
-from ematwin.showing import markup
-from ematwin.showing.results import drawn, frame, page_written, plain
+from ematwin.showing.results import drawn, frame, html, page_written, plain
 from ematwin.showing.text import counted, number_of, said, said_between, with_interval
 
 
@@ -196,13 +195,11 @@ class Identification:
             for row in fault_cells(self)
         ]
         marked = [n for n, row in enumerate(self.physical) if row.name in self.present]
-        misfit = f"misfit {100.0 * self.relative_misfit:.2f} %"
-        return "".join([
-            markup.verdict(self.verdict.sentence, self.verdict.grade),
-            markup.table(("fault", "value", "95 %", "healthy", "meaning"), rows, marked),
-            markup.note(f"{self.actuator.name}, {misfit}, {self.effort}"),
-            *(markup.note(sentence) for sentence in self._notes),
-        ])  # fmt: skip
+        misfit = f"{self.actuator.name}, misfit {100.0 * self.relative_misfit:.2f} %, {self.effort}"
+        return html(
+            self.verdict.sentence, ("fault", "value", "95 %", "healthy", "meaning"), rows,
+            [misfit, *self._notes], grade=self.verdict.grade, marked=marked,
+        )  # fmt: skip
 
     @property
     def _notes(self) -> list[str]:

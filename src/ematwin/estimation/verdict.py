@@ -22,8 +22,7 @@ from ematwin.estimation.constants import (
     WORSE,
     WORST,
 )
-from ematwin.showing import markup
-from ematwin.showing.results import plain
+from ematwin.showing.results import html, plain
 from ematwin.showing.text import listed
 
 Grade = Literal["healthy", "changed", "fault", "none"]
@@ -59,7 +58,7 @@ class Verdict:
 
     def _repr_html_(self) -> str:
         """The sentence in the colour of its grade, in a notebook."""
-        return markup.verdict(self.sentence, self.grade)
+        return html(self.sentence, grade=self.grade)
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""

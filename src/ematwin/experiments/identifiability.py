@@ -19,8 +19,7 @@ from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import PhysicalValue, Unknown
 from ematwin.recordings.noise import Noise
-from ematwin.showing import markup
-from ematwin.showing.results import drawn, frame_of_rows, plain
+from ematwin.showing.results import drawn, frame_of_rows, html, plain
 
 FALSE_ALARM, MISS = 1.0 - NormalDist().cdf(SIGMAS), 0.1
 HEADINGS = (
@@ -134,13 +133,8 @@ class Identifiability:
     def _repr_html_(self) -> str:
         """The lead, then all faults, in a notebook."""
         marked = [n for n, one in enumerate(self.told) if one.how in ("open", "dead")]
-        return "".join(
-            [
-                markup.verdict(self.lead, "changed" if marked else "healthy"),
-                markup.table(HEADINGS, (one.cells for one in self.told), marked),
-                *(markup.note(sentence) for sentence in self.obstacles),
-            ]
-        )
+        rows, grade = [one.cells for one in self.told], "changed" if marked else "healthy"
+        return html(self.lead, HEADINGS, rows, self.obstacles, grade=grade, marked=marked)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values; infinite ones are null."""

@@ -24,9 +24,9 @@ from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import Unknown
 from ematwin.monitoring.identify import identify
-from ematwin.plots.style import BLUE, GREEN, GREY, ORANGE
 from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording
+from ematwin.report.style import BLUE, GREEN, GREY, ORANGE
 from ematwin.showing.text import capital, said
 
 

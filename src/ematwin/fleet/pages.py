@@ -16,9 +16,9 @@ from ematwin.fleet.alarms import Alarm, by_urgency
 from ematwin.fleet.fleet import Fleet
 from ematwin.fleet.life import LEVEL, paths, spoken
 from ematwin.fleet.store import moment_at, years
-from ematwin.plots.style import AMBER, BLUE, GREEN, GREY, ORANGE
 from ematwin.quantities import preferred
 from ematwin.report.page import Row, Section, Table, render
+from ematwin.report.style import AMBER, BLUE, GREEN, GREY, ORANGE
 from ematwin.showing.text import capital
 
 _COLORS = {"act": ORANGE, "plan": AMBER, "watch": BLUE, "none": GREEN}

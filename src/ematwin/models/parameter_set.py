@@ -36,8 +36,7 @@ from ematwin.models.parameter_file import (
     unit_of,
 )
 from ematwin.quantities import as_percent, parse_share
-from ematwin.showing import markup
-from ematwin.showing.results import frame_of_rows
+from ematwin.showing.results import frame_of_rows, html
 from ematwin.validation import all_at_once, findings, one_sentence
 
 UNNAMED_KIND = "bldc"  # the kind of a file that names none
@@ -300,7 +299,7 @@ class ParameterSet(BaseModel):
         rows = [(place, f"{value:.6g}", *said) for place, value, *said in self.parameters()]
         title = f"{self.name} ({self.kind}): {self.description}"
         header = ("parameter", "value", "unit", "meaning", "source")
-        return markup.heading(title) + markup.table(header, rows)
+        return html(title, header, rows)
 
     def with_arrays(self, values: Mapping[str, Any]) -> Self:
         """A variant whose values at some places are arrays, for batches of candidates.

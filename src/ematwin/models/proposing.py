@@ -21,7 +21,7 @@ from ematwin.recordings.proposal import Draft, Entry, Proposal, Question, values
 from ematwin.recordings.read import read_file
 from ematwin.recordings.recording import Recording
 from ematwin.recordings.survey import Survey, Surveyed, survey
-from ematwin.recordings.units import unit_factor
+from ematwin.recordings.words import unit_factor
 
 Channels = Mapping[str, Channel]
 _MOST_TRIES = 96  # combinations of units

@@ -9,13 +9,11 @@ from ematwin.errors import InputError, ParameterError, RecordError
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import DEFAULT_KIND, load_actuator, model_in, model_of, models
-from ematwin.recordings.channel import Channel
-from ematwin.recordings.channel_map import ChannelMap, Columns
+from ematwin.recordings.channel import Channel, ChannelMap, Columns
 from ematwin.recordings.cleaning import Policy
+from ematwin.recordings.collect import MissingChannelError, is_met, match
 from ematwin.recordings.formats.base import Progress, open_file
-from ematwin.recordings.matching import MissingChannelError, is_met, match
-from ematwin.recordings.motions import Choice
-from ematwin.recordings.read import read_file
+from ematwin.recordings.read import Choice, read_file
 from ematwin.recordings.recording import Recording
 from ematwin.recordings.tables import write_recording, write_recordings
 from ematwin.showing.results import is_frame

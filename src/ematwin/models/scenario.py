@@ -21,7 +21,7 @@ from ematwin.files import check_target, write_text
 from ematwin.models.parameter_set import shipped_scenarios
 from ematwin.quantities import parse_quantity
 from ematwin.recordings.formats.base import open_file
-from ematwin.recordings.units import beside, unit_factor, unit_in_name
+from ematwin.recordings.words import beside, unit_factor, unit_in_name
 from ematwin.validation import load_toml, one_sentence
 
 

@@ -14,7 +14,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from ematwin.errors import InputError
-from ematwin.showing import markup
+from ematwin.showing.results import html
 from ematwin.showing.text import said
 
 Role = Literal["fault", "nominal", "nuisance", "symptom"]
@@ -74,7 +74,7 @@ def physical_html(title: str, rows: Sequence[PhysicalValue]) -> str:
     cells = [(row.name, f"{row.normalised:.4g}", *row.said, row.meaning) for row in rows]
     marked = [n for n, row in enumerate(rows) if row.value != row.healthy]
     header = ("fault", "k", "value", "healthy", "meaning")
-    return markup.heading(title) + markup.table(header, cells, marked)
+    return html(title, header, cells, marked=marked)
 
 
 @dataclass(frozen=True)

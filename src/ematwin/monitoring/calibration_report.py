@@ -13,8 +13,7 @@ from ematwin.models.parameter_set import ParameterSet
 from ematwin.monitoring.calibration import Calibration
 from ematwin.monitoring.population_calibration import PopulationCalibration
 from ematwin.recordings.recording import Recording
-from ematwin.showing import markup
-from ematwin.showing.results import drawn, frame_of_rows, page_written
+from ematwin.showing.results import drawn, frame_of_rows, html, page_written
 
 
 @dataclass(frozen=True)
@@ -103,13 +102,9 @@ class CalibrationReport:
              f"{p.standard_error:.2g}", f"{p.template:.6g}")
             for p in self.parameters
         ]  # fmt: skip
-        return "".join(
-            [
-                markup.heading(f"{self.actuator.name}, calibrated on {len(self.learnt)} runs"),
-                markup.table(("parameter", "value", "standard error", "template"), rows),
-                *(markup.note(text) for text in (self.baseline.forms, *self.notes) if text),
-            ]
-        )
+        title = f"{self.actuator.name}, calibrated on {len(self.learnt)} runs"
+        notes = filter(None, (self.baseline.forms, *self.notes))
+        return html(title, ("parameter", "value", "standard error", "template"), rows, notes)
 
     def plot(self, kind: str = "parameters") -> Any:
         """A figure of plotly: "parameters", "fit" (before and after), or "residuals"."""

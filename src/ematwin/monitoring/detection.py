@@ -14,8 +14,7 @@ from ematwin.estimation.verdict import Grade
 from ematwin.monitoring.calibration import Calibration
 from ematwin.monitoring.diagnosis import Diagnosis
 from ematwin.recordings.recording import Recording, label_text
-from ematwin.showing import markup
-from ematwin.showing.results import drawn, frame_of_rows, page_written
+from ematwin.showing.results import drawn, frame_of_rows, html, page_written
 from ematwin.showing.text import listed
 
 
@@ -138,13 +137,8 @@ class Detection:
         """How many raise an alarm, then each run, in a notebook."""
         rows = [(one.title, one.said, one.reason) for one in self.runs]
         marked = [n for n, one in enumerate(self.runs) if one.alarm]
-        return "".join(
-            [
-                markup.verdict(self.sentence, self.grade),
-                markup.table(("run", "verdict", "because"), rows, marked),
-                *(markup.note(text) for text in gathered_notes(self.runs)),
-            ]
-        )
+        header, notes = ("run", "verdict", "because"), gathered_notes(self.runs)
+        return html(self.sentence, header, rows, notes, grade=self.grade, marked=marked)
 
 
 def name_of(recording: Recording, labels: dict[str, str], one_source: bool) -> str:

@@ -5,8 +5,7 @@ from dataclasses import dataclass, field
 
 from ematwin.estimation.identification import Identification
 from ematwin.estimation.verdict import UNNAMED, Grade, Verdict
-from ematwin.showing import markup
-from ematwin.showing.results import plain
+from ematwin.showing.results import html, plain
 from ematwin.showing.text import number_of, said, said_between
 
 
@@ -150,13 +149,11 @@ class Diagnosis:
     def _repr_html_(self) -> str:
         """The verdict, then the magnitudes, in a notebook."""
         rows = [(m.name, str(m), m.healthy_text) for m in self.magnitudes]
-        return "".join(
-            [
-                markup.verdict(f"{self.title}: {self.verdict.sentence}", self.grade),
-                markup.table(("quantity", "value (95 %)", "healthy"), rows),
-                *(markup.note(text) for text in self.notes),
-            ]
+        said, header = (
+            f"{self.title}: {self.verdict.sentence}",
+            ("quantity", "value (95 %)", "healthy"),
         )
+        return html(said, header, rows, self.notes, grade=self.grade)
 
     def as_dict(self) -> dict[str, object]:
         """For JSON."""

@@ -10,7 +10,7 @@ from ematwin.errors import InputError
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.reading import actuator_for, read
 from ematwin.models.registry import load_actuator, model_of
-from ematwin.recordings.channel_map import Columns
+from ematwin.recordings.channel import Columns
 from ematwin.recordings.formats.base import known_suffixes
 from ematwin.recordings.recording import Recording
 from ematwin.showing.results import is_frame

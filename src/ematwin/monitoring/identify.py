@@ -32,7 +32,7 @@ from ematwin.monitoring.population_calibration import PopulationCalibration
 from ematwin.monitoring.runs import Group, Runs, is_table_of_runs, read_runs
 from ematwin.numerics.side_by_side import cores
 from ematwin.optimizers.base import ITERATIONS, POPULATION, Optimizer
-from ematwin.recordings.channel_map import Columns
+from ematwin.recordings.channel import Columns
 from ematwin.recordings.recording import Recording
 from ematwin.showing.bars import told
 

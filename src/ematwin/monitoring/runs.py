@@ -20,8 +20,8 @@ from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.reading import read
 from ematwin.monitoring.calibration import Calibration
 from ematwin.monitoring.gather import files_of
-from ematwin.recordings.channel_map import Columns
-from ematwin.recordings.formats.clock import Clock
+from ematwin.recordings.channel import Columns
+from ematwin.recordings.formats.csv_dialect import Clock
 from ematwin.recordings.recording import Recording
 from ematwin.showing.results import is_frame
 

@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 
 from ematwin.optimizers.base import FloatArray
-from ematwin.showing import markup
-from ematwin.showing.results import drawn, frame
+from ematwin.showing.results import drawn, frame, html
 
 _SENTENCES = {
     "budget": "the budget is spent",
@@ -69,7 +68,7 @@ class MinimizeResult:
         """The result in a notebook."""
         point = ", ".join(f"{value:.6g}" for value in self.x)
         said = f"{self.algorithm}, seed {self.seed}, x = ({point})"
-        return markup.heading(self.message) + markup.note(said)
+        return html(self.message, notes=[said])
 
     @property
     def message(self) -> str:

@@ -61,47 +61,37 @@ def runs(flags: np.ndarray) -> list[tuple[int, int]]:
 
 
 def _refusal(found: Collected, starts: np.ndarray, holes: _Holes) -> str:
-    time, what = found.time, found.name
-    advice = (
-        'Take the longest sound stretch with gaps="longest", or fill and mask with gaps="mask".'
-    )
+    time = found.time
     if starts.size:
         n = int(starts[np.argmax(np.diff(time)[starts])])
         many = f"{starts.size} gaps, the longest" if starts.size > 1 else "a gap"
-        return (
-            f"{what} has {many} of {time[n + 1] - time[n]:.4g} s from {time[n]:.6g} to "
-            f"{time[n + 1]:.6g} s (after sample {n}). {advice}"
-        )
-    name, some = max(holes.items(), key=lambda item: max(b - a for a, b in item[1]))
-    first, stop = max(some, key=lambda run: run[1] - run[0])
-    others = [other for other in holes if other != name]
-    many = f"{len(some)} stretches, the longest" if len(some) > 1 else "a stretch"
-    also = f"; so have {', '.join(others)}" if others else ""
-    return (
-        f"{what}: column {name} has no values in {many} of {stop - first} samples from "
-        f"{time[first]:.6g} to {time[stop - 1]:.6g} s (sample {first} on){also}. {advice}"
-    )
+        where = f"from {time[n]:.6g} to {time[n + 1]:.6g} s (after sample {n})"
+        said = f"{found.name} has {many} of {time[n + 1] - time[n]:.4g} s {where}"
+    else:
+        name, some = max(holes.items(), key=lambda item: max(b - a for a, b in item[1]))
+        first, stop = max(some, key=lambda run: run[1] - run[0])
+        many = f"{len(some)} stretches, the longest" if len(some) > 1 else "a stretch"
+        said = f"{found.name}: column {name} has no values in {many} of {stop - first} samples"
+        said += f" from {time[first]:.6g} to {time[stop - 1]:.6g} s (sample {first} on)"
+        if others := [other for other in holes if other != name]:
+            said += f"; so have {', '.join(others)}"
+    advice = 'Take the longest sound stretch with gaps="longest", or fill and mask with gaps="mask"'
+    return f"{said}. {advice}."
 
 
 def _longest(found: Collected, starts: np.ndarray) -> str:
     time = found.time
     good = np.all([np.isfinite(values) for values in found.columns.values()], axis=0)
-    cuts = [0, *(int(n) + 1 for n in starts), time.size]
-    stretches = [
-        (left + a, left + b) for left, right in pairwise(cuts) for a, b in runs(good[left:right])
-    ]
+    edges = pairwise([0, *(int(n) + 1 for n in starts), time.size])
+    stretches = [(left + a, left + b) for left, end in edges for a, b in runs(good[left:end])]
     first, stop = max(stretches, key=lambda run: time[run[1] - 1] - time[run[0]], default=(0, 0))
     if stop - first < 2:
-        raise RecordError(
-            f"{found.name} has no two consecutive samples at which all columns have values. "
-            "Leave the column with the holes out of the map."
-        )
+        said = f"{found.name} has no two consecutive samples at which all columns have values"
+        raise RecordError(f"{said}. Leave the column with the holes out of the map.")
     found.columns = {name: values[first:stop].copy() for name, values in found.columns.items()}
     found.time = time[first:stop].copy()
-    return (
-        f"only the longest stretch without holes was taken, {time[first]:.6g} to "
-        f"{time[stop - 1]:.6g} s of {time[0]:.6g} to {time[-1]:.6g} s"
-    )
+    taken = f"{time[first]:.6g} to {time[stop - 1]:.6g} s of {time[0]:.6g} to {time[-1]:.6g} s"
+    return f"only the longest stretch without holes was taken, {taken}"
 
 
 def _mask(found: Collected, starts: np.ndarray, holes: _Holes, inputs: Collection[str]) -> str:
@@ -131,10 +121,8 @@ def _mask(found: Collected, starts: np.ndarray, holes: _Holes, inputs: Collectio
             "Record again, or leave the column with the holes out of the map."
         )
     found.masked = masked
-    return (
-        f"{len(masked)} stretches without values, {total:.4g} s in all, were filled with straight "
-        "lines and masked"
-    )
+    said = f"{len(masked)} stretches without values, {total:.4g} s in all"
+    return f"{said}, were filled with straight lines and masked"
 
 
 def sentence(text: str) -> str:
@@ -149,19 +137,16 @@ def saturated(
 
     ``full_scale`` is the lowest and highest value of the converter; None looks for them.
     """
-    flags = np.zeros(values.shape, dtype=bool)
-    limits: list[float] = []
     if full_scale is not None:
         margin = 0.0005 * (full_scale[1] - full_scale[0])
         low, high = values <= full_scale[0] + margin, values >= full_scale[1] - margin
         limits = [float(x) for one, x in zip((low, high), full_scale, strict=True) if one.any()]
         return low | high, limits
-    if not np.isfinite(values).any():
-        return flags, limits
-    largest = float(np.nanmax(np.abs(values)))
+    flags, limits = np.zeros(values.shape, dtype=bool), []
+    largest = float(np.nanmax(np.abs(values), initial=0.0))
     for sign in (1.0, -1.0):
         signed = values if sign > 0.0 else -values
-        extreme = float(np.nanmax(signed))
+        extreme = float(np.nanmax(signed, initial=-np.inf))
         below = signed[signed < extreme]
         if extreme < 0.05 * largest or extreme == 0.0 or below.size == 0:
             continue  # no limit so close to zero; nor is a constant, which another check refuses

@@ -1,5 +1,10 @@
-"""From the channels of a file to columns in SI: matched, read once, converted in place."""
+"""From the channels of a file to columns in SI: matched, read once, converted in place.
 
+`match` takes the channels that have the name of one of a recording; a proposed map
+(`ematwin.models.proposing`) takes those that words and units speak for as well.
+"""
+
+from collections.abc import Collection, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -8,14 +13,157 @@ from typing import Any
 import numpy as np
 
 from ematwin.errors import RecordError
-from ematwin.recordings.channel import Channel, channel_called, derivable
-from ematwin.recordings.channel_map import PHASES, ChannelMap, MappedChannel
+from ematwin.recordings import words
+from ematwin.recordings.channel import PHASES, Channel, ChannelMap, MappedChannel, channel_called
 from ematwin.recordings.formats.base import Progress, RecordedFile
-from ematwin.recordings.matching import Needs, match
-from ematwin.recordings.names import first_names, last_part
 from ematwin.recordings.recording import label_text
 from ematwin.recordings.sampling import ABSURD
-from ematwin.recordings.units import bare, beside, fits, unit_factor, unit_in_name
+from ematwin.recordings.survey import unit_and_stem
+from ematwin.showing.text import listed
+
+Needs = Sequence[Sequence[Sequence[str]]]
+"""Groups of channels; of each group at least one whole alternative must be there."""
+
+Matched = dict[str, tuple[str, MappedChannel]]
+"""Full name in the file and entry of the map, by channel of the recording, time first."""
+
+
+class MissingChannelError(RecordError):
+    """A file has no channel that a kind of actuator needs."""
+
+
+def match(
+    file: RecordedFile, channel_map: ChannelMap, needs: Needs
+) -> tuple[Matched, list[str], list[str]]:
+    """Find the channels of a recording in a file; also sentences on assumptions, and warnings.
+
+    Channels that the map does not name are found by their own name or alias, with or without a
+    unit. Beside a map an optional channel that is ambiguous, of another unit, or another form of a
+    quantity that the map gives is left out with a warning. Raises `MissingChannelError` if there is
+    none of a needed channel; `RecordError` if one is ambiguous, or there is none of a name in the
+    map.
+    """
+    channels, mapped = channel_map.channels, channel_map.columns
+    found = {
+        column: (words.find_channel(file.names, entry.channel, file.path), entry)
+        for column, entry in mapped.items()
+    }
+    closed = {*mapped, *channel_map.without, *(["time"] if channel_map.sample_rate else [])}
+    by_name = {name: many for name, many in _by_name(file, channels).items() if name not in closed}
+    missing = (name for _, names in unmet(needs, channels, mapped) for name in names)
+    needed = {"time", *missing} if mapped else by_name.keys()
+    for column in [name for name in by_name if name in needed]:
+        name, *others = by_name.pop(column)
+        if others:
+            several = words.first_names([name, *others])
+            raise RecordError(
+                f"{file.path} has several channels for {column}: {several}. "
+                f'Map one of them, such as {column}="{name}".'
+            )
+        found[column] = (name, MappedChannel(channel=name))
+    added, warnings = _optional(found, by_name, file, channel_map, needs)
+    said = f"beside the map, these were found by their names: {', '.join(added)}"
+    found |= added
+    for channel in channels:
+        if channel.stands_in_for in found:
+            found.pop(channel.name, None)
+    _check_complete(file, channel_map, needs, found)
+    in_order = {c.name: found[c.name] for c in channels if c.name in found}
+    return in_order, [said] if added else [], warnings
+
+
+def _by_name(file: RecordedFile, channels: Sequence[Channel]) -> dict[str, list[str]]:
+    """The names in the file that mean a channel most plainly, by channel."""
+    best: dict[str, tuple[float, list[str]]] = {}
+    for name in file.names:
+        column, score = words.named(name, channels, file.names)
+        if score == words.A_CLOCK and file.base_time(file.time_base(name)) is not None:
+            continue  # the format itself gives times
+        known, alike = best.get(column, (score, []))
+        if column and score >= known:
+            best[column] = (score, [*alike, name] if score == known else [name])
+    return {column: names for column, (_, names) in best.items()}
+
+
+def _optional(
+    found: Matched, by_name: Mapping[str, Sequence[str]], file: RecordedFile,
+    channel_map: ChannelMap, needs: Needs,
+) -> tuple[Matched, list[str]]:  # fmt: skip
+    """Channels that are neither needed nor mapped, by their own names; warnings of the others."""
+    channels, used = channel_map.channels, {name for name, _ in found.values()}
+    closed = with_derived(channels, found)
+    for group in needs:  # a map that gives phases gives no equivalent current
+        form = {name: channel_map.channel(name).unit for part in group for name in part}
+        given = {form[name] for name in form if name in found}
+        closed |= {name for name, unit in form.items() if unit in given}
+    added: Matched = {}
+    warnings = []
+    for column, (name, *others) in by_name.items():
+        if column in closed or used & {name, *others}:
+            continue
+        stated, why = file.stated_unit(name), ""
+        if others:
+            several = words.first_names([name, *others])
+            why = f"{file.given.name} has several channels for it, {several}"
+        elif stated and not words.fits(stated, channel_map.channel(column).unit):
+            why = f"{name} is in {stated}"
+        if why:
+            warnings.append(f"{column} was left out: {why}. Map it where it is needed.")
+        else:
+            added[column] = (name, MappedChannel(channel=name))
+    return added, warnings
+
+
+def with_derived(channels: Sequence[Channel], present: Collection[str]) -> set[str]:
+    """The channels that are there, and those that follow from them."""
+    return {*present, *(one.name for one in channels if one.follows_from(present))}
+
+
+def is_met(group: Sequence[Sequence[str]], present: Collection[str]) -> bool:
+    """Whether one whole alternative of a group of needs is there."""
+    return any(all(name in present for name in alternative) for alternative in group)
+
+
+def unmet(
+    needs: Needs, channels: Sequence[Channel], present: Collection[str]
+) -> list[tuple[Sequence[Sequence[str]], list[str]]]:
+    """The groups of needs without a whole alternative, each with the names that are missing."""
+    there = with_derived(channels, present)
+    return [
+        (group, list(dict.fromkeys(name for part in group for name in part if name not in there)))
+        for group in needs
+        if not is_met(group, there)
+    ]
+
+
+def _check_complete(
+    file: RecordedFile, channel_map: ChannelMap, needs: Needs, found: Mapping[str, object]
+) -> None:
+    for group, missing in unmet(needs, channel_map.channels, found):
+        wanted = [channel_map.channel(name) for name in missing]
+        for name in file.names:  # refused for its unit, such as error_kg for a position error
+            for stem, unit in words.suffixes(words.bare(words.last_part(name))):
+                channel = channel_called(stem, wanted)
+                if channel is not None and len(unit) > 1 and words.is_unit(unit):
+                    what = f"{channel.name} (channel {name!r} of {file.path})"
+                    words.unit_factor(unit, channel.unit, what)
+        meaning = f" ({wanted[0].meaning})" if len(group) == 1 == len(group[0]) else ""
+        raise MissingChannelError(
+            f"{file.path} has no channel for {', nor for '.join(map(listed, group))}{meaning}; "
+            f"it has {words.first_names(file.names)}. Map it, such as {wanted[0].name}="
+            f'"{_likely(file, wanted[0])}".'
+        )
+
+
+def _likely(file: RecordedFile, channel: Channel) -> str:
+    """The channel of a file for which words speak most, for messages; an example if none do."""
+    best, likely = words.UNIT_ONLY, f"Channel 1 [{words.example(channel.unit)}]"
+    for name in file.names:
+        unit, _, stem = unit_and_stem(file, name)
+        if not unit or words.fits(unit, channel.unit):
+            score, _ = words.by_words(stem, unit, channel) or (0.0, "")
+            best, likely = (score, name) if score > best else (best, likely)
+    return likely
 
 
 @dataclass
@@ -68,13 +216,13 @@ def collect(
 
     Raises `RecordError` if one is missing or ambiguous, holds no numbers, or has another unit.
     """
-    matched = match(file, channel_map, needs)
-    uses = [name for name, _ in matched.channels.values()]
-    result = Collected(file, channel_map, list(dict.fromkeys(uses)), [], matched.warnings)
+    matched, assumed, warnings = match(file, channel_map, needs)
+    uses = [name for name, _ in matched.values()]
+    result = Collected(file, channel_map, list(dict.fromkeys(uses)), [], warnings)
     raw = file.read(result.names, progress)
-    result.assumed += [*file.assumed, *matched.assumed]  # reading may add to the file's
+    result.assumed += [*file.assumed, *assumed]  # reading may add to the file's
     carried = dict(zip(PHASES, (f"current_{one}" for one in channel_map.phase_order), strict=True))
-    for column, (name, entry) in matched.channels.items():
+    for column, (name, entry) in matched.items():
         values = raw[name].copy() if uses.count(name) > 1 else raw.pop(name)
         _add(result, channel_map.channel(carried.get(column, column)), name, entry, values)
     if channel_map.phase_order != "abc":
@@ -86,9 +234,8 @@ def collect(
         if account["unit_from"] == "assumed"
     ]
     if silent:
-        result.assumed.append(
-            f"neither the map nor the file states a unit, so SI was taken: {', '.join(silent)}"
-        )
+        said = "neither the map nor the file states a unit, so SI was taken"
+        result.assumed.append(f"{said}: {', '.join(silent)}")
     _find_times(result)
     derive(result)
     return result
@@ -101,7 +248,7 @@ def derive(found: Collected, time: np.ndarray | None = None) -> None:
     """
     channels = found.map.channels
     columns = found.columns if time is None else found.columns | {"time": time}
-    for channel in derivable(channels, columns):
+    for channel in [one for one in channels if one.follows_from(columns)]:
         derivation = channel.derived
         assert derivation is not None
         sources = derivation.sources
@@ -130,7 +277,7 @@ def _add(
     """Convert the values of a channel in place, and add them with their account."""
     unit, source = _unit(found, channel, name, entry)
     what = f"{channel.name} (channel {name!r} of {found.file.path})"
-    factor = unit_factor(unit, channel.unit, what)
+    factor = words.unit_factor(unit, channel.unit, what)
     if entry.unwrap:
         values = np.unwrap(values, period=2.0 * np.pi / (factor * abs(entry.scale)))
     if entry.side is not None and entry.side != channel.side:
@@ -161,22 +308,26 @@ def _add(
 def _unit(found: Collected, channel: Channel, name: str, entry: MappedChannel) -> tuple[str, str]:
     """The unit of a channel and who states it: map, file, name, or nobody (SI is assumed)."""
     file, stated, chosen = found.file, found.file.stated_unit(name), entry.unit
-    if chosen is None and entry.channel != name and fits(beside(entry.channel)[1], channel.unit):
-        chosen = beside(entry.channel)[1]  # "Phase A [mA]" in the map for the channel "Phase A"
+    if (
+        chosen is None
+        and entry.channel != name
+        and words.fits(words.beside(entry.channel)[1], channel.unit)
+    ):
+        chosen = words.beside(entry.channel)[
+            1
+        ]  # "Phase A [mA]" in the map for the channel "Phase A"
     if chosen is not None:
         if stated and stated != chosen:
-            found.warnings.append(
-                f"The map gives {channel.name} in {chosen}, the file in {stated}; the map was "
-                "followed."
-            )
+            said = f"The map gives {channel.name} in {chosen}, the file in {stated}"
+            found.warnings.append(f"{said}; the map was followed.")
         return chosen, "map"
     if stated:
         # a scale leads from the unit of the file (volts of a probe) to another one
         return (stated, "file") if entry.scale == 1.0 else (channel.unit, "scale")
-    is_own = channel_called(bare(last_part(name)), found.map.channels) is not None
+    is_own = channel_called(words.bare(words.last_part(name)), found.map.channels) is not None
     # current_a is phase a, no current in A
-    unit = (beside(name) if is_own else unit_in_name(name, channel.unit, file.names))[1]
-    return (unit, "name") if fits(unit, channel.unit) else (channel.unit, "assumed")
+    unit = (words.beside(name) if is_own else words.unit_in_name(name, channel.unit, file.names))[1]
+    return (unit, "name") if words.fits(unit, channel.unit) else (channel.unit, "assumed")
 
 
 def _find_times(found: Collected) -> None:
@@ -186,10 +337,9 @@ def _find_times(found: Collected) -> None:
     lengths = {name: values.size for name, values in found.columns.items()}
     if rate is not None:
         if len(set(lengths.values())) > 1:
-            raise RecordError(
-                f"With sample_rate all channels of {file.path} must be equally long; they "
-                f"have {', '.join(f'{name} {size}' for name, size in lengths.items())} samples."
-            )
+            told = ", ".join(f"{name} {size}" for name, size in lengths.items())
+            said = f"With sample_rate all channels of {file.path} must be equally long"
+            raise RecordError(f"{said}; they have {told} samples.")
         found.changed.append(f"time was counted from a rate of {rate:g} Hz")
     for column, key in found.bases.items():
         if key in found.times:
@@ -201,14 +351,12 @@ def _find_times(found: Collected) -> None:
         elif time is None:
             raise RecordError(
                 f"{file.path} has no channel for time, and its format gives none for "
-                f"{column}; it has {first_names(file.names)}. "
+                f"{column}; it has {words.first_names(file.names)}. "
                 'Map it, such as time="t [ms]", or give sample_rate.'
             )
         elif time.size != lengths[column]:
-            raise RecordError(
-                f"{column} of {file.path} has {lengths[column]} samples, time has "
-                f"{time.size}. Map channels that were sampled together."
-            )
+            said = f"{column} of {file.path} has {lengths[column]} samples, time has {time.size}"
+            raise RecordError(f"{said}. Map channels that were sampled together.")
         else:
             found.times[key] = time
             found.start = file.clocks.get(found.channels["time"]["channel"])

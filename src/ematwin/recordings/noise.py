@@ -75,9 +75,8 @@ class Noise:
                 values[name] = int(value) if name == "bits" else float(value)
             except ValueError:
                 kind = "whole number" if name == "bits" else "number"
-                raise InputError(
-                    f"Noise {name} must be a {kind}, received {value!r}. Correct it."
-                ) from None
+                said = f"Noise {name} must be a {kind}, received {value!r}"
+                raise InputError(f"{said}. Correct it.") from None
         return cls(**values)  # type: ignore[arg-type]
 
     def apply(

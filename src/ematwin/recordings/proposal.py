@@ -4,18 +4,17 @@ Nothing is chosen silently: two channels that are equally likely become a questi
 the map as comments. `ematwin.models.proposing` finds units that nobody states.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import tomli_w
 
 from ematwin.recordings.channel import Channel, with_time
-from ematwin.recordings.matching import IN_WORDS, NAMED, Candidate, Needs, candidates, unmet
-from ematwin.recordings.survey import Survey, Surveyed
-from ematwin.recordings.units import unit_factor
-from ematwin.showing import markup
-from ematwin.showing.results import frame_of_rows
+from ematwin.recordings.collect import Needs, unmet
+from ematwin.recordings.survey import Candidate, Survey, Surveyed, candidates
+from ematwin.recordings.words import IN_WORDS, NAMED, unit_factor
+from ematwin.showing.results import frame_of_rows, html
 from ematwin.showing.text import capital
 
 HEADINGS = ("taken for", "channel", "unit", "because")
@@ -40,7 +39,7 @@ class Entry:
     @property
     def lines(self) -> tuple[str, ...]:
         """``command = { channel = "Setpoint", unit = "deg" }``, for each unit that is left."""
-        return _lines([self.column], [(self.channel, unit) for unit in self.units or (self.unit,)])
+        return tuple(_line(self.column, self.channel, one) for one in self.units or (self.unit,))
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -87,18 +86,14 @@ class Proposal:
     @property
     def rows(self) -> list[list[str]]:
         """Cells for people, below `HEADINGS`."""
-        return [
-            [name, one.channel, one.unit or f"{' or '.join(one.units)}?", " ".join(one.reasons)]
-            for name, one in self.entries.items()
-        ]
+        units = (one.unit or f"{' or '.join(one.units)}?" for one in self.entries.values())
+        told = zip(self.entries.items(), units, strict=True)
+        return [[name, one.channel, unit, " ".join(one.reasons)] for (name, one), unit in told]
 
     def columns(self) -> dict[str, dict[str, Any]]:
         """The settled part of the map, as `ematwin.read` takes it."""
-        return {
-            name: values(one.channel, one.unit)
-            for name, one in self.entries.items()
-            if not one.is_open
-        }
+        settled = {name: one for name, one in self.entries.items() if not one.is_open}
+        return {name: values(one.channel, one.unit) for name, one in settled.items()}
 
     def as_toml(self) -> str:
         """The map as a file, with the reasons as comments; open lines are commented out."""
@@ -126,13 +121,10 @@ class Proposal:
 
     def _repr_html_(self) -> str:
         """Whether it is complete, then the map and open questions, in a notebook."""
-        parts = [
-            markup.verdict(self.sentence, "healthy" if self.is_complete else "changed"),
-            markup.table(HEADINGS, self.rows),
-            *(markup.note(f"Open: {one.sentence}") for one in self.questions),
-            *(markup.note(f"Warning: {text}") for text in self.check),
-        ]
-        return "".join(parts)
+        notes = [f"Open: {one.sentence}" for one in self.questions]
+        notes += [f"Warning: {text}" for text in self.check]
+        grade = "healthy" if self.is_complete else "changed"
+        return html(self.sentence, HEADINGS, self.rows, notes, grade=grade)
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -149,13 +141,9 @@ def values(channel: str, unit: str) -> dict[str, str]:
     return {"channel": channel, **({"unit": unit} if unit else {})}
 
 
-def _lines(columns: Iterable[str], channels: Sequence[tuple[str, str]]) -> tuple[str, ...]:
-    """Lines of a map for each column and each channel with its unit."""
-    return tuple(
-        f"{column} = {{ {', '.join(tomli_w.dumps({k: v}).strip() for k, v in one.items())} }}"
-        for column in columns
-        for one in (values(*channel) for channel in channels)
-    )
+def _line(column: str, channel: str, unit: str) -> str:
+    told = (tomli_w.dumps({key: one}).strip() for key, one in values(channel, unit).items())
+    return f"{column} = {{ {', '.join(told)} }}"
 
 
 class Draft:
@@ -211,13 +199,14 @@ class Draft:
                 self._ask(f"“{name}” is equally likely to be {said}", columns, [name])
         taken = {one.name for one in chosen.values()}
         for column in (name for name in self.ranked if name in chosen):
-            also = [c.name for c in self.ranked[column] if c.score >= IN_WORDS]
-            also = [f"“{name}”" for name in also if name not in taken]
+            plain = [one.name for one in self.ranked[column] if one.score >= IN_WORDS]
+            also = [name for name in plain if name not in taken]
             self.entries[column] = self._entry(column, chosen[column], also)
 
     def _ask(self, sentence: str, columns: Sequence[str], names: Sequence[str]) -> None:
-        channels = [(name, self.found[name].unit) for name in names]
-        self.questions.append(Question(sentence, _lines(columns, channels)))
+        units = {name: self.found[name].unit for name in names}
+        lines = (_line(column, *one) for column in columns for one in units.items())
+        self.questions.append(Question(sentence, tuple(lines)))
 
     def _by_span(self, name: str, free: Sequence[str], command: Surveyed) -> tuple[str, str] | None:
         """Which shaft an angle is of, by how far it moves beside the command; None: not clear."""
@@ -225,14 +214,12 @@ class Draft:
         is_known = one.unit and command.unit and free and own.side
         if not is_known or self.channels[free[0]].unit != own.unit:
             return None
-        span, commanded = (
-            (each.high - each.low) * unit_factor(each.unit, own.unit, each.name)
-            for each in (one, command)
-        )
+        span = (one.high - one.low) * unit_factor(one.unit, own.unit, one.name)
+        factor = unit_factor(command.unit, own.unit, command.name)
+        commanded = factor * (command.high - command.low)
         if not (span > 0.0 and commanded > 0.0):
             return None
-        ratio = span / commanded
-        sides = {name: self.channels[name].side for name in free}
+        ratio, sides = span / commanded, {name: self.channels[name].side for name in free}
         same = [name for name, side in sides.items() if side == own.side]
         others = [name for name, side in sides.items() if side not in (own.side, None)]
         said = f"it moves {ratio:.3g} times as far as the command, so it is of the"
@@ -244,7 +231,7 @@ class Draft:
         channel, one = self.channels[column], self.found[chosen.name]
         reasons = [f"{capital(channel.meaning)}: {chosen.reason}."]
         if also:
-            listed = " and ".join(also)
+            listed = " and ".join(f"“{name}”" for name in also)
             reasons.append(f"By its words {listed} would do as well, but less plainly: check it.")
         if one.unit:
             where = "the file" if one.unit_from == "file" else "its name"
@@ -254,9 +241,8 @@ class Draft:
         if one.low == one.high and column != "load":
             reasons.append(f"It is {one.low:g} throughout.")
         if column == "load":
-            reasons.append(
-                "Its sign cannot be told: where it is positive with positive motion, add sign = -1."
-            )
+            advice = "where it is positive with positive motion, add sign = -1."
+            reasons.append(f"Its sign cannot be told: {advice}")
         unit_from = one.unit_from or ("" if channel.unit else "channel")  # a ratio has none
         return Entry(column, one.name, one.unit, unit_from, tuple(reasons))
 
@@ -264,17 +250,16 @@ class Draft:
         """Ask for needed channels for which there is no name."""
         asked = [line for one in self.questions for line in one.lines]
         for group, wanted in unmet(self.needs, tuple(self.channels.values()), self.entries):
-            choice: list[str] = []
-            for name in wanted:
-                channels = [(one.name, self.found[one.name].unit) for one in self.ranked[name]]
-                choice += _lines([name], channels)
+            choice = tuple(
+                _line(name, one.name, self.found[one.name].unit)
+                for name in wanted for one in self.ranked[name]
+            )  # fmt: skip
+            where = f"name it in the map.{' These have the right unit.' if choice else ''}"
+            if any(line.startswith(tuple(f"{name} =" for name in wanted)) for line in asked):
+                where, choice = "see above", ()
             alternatives = " or ".join(" with ".join(part) for part in group)
             lead = f"Needed and not found for certain: {alternatives}; "
-            if any(line.startswith(tuple(f"{name} =" for name in wanted)) for line in asked):
-                self.questions.append(Question(f"{lead}see above", needed=True))
-            else:
-                where = f"name it in the map.{' These have the right unit.' if choice else ''}"
-                self.questions.append(Question(lead + where, tuple(choice), needed=True))
+            self.questions.append(Question(lead + where, choice, needed=True))
         if not self.ranked["time"] and not self.found.has_times:
             said = "No channel looks like time: name it in the map, or give the rate."
             self.questions.append(Question(said, ('sample_rate = "20 kHz"',), needed=True))

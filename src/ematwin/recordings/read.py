@@ -2,27 +2,34 @@
 
 Each step adds to the provenance. `ematwin.models.reading` gives the public `read`, which knows the
 kinds.
+
+In a table of motions a new one begins where time falls back or a label changes. Labels are the
+columns that do not change within a motion, such as condition, run and motion. A column with a unit
+is a label where it stays the same through each motion; a load that steps within one is a signal
+that nobody mapped.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from datetime import datetime, timedelta
-from typing import Any, get_args
+from itertools import pairwise
+from typing import Any, TypeVar, get_args
 
 import numpy as np
 
 from ematwin.errors import InputError, RecordError
 from ematwin.quantities import parse_quantity
-from ematwin.recordings.channel import Channel, with_time
-from ematwin.recordings.channel_map import ChannelMap, Columns
+from ematwin.recordings.channel import Channel, ChannelMap, Columns, with_time
 from ematwin.recordings.cleaning import Policy, make_sound, sentence, warn_of_saturation
-from ematwin.recordings.collect import Collected, collect, derive
+from ematwin.recordings.collect import Collected, Needs, collect, derive, is_met
 from ematwin.recordings.formats.base import Progress, RecordedFile, open_file
 from ematwin.recordings.formats.csv_dialect import ROUTINE
-from ematwin.recordings.matching import Needs, is_met
-from ematwin.recordings.motions import Choice, check_length, check_single, fitting, pieces
 from ematwin.recordings.recording import Recording
-from ematwin.recordings.refreshed import sampled
-from ematwin.recordings.sampling import onto, tidy_time, to_constant_rate
+from ematwin.recordings.sampling import onto, sampled, tidy_time, to_constant_rate
+from ematwin.recordings.words import beside, is_unit
+
+Choice = Mapping[str, Sequence[str]]  # label to the values that are wanted
+_SHORTEST = 20  # samples of a motion
+_Motion = TypeVar("_Motion", Recording, Collected)
 
 
 def read_file(
@@ -41,12 +48,8 @@ def read_file(
 ) -> list[Recording]:
     """Read the recordings in a file; options and errors not named here as of `ematwin.read`.
 
-    Parameters
-    ----------
-    path : a file of a known format, or a DataFrame
-    channels : of the kind of actuator; ``inputs`` are those that drive the model
-    needs : groups of channels; of each group at least one whole alternative must be there
-    own : read a file that ematwin wrote as it is, whatever its channels; else if it has the needed
+    ``channels`` are of the kind of actuator, of which ``inputs`` drive the model. ``own`` reads a
+    file that ematwin wrote as it is, whatever its channels; else if it has those that it ``needs``.
     """
     channel_map = ChannelMap.of(columns, channels)
     if gaps not in (known := get_args(Policy)):
@@ -61,11 +64,16 @@ def read_file(
             return fitting([_as_written(file, channel_map.channels, resample_to, progress)], where)
         found = collect(file, channel_map, needs, progress)
         if not split and where is None:
-            check_single(found)
+            _check_single(found)
             return [_cleaned(found, inputs, resample_to, gaps)]
-        chosen = fitting(pieces(found), where)
-        for piece in chosen:
-            check_length(piece)
+        chosen = fitting(_motions(found), where)
+        for one in chosen:
+            samples = min(time.size for time in one.times.values())
+            if samples < _SHORTEST:
+                raise RecordError(
+                    f"{one.name}: a motion of {samples} samples is too short; at least "
+                    f"{_SHORTEST} are needed. Remove it, or check the column of time."
+                )
         return [_cleaned(one, inputs, resample_to, gaps) for one in chosen]
 
 
@@ -98,10 +106,9 @@ def _cleaned(
         moved_to = sampled(found.time, found.columns[channel.name], channel.refreshed)
         if moved_to is not None:  # each read was a sample of before
             found.columns[channel.name], period = moved_to
-            found.changed.append(
-                f"{channel.name} is read up to {1e3 * period:.3g} ms after it was sampled, as its "
-                "steps show; it was brought to the times of the reads"
-            )
+            late = f"{channel.name} is read up to {1e3 * period:.3g} ms after it was sampled"
+            put = "it was brought to the times of the reads"
+            found.changed.append(f"{late}, as its steps show; {put}")
     time, columns, changed = to_constant_rate(found.time, found.columns, rate, found.name, means)
     provenance: dict[str, Any] = {
         "source": "file", "file": file.given.name, "format": file.kind,
@@ -165,20 +172,16 @@ def _as_written(
     """A recording that ematwin wrote, bit for bit; only the rate is changed, if asked for."""
     units: dict[str, str] = dict(file.metadata.get("units", {}))
     if "time" not in file.names:
-        raise RecordError(
-            f"{file.path} has no channel for time; it has {', '.join(file.names)}. "
-            "Rename or add the column."
-        )
+        told = f"{file.path} has no channel for time; it has {', '.join(file.names)}"
+        raise RecordError(f"{told}. Rename or add the column.")
     known = {channel.name: channel for channel in with_time(channels)}
     # another kind may mean something else by a name
     checked = file.names if set(file.names) <= set(known) else ("time",)
     for name in checked:
         unit, si_unit = units.get(name, known[name].unit), known[name].unit
         if unit != si_unit:
-            raise RecordError(
-                f"{file.path} gives {name} in {unit}; a recording holds it in {si_unit}. "
-                "Convert it."
-            )
+            said = f"{file.path} gives {name} in {unit}; a recording holds it in {si_unit}"
+            raise RecordError(f"{said}. Convert it.")
     values = file.read(file.names, progress)
     time = values.pop("time")
     unknown = {"source": "file", "file": file.given.name}
@@ -193,3 +196,90 @@ def _as_written(
         start=None if start is None else datetime.fromisoformat(start), source=file.given.name,
         provenance=provenance,
     )  # fmt: skip
+
+
+def _motions(found: Collected) -> list[Collected]:
+    """The motions of a file; one, where its channels have several time bases."""
+    if len(found.times) > 1:
+        return [found]
+    key, time = next(iter(found.times.items()))
+    labels = _labels(found, key, time.size)
+    starts = np.r_[True, np.diff(time) < 0.0]
+    measured = []  # the file, or brackets in the name, state a unit
+    for name in labels:
+        if found.file.stated_unit(name) or is_unit(beside(name)[1]):
+            measured.append(name)
+        else:
+            starts[1:] |= _changes(labels[name])
+    for name in measured:
+        if np.any(_changes(labels[name]) & ~starts[1:]):
+            del labels[name]
+    parts = []
+    for first, end in pairwise(np.r_[np.flatnonzero(starts), time.size].tolist()):
+        own = {name: str(text[first]) for name, text in labels.items()}
+        parts.append(found.part(slice(first, end), own))
+    return parts
+
+
+def _check_single(found: Collected) -> None:
+    """Raise `RecordError` if a table that is read as one recording holds several motions."""
+    if len(found.times) > 1:
+        return
+    time = next(iter(found.times.values()))
+    falls = np.flatnonzero(np.diff(time) < 0.0) + 1
+    if falls.size and np.diff(np.r_[0, falls, time.size]).min() >= _SHORTEST:
+        raise RecordError(
+            f"{found.file.path} holds {falls.size + 1} motions: time falls back to "
+            f"{time[falls[0]]:.6g} s at sample {falls[0]}. Read it with split=True, "
+            "which gives a recording for each."
+        )
+
+
+def fitting(motions: Sequence[_Motion], where: Choice | Sequence[Choice] | None) -> list[_Motion]:
+    """The motions that fit a choice of labels or one of several, in their order; all for None.
+
+    Raises `InputError` if a motion has no such label, `RecordError` if none fits a choice.
+    """
+    if where is None:
+        return list(motions)
+    wanted: set[int] = set()
+    for choice in [where] if isinstance(where, Mapping) else where:
+        chosen = {id(motion) for motion in motions if _fits(motion, choice)}
+        if not chosen:
+            given = ", ".join(f"{key} = {' or '.join(v)}" for key, v in choice.items())
+            names = dict.fromkeys(name for motion in motions for name in motion.labels)
+            known = {n: dict.fromkeys(m.labels[n] for m in motions if n in m.labels) for n in names}
+            there = "; ".join(f"{name} {', '.join(list(v)[:20])}" for name, v in known.items())
+            said = f"None of the {len(motions)} motions has {given or 'anything to read'}"
+            raise RecordError(f"{said}; there are {there or 'none'}. Correct the choice.")
+        wanted |= chosen
+    return [motion for motion in motions if id(motion) in wanted]
+
+
+def _fits(motion: Any, where: Choice) -> bool:
+    for name, values in where.items():
+        if name not in motion.labels:
+            there = ", ".join(motion.labels) or "none"
+            raise InputError(
+                f"{motion.source} has no label {name!r}; it has {there}. Correct the name."
+            )
+        if motion.labels[name] not in values:
+            return False
+    return True
+
+
+def _labels(found: Collected, key: str, rows: int) -> dict[str, np.ndarray]:
+    """The columns of a file that are labels, (S,) arrays of texts."""
+    texts: dict[str, np.ndarray] = {}
+    for name in found.file.names:
+        if name in found.names or found.file.time_base(name) != key:
+            continue
+        text = np.array(found.file.texts(name))
+        if text.size == rows and int(np.sum(_changes(text))) * _SHORTEST <= text.size:
+            texts[name] = text  # it stays as it is for many rows, as no signal does
+    return texts
+
+
+def _changes(text: np.ndarray) -> Any:
+    """Whether each row but the first differs from the one before it."""
+    return text[1:] != text[:-1]

@@ -15,8 +15,7 @@ import numpy as np
 
 from ematwin.errors import RecordError
 from ematwin.recordings.channel import NAMED
-from ematwin.showing import markup
-from ematwin.showing.results import drawn, frame
+from ematwin.showing.results import drawn, frame, html
 
 _RESERVED = {"time", "channels", "units", "labels", "start", "source", "provenance"}
 
@@ -76,10 +75,8 @@ class Recording:
         _check_time(time, what)
         for name, column in self.channels.items():
             if column.shape != time.shape:
-                raise RecordError(
-                    f"{what}Column {name} has shape {column.shape} but time has "
-                    f"{time.shape}; all columns must be equally long."
-                )
+                said = f"{what}Column {name} has shape {column.shape} but time has {time.shape}"
+                raise RecordError(f"{said}; all columns must be equally long.")
             bad = np.flatnonzero(~np.isfinite(column))
             if bad.size:
                 raise RecordError(
@@ -89,10 +86,8 @@ class Recording:
         try:
             json.dumps(self.provenance)
         except (TypeError, ValueError) as error:
-            raise RecordError(
-                f"The provenance must hold JSON values, so that files can keep it: {error}. "
-                "Convert them."
-            ) from None
+            said = f"The provenance must hold JSON values, so that files can keep it: {error}"
+            raise RecordError(f"{said}. Convert them.") from None
 
     def __getattr__(self, name: str) -> Any:
         """A channel by name; None for one that kinds of actuators know and this one has not."""
@@ -101,9 +96,8 @@ class Recording:
             return channels[name]
         if name in NAMED:
             return None
-        raise AttributeError(
-            f"The recording has no channel {name!r}; it has {', '.join(channels) or 'none'}."
-        )
+        there = ", ".join(channels) or "none"
+        raise AttributeError(f"The recording has no channel {name!r}; it has {there}.")
 
     @property
     def sample_rate(self) -> float:
@@ -168,10 +162,8 @@ class Recording:
         """The part from ``start`` to ``stop``, s, both included."""
         inside = (self.time >= start) & (self.time <= stop)
         if inside.sum() < 2:
-            raise RecordError(
-                f"The record has fewer than two samples between {start:g} and {stop:g} s; it runs "
-                f"from {self.time[0]:g} to {self.time[-1]:g} s."
-            )
+            said = f"The record has fewer than two samples between {start:g} and {stop:g} s"
+            raise RecordError(f"{said}; it runs from {self.time[0]:g} to {self.time[-1]:g} s.")
         return self.changed(**{name: value[inside] for name, value in self.columns()})
 
     def to_dataframe(self) -> Any:
@@ -211,10 +203,10 @@ class Recording:
         columns = file.read(file.names)
         times = columns.pop("time", columns.pop("t", None))
         if times is None:
+            there = ", ".join(columns) or "no columns"
             raise RecordError(
-                f"The DataFrame has no column time, and its index is not one of times; it has "
-                f"{', '.join(columns) or 'no columns'}. Add the column, in s, or call the "
-                "index time."
+                "The DataFrame has no column time, and its index is not one of times; it has "
+                f"{there}. Add the column, in s, or call the index time."
             )
         began = start or next(iter(file.clocks.values()), None)
         units = {name: unit for name in columns if (unit := file.unit(name))}
@@ -238,16 +230,13 @@ class Recording:
             (name, f"{values.min():.4g}", f"{values.max():.4g}", self.units.get(name, ""))
             for name, values in self.channels.items()
         ]
-        parts = [
-            markup.heading(f"{self._heading or 'Recording: '}{self._extent}"),
-            markup.table(("channel", "least", "largest", "unit"), rows),
-        ]
+        notes = [f"Warning: {text}" for text in self.provenance.get("warnings", [])]
         if self.provenance.get("source") == "simulated":
             faults = self.provenance.get("faults") or {}
             told = ", ".join(f"{name} {value:g}" for name, value in faults.items())
-            parts.append(markup.note(f"Simulated with {told}"))
-        parts += [markup.note(f"Warning: {text}") for text in self.provenance.get("warnings", [])]
-        return "".join(parts)
+            notes.insert(0, f"Simulated with {told}")
+        title = f"{self._heading or 'Recording: '}{self._extent}"
+        return html(title, ("channel", "least", "largest", "unit"), rows, notes)
 
     def plot(self) -> Any:
         """Every channel over time, a figure of plotly."""
@@ -268,9 +257,8 @@ def _numbers(values: Any, name: str) -> np.ndarray:
 
 def _check_time(time: np.ndarray, what: str) -> None:
     if time.ndim != 1 or time.size < 2:
-        raise RecordError(
-            f"{what}A record needs at least two samples in time, received {time.size}."
-        )
+        least = "A record needs at least two samples in time"
+        raise RecordError(f"{what}{least}, received {time.size}.")
     check_finite(time, what)
     check_increasing(time, what)
     if not is_regular(time):

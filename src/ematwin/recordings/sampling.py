@@ -8,8 +8,10 @@ A current of a brushless actuator is the mean over the interval that ends at its
 are taken half the difference of the intervals earlier, so that they are such means afterwards.
 """
 
+import math
 from collections.abc import Callable, Collection
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -36,10 +38,8 @@ def tidy_time(time: np.ndarray, what: object) -> tuple[np.ndarray, list[str]]:
         raise RecordError(f"{what} holds {time.size} samples; a record needs at least two in time.")
     check_finite(time, f"{what}: ")
     if np.abs(time).max() > ABSURD:
-        raise RecordError(
-            f"{what}: time runs from {time.min():.4g} to {time.max():.4g} s, which no clock does. "
-            "The file is damaged, or another channel was meant."
-        )
+        said = f"{what}: time runs from {time.min():.4g} to {time.max():.4g} s, which no clock does"
+        raise RecordError(f"{said}. The file is damaged, or another channel was meant.")
     changed: list[str] = []
     if abs(time[0]) > 1e6:  # s: counted from somebody's calendar, not from the start
         changed.append(f"time is counted from its first sample, {time[0]:.6f} s")
@@ -49,10 +49,8 @@ def tidy_time(time: np.ndarray, what: object) -> tuple[np.ndarray, list[str]]:
     grid = _grid_behind_rounding(time)
     if grid is not None:
         rate = (grid.size - 1) / (grid[-1] - grid[0])
-        changed.append(
-            f"time was written with too few digits; it was put on the even grid of {rate:.6g} Hz "
-            "that it was rounded from"
-        )
+        put = f"it was put on the even grid of {rate:.6g} Hz that it was rounded from"
+        changed.append(f"time was written with too few digits; {put}")
         return grid, changed
     check_increasing(time, f"{what}: ")
     return time, changed
@@ -72,15 +70,12 @@ def _grid_behind_rounding(time: np.ndarray) -> np.ndarray | None:
     """
     centred = np.arange(time.size) - (time.size - 1) / 2.0
     step = 12.0 * float(centred @ time) / (time.size * (float(time.size) ** 2 - 1.0))
-    grid = step * centred
-    grid += time.mean()
+    grid = step * centred + time.mean()
     deviation = float(np.abs(time - grid).max())
     unit = max(_decimal_unit(time), float(np.spacing(np.float32(np.abs(time).max()))))
-    if not step > 0.0 or deviation > 1.01 * unit:
-        return None
-    if unit > 50.0 * step or 20.0 * unit > time[-1] - time[0]:
-        return None
-    return grid
+    is_rounded = step > 0.0 and deviation <= 1.01 * unit
+    shows_rate = unit <= 50.0 * step and 20.0 * unit <= time[-1] - time[0]
+    return grid if is_rounded and shows_rate else None
 
 
 def _decimal_unit(time: np.ndarray) -> float:
@@ -118,14 +113,10 @@ def averaged(recording: Recording, rate: float, means: Collection[str]) -> Recor
 def to_constant_rate(
     time: np.ndarray, columns: Arrays, rate: float | None, what: object, means: Collection[str] = ()
 ) -> tuple[np.ndarray, Arrays, list[str]]:
-    """Times and columns at a constant rate, and sentences on changes.
+    """Times and columns at a constant rate, Hz, and sentences on changes; None keeps the rate.
 
-    Parameters
-    ----------
-    time : (S,) array, s, increasing, without gaps
-    columns : dict of (S,) finite arrays; emptied where the rate changes, to spare memory
-    rate : Hz, wanted; None keeps the recorded rate
-    means : columns whose samples are means over the interval that ends at their time
+    ``time`` (S,), s, increases without gaps; finite ``columns`` (S,) are let go where the rate
+    changes, to spare memory. ``means`` are of the interval that ends at the time of a sample.
     """
     changed: list[str] = []
     if not is_regular(time):
@@ -136,10 +127,8 @@ def to_constant_rate(
     if rate is None or abs(own / rate - 1.0) < _WHOLE:
         return time, columns, changed
     if rate > own:
-        changed.append(
-            f"the rate was raised from {own:.6g} to {rate:.6g} Hz by interpolation, which adds no "
-            "information"
-        )
+        said = f"the rate was raised from {own:.6g} to {rate:.6g} Hz by interpolation"
+        changed.append(f"{said}, which adds no information")
         grid = _grid(time, rate)
         return grid, _each(columns, partial(_akima, time, wanted=grid)), changed
     taps = _low_pass(own, rate)
@@ -152,12 +141,16 @@ def to_constant_rate(
         f"the rate was lowered from {own:.6g} to {rate:.6g} Hz behind a low-pass without delay, "
         f"whole to {_PASS * rate / 2:.6g} Hz and down by {_ATTENUATION:g} dB at {rate / 2:.6g} Hz"
     )
+    from scipy.interpolate import make_interp_spline
+
     grid = _grid(time, rate)
     moved = np.clip(grid - 0.5 * (1.0 / rate - 1.0 / own), time[0], time[-1])
+    # after the low-pass values are smooth on the scale of their own samples
+    quintic = partial(make_interp_spline, k=5)
     lowered: Arrays = {}
     for name in list(columns):
-        smooth = _filtered(columns.pop(name), taps)
-        lowered[name] = _spline(time, smooth, moved if name in means else grid)
+        smooth, at = _filtered(columns.pop(name), taps), moved if name in means else grid
+        lowered[name] = _in_blocks(quintic, time, smooth, at)
     return grid, lowered, changed
 
 
@@ -196,10 +189,8 @@ def _even_grid(time: np.ndarray) -> tuple[np.ndarray, str]:
     grid = np.linspace(time[0], time[-1], max(count, 1) + 1)
     spread = float(np.abs(steps - middle).max() / middle)
     lost = f"; single samples were missing {late} times" if late else ""
-    return grid, (
-        f"uneven times (steps up to {100 * spread:.3g} % off the median{lost}) were brought "
-        f"to a constant {count / (time[-1] - time[0]):.6g} Hz by interpolation"
-    )
+    said = f"uneven times (steps up to {100 * spread:.3g} % off the median{lost}) were brought to"
+    return grid, f"{said} a constant {count / (time[-1] - time[0]):.6g} Hz by interpolation"
 
 
 def _each(columns: Arrays, change: Callable[[np.ndarray], np.ndarray]) -> Arrays:
@@ -243,18 +234,8 @@ def _akima(time: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> np.ndarr
     return _in_blocks(partial(Akima1DInterpolator, extrapolate=True), time, values, wanted)
 
 
-def _spline(time: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Quintic: after the low-pass the values are smooth on the scale of their own samples."""
-    from scipy.interpolate import make_interp_spline
-
-    return _in_blocks(partial(make_interp_spline, k=5), time, values, wanted)
-
-
 def _in_blocks(
-    make: Callable[..., Callable[[np.ndarray], np.ndarray]],
-    time: np.ndarray,
-    values: np.ndarray,
-    wanted: np.ndarray,
+    make: Callable[..., Any], time: np.ndarray, values: np.ndarray, wanted: np.ndarray
 ) -> np.ndarray:
     """An interpolation made in pieces with overlap: its coefficients are many times the samples."""
     result = np.empty(wanted.shape)
@@ -267,3 +248,55 @@ def _in_blocks(
             near = slice(max(first - 128, 0), min(stop + 128, time.size))  # samples on either side
             result[left:right] = make(time[near], values[near])(wanted[left:right])
     return result
+
+
+def sampled(time: np.ndarray, values: np.ndarray, period: float) -> tuple[np.ndarray, float] | None:
+    """Values (S,) at the times (S,) of the reads, s, and the period of the device's clock, s.
+
+    Registers that a device refreshes by one clock a host reads by another: a serial-bus servo
+    samples its encoder every 8 ms (``period``, as stated, s), and a read gives the latest sample.
+    At 5 rad/s that is up to 40 mrad late, and no two reads are late alike. A motion is smooth, so
+    period and phase of the clock are those with which the values, each at the time of its sample,
+    lie best between their neighbours. None where they are as smooth without.
+    """
+    since = time - time[0]
+    own, apart = period, 0.01 * period  # by which the clock of a device may be off
+    reads = min(500, time.size)
+    while True:
+        span = since[reads - 1]
+        steps = max(1, math.ceil(2.0 * apart * span / period**2))
+        if steps > reads:  # so rare ones tell no clocks apart
+            return None
+        periods = own + np.linspace(-apart, apart, 2 * steps + 1)
+        rough, own, ticks = _smoothest(since[:reads], values[:reads], periods)
+        if reads == time.size:
+            break
+        apart /= steps  # to the periods beside it
+        reads = min(4 * reads, time.size)
+    if rough >= 0.8 * float(_roughness(time, values)):  # by chance it falls by a few per cent
+        return None
+    ticks, first = np.unique(ticks, return_index=True)
+    return np.interp(since, ticks, values[first]), own
+
+
+def _smoothest(
+    time: np.ndarray, values: np.ndarray, periods: np.ndarray
+) -> tuple[float, float, np.ndarray]:
+    """The least roughness over clocks, with its period and the times (S,) of its samples."""
+    phases = np.linspace(0.0, 1.0, 16, endpoint=False)[:, None]  # of a period that are tried
+    best = (math.inf, 0.0, time)
+    for own in periods.tolist():
+        ticks = own * (phases + np.floor(time / own - phases))
+        rough = _roughness(ticks, values)
+        n = int(np.argmin(rough))
+        best = min(best, (float(rough[n]), own, ticks[n]), key=lambda one: one[0])
+    return best
+
+
+def _roughness(time: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Mean distance (...) of values (S,) at times (..., S) from a line through their neighbours."""
+    before, here, after = time[..., :-2], time[..., 1:-1], time[..., 2:]
+    share = (here - before) / np.maximum(after - before, 1e-9)
+    away = np.abs(np.diff(values)[:-1] - share * (values[2:] - values[:-2]))
+    ordinary = np.percentile(away, 99.0, axis=-1, keepdims=True)  # false reads are beyond
+    return np.minimum(away, ordinary).mean(axis=-1)

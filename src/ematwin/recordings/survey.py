@@ -1,4 +1,4 @@
-"""Survey: every channel of a file with its unit, range and shape, whatever the names mean."""
+"""Survey: every channel of a file with its unit, range and shape, and which it may be."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from ematwin.errors import RecordError
+from ematwin.recordings import words
+from ematwin.recordings.channel import Channel
 from ematwin.recordings.formats.base import Progress, RecordedFile, open_file
-from ematwin.recordings.names import last_part
-from ematwin.recordings.units import bare, beside, is_unit, says_nothing, suffixes
 
 
 @dataclass(frozen=True)
@@ -39,12 +39,9 @@ class Surveyed:
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
-        told = {key: getattr(self, key) for key in (
-            "name", "unit", "unit_from", "samples", "missing", "low", "high", "rate", "text",
-        )}  # fmt: skip
-        return {
-            key: None if value == "" or value != value else value for key, value in told.items()
-        }
+        told = ["name", "unit", "unit_from", "samples", "missing", "low", "high", "rate", "text"]
+        found = {key: getattr(self, key) for key in told}
+        return {key: None if x == "" or x != x else x for key, x in found.items()}
 
 
 @dataclass(frozen=True)
@@ -96,7 +93,12 @@ def _surveyed(
 ) -> Surveyed:
     stated = unit_and_stem(file, name)
     if values is None:
-        return Surveyed(name, *stated, text=_texts(file, name))
+        try:
+            seen = list(dict.fromkeys(file.texts(name)))
+            text = ", ".join(seen[:3]) + (" ..." if len(seen) > 3 else "") or "empty"
+        except RecordError:
+            text = "no numbers"
+        return Surveyed(name, *stated, text=text)
     base = file.time_base(name)
     if base not in rates:
         time = file.base_time(base)
@@ -105,33 +107,26 @@ def _surveyed(
     finite = values[np.isfinite(values)]
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (np.nan, np.nan)
     places = extremes(values, 600)  # points of a small plot
+    missing = values.size - finite.size
     return Surveyed(
-        name, *stated, values.size, values.size - finite.size, low, high,
-        rates[base], places, values[places],
-    )  # fmt: skip
+        name, *stated, values.size, missing, low, high, rates[base], places, values[places]
+    )
 
 
 def unit_and_stem(file: RecordedFile, name: str) -> tuple[str, str, str]:
     """The unit of a channel, who states it (the file or the name, or nobody), and the stem."""
-    stem, unit = beside(name)
-    stem, stated = bare(last_part(stem)), file.stated_unit(name)
+    stem, unit = words.beside(name)
+    stem, stated = words.bare(words.last_part(stem)), file.stated_unit(name)
     if stated:
         return stated, "file", stem
     # square brackets hold units; round ones hold remarks as well: "Position (filtered)"
-    if unit and not says_nothing(unit) and (name.rstrip().endswith("]") or is_unit(unit)):
+    is_bracketed = name.rstrip().endswith("]") and not words.says_nothing(unit)
+    if is_bracketed or words.is_unit(unit):
         return unit, "name", stem
-    for before, unit in suffixes(stem, file.names):
-        if unit == "A" or (len(unit) > 1 and is_unit(unit)):  # other letters are of a series
+    for before, unit in words.suffixes(stem, file.names):
+        if unit == "A" or (len(unit) > 1 and words.is_unit(unit)):  # other letters are of a series
             return unit, "name", before
     return "", "", stem
-
-
-def _texts(file: RecordedFile, name: str) -> str:
-    try:
-        seen = list(dict.fromkeys(file.texts(name)))
-    except RecordError:
-        return "no numbers"
-    return ", ".join(seen[:3]) + (" ..." if len(seen) > 3 else "") or "empty"
 
 
 def extremes(values: np.ndarray, points: int) -> np.ndarray:
@@ -147,13 +142,46 @@ def extremes(values: np.ndarray, points: int) -> np.ndarray:
     if count <= points:
         return np.arange(count)
     width = -(-count // max(points // 2 - 1, 1))
-    stretches = -(-count // width)
-    padded = np.full(stretches * width, np.nan)
-    padded[:count] = values
-    whole = padded.reshape(stretches, width)
-    start = np.arange(stretches) * width
+    start = np.arange(0, count, width)
+    ends = (0, start.size * width - count)
+    whole = np.pad(values, ends, constant_values=np.nan).reshape(start.size, width)
     known = np.isfinite(whole)
     least = start + np.where(known, whole, np.inf).argmin(1)
     largest = start + np.where(known, whole, -np.inf).argmax(1)
     some = known.any(1)
     return np.unique(np.concatenate([[0], least[some], largest[some], [count - 1]]))
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A channel of the file that may be one of the recording."""
+
+    name: str  # in the file
+    score: float  # how strongly name and unit speak for it
+    reason: str = ""  # a part of a sentence
+
+
+def _is_of_a_probe(one: Surveyed) -> bool:
+    """Whether a voltage of unknown meaning is so small that a probe makes it of a current."""
+    size = max(abs(one.low), abs(one.high)) * words.unit_factor(one.unit, "V", one.name)
+    return size < 1.0 and not words.said_by(one.stem).quantities
+
+
+def candidates(
+    channel: Channel, surveyed: Sequence[Surveyed], channels: Sequence[Channel]
+) -> list[Candidate]:
+    """The channels of a file that may be ``channel``, the likeliest first."""
+    names = [one.name for one in surveyed]
+    found = []
+    for one in surveyed:
+        if one.is_text or not one.samples or (one.unit and not words.fits(one.unit, channel.unit)):
+            continue
+        own, score = words.named(one.name, channels, names)
+        is_own = score == words.OWN_NAME
+        if own == channel.name:
+            said = "it has that name" if is_own else "its name is one that files use for it"
+            found.append(Candidate(one.name, score, said))
+        elif not own and not (channel.unit == "V" and one.unit and _is_of_a_probe(one)):
+            by_words = words.by_words(one.stem, one.unit, channel)
+            found += [Candidate(one.name, *by_words)] if by_words else []
+    return sorted(found, key=lambda one: -one.score)

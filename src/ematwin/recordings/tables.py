@@ -1,12 +1,17 @@
 """Writing columns and recordings to CSV and Parquet files, through pyarrow, bit for bit.
 
-All else about a recording is kept with checksums (`checksums`); a table of several recordings has
-labels and units in its columns alone.
+All else about a recording is kept as one JSON object: in Parquet in the schema under ``ematwin``,
+in CSV in a first line ``# ematwin {...}``. A changed file is recognised by its checksums: one for
+each column, so that a column can be read alone, and one over all else. Files of 0.1 have none and
+are read as they are. Against chance only: whoever changes a file on purpose can change these, too.
+A table of several recordings has labels and units in its columns alone.
 
 No text in a CSV starts a formula: spreadsheets compute a cell that begins with = + - @, a tab or a
 line break (OWASP, "CSV injection"). An apostrophe before it makes it a text. Numbers stay numbers.
 """
 
+import hashlib
+import json
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -15,10 +20,9 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.errors import InputError, RecordError
+from ematwin.errors import FileError, InputError, RecordError
 from ematwin.files import written_whole
 from ematwin.recordings.channel import TIME, Channel, with_time
-from ematwin.recordings.checksums import FORMAT, KEY, MARK, with_checksums
 from ematwin.recordings.recording import Recording
 
 _FORMULA = re.compile(r"'*[=+\-@\t\r\n]")
@@ -34,11 +38,10 @@ def write_recording(
     """
     columns = dict(recording.columns())
     metadata: dict[str, Any] = {
-        "format": FORMAT,
-        "units": _units([recording], channels),
+        "format": FORMAT, "units": _units([recording], channels),
         "provenance": recording.provenance,
         "means": [one.name for one in channels if one.is_mean and one.name in columns],
-    }
+    }  # fmt: skip
     if recording.labels:
         metadata["labels"] = recording.labels
     if recording.start is not None:
@@ -62,10 +65,9 @@ def write_recordings(
                 f"{one.name} has the channels {', '.join(one.channels)}, {recordings[0].name} has "
                 f"{', '.join(names)}; a table needs the same in all. Write them one by one."
             )
-    columns: dict[str, Any] = {
-        name: [one.labels.get(name, "") for one in recordings for _ in one.time]
-        for name in dict.fromkeys(name for one in recordings for name in one.labels)
-    }
+    columns: dict[str, Any] = {}
+    for label in dict.fromkeys(label for one in recordings for label in one.labels):
+        columns[label] = [one.labels.get(label, "") for one in recordings for _ in one.time]
     units = _units(recordings, channels)
     for name in (TIME.name, *names):
         unit = units.get(name, "")
@@ -78,11 +80,9 @@ def _units(recordings: Sequence[Recording], channels: Sequence[Channel]) -> dict
     """Units of time and channels as a recording states them, else as its kind does."""
     known = {one.name: one.unit for one in with_time(channels)}
     units = {TIME.name: TIME.unit}
-    for recording in recordings:
-        for name in recording.channels:
-            unit = recording.units.get(name, known.get(name))
-            if unit is not None:
-                units.setdefault(name, unit)
+    for recording in reversed(recordings):  # the first that states one counts
+        own = known | recording.units
+        units |= {name: own[name] for name in recording.channels if name in own}
     return units
 
 
@@ -108,8 +108,7 @@ def write_table(path: str | Path, columns: Mapping[str, Any], metadata: str | No
             from pyarrow.parquet import write_table as write
 
             if metadata is not None:
-                known = dict(table.schema.metadata or {})
-                table = table.replace_schema_metadata({**known, KEY: metadata})
+                table = table.replace_schema_metadata({KEY: metadata})
             write(table, draft, compression="zstd", write_page_checksum=True)
         else:
             from pyarrow.csv import write_csv
@@ -155,3 +154,68 @@ def from_numpy(values: Any) -> Any:
         buffer = pa.py_buffer(np.ascontiguousarray(values))
         return pa.Array.from_buffers(pa.float64(), len(values), [None, buffer])
     return pa.array(values)
+
+
+FORMAT = 1  # of the metadata of a recording; readers refuse what is newer
+KEY = "ematwin"
+MARK = f"# {KEY} "  # of the first line of a CSV
+
+
+def with_checksums(metadata: Mapping[str, Any], columns: Mapping[str, Any]) -> str:
+    """One line of JSON: metadata, and checksums of them and of (S,) float64 columns."""
+    checksums = {name: _of_column(values) for name, values in columns.items()}
+    whole = json.loads(json.dumps({**metadata, "checksums": checksums}))
+    text = json.dumps({**whole, "checksum": _of_metadata(whole)}, sort_keys=True)
+    return re.sub(r"([,;])([=+\-@])", lambda m: f"{m[1]}\\u{ord(m[2]):04x}", text)
+
+
+def checked(text: str | None, path: Path, others: str = "") -> dict[str, Any]:
+    """The metadata in a file, from ``text`` as `with_checksums` made it; empty for files of others.
+
+    ``others`` is whatever else stands there, by which ours are recognised without their mark.
+    Raises `FileError` if they were changed.
+    """
+    if text is None:
+        if re.search(r'": "[0-9a-f]{32}"', others):
+            raise _damaged(path, "what it says of itself has lost its mark")
+        return {}
+    try:
+        found = json.loads(text)
+    except ValueError:
+        found = None
+    if not isinstance(found, dict):
+        raise _damaged(path, "what it says of itself cannot be read")
+    if isinstance(found.get("format"), int) and found["format"] > FORMAT:
+        raise RecordError(
+            f"{path} was written by a newer ematwin (format {found['format']}, this one knows "
+            f"{FORMAT}). Update ematwin."
+        )
+    # either shows that it had checksums, in case the other's name is what was damaged
+    if {"checksum", "checksums"} & found.keys() and found.get("checksum") != _of_metadata(found):
+        raise _damaged(path, "what it says of itself differs from its checksum")
+    return found
+
+
+def verify(columns: Mapping[str, np.ndarray], metadata: Mapping[str, Any], path: Path) -> None:
+    """Raise `FileError` if a column that was read, (S,) float64, differs from its checksum."""
+    known = metadata.get("checksums")
+    for name, values in columns.items():
+        if known is not None and known.get(name) != _of_column(values):
+            raise _damaged(path, f"column {name} differs from its checksum")
+
+
+def _damaged(path: Path, what: str) -> FileError:
+    return FileError(
+        f"{path} was changed since ematwin wrote it: {what}. Copy it again; if it was changed on "
+        "purpose, save it without its first line or metadata, as any other table."
+    )
+
+
+def _of_column(values: Any) -> str:
+    content = np.ascontiguousarray(values, dtype=np.float64)
+    return hashlib.sha256(content.data).hexdigest()[:32]
+
+
+def _of_metadata(metadata: Mapping[str, Any]) -> str:
+    rest = {name: value for name, value in metadata.items() if name != "checksum"}
+    return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()[:32]

@@ -1,26 +1,33 @@
-"""Page: a calibration. The shell shows its table and sentences."""
+"""A calibration: page, table and sentences, which the shell shows as well, and figures."""
 
 import math
 import shlex
+from collections.abc import Iterator
 from itertools import islice
+from typing import Any
 
+import numpy as np
+
+from ematwin.errors import InputError
 from ematwin.estimation.constants import COVERAGE
+from ematwin.estimation.healthy_fit import same_command
+from ematwin.models.base import Model
 from ematwin.models.registry import model_of
 from ematwin.monitoring.calibration_report import CalibrationReport
 from ematwin.monitoring.population_calibration import PopulationCalibration
-from ematwin.plots.calibration import plot_before_and_after, plot_learnt, plot_residuals
+from ematwin.quantities import preferred
+from ematwin.recordings.recording import Recording
 from ematwin.report.page import Row, Section, Table, render
-from ematwin.showing.text import in_unit, number_of, plain, said_between
+from ematwin.report.style import BLUE, GREY, ORANGE, PALE, Panel, empty, panels_drawn, styled
+from ematwin.showing.text import capital, in_unit, number_of, plain, said_between
 
 
 def calibration_page(report: CalibrationReport) -> str:
     """HTML page: parameters beside their template, undetermined ones, spread of healthy runs."""
     actuator = report.actuator
     told = [p for p in report.parameters if p.determined]
-    lead = (
-        f"{actuator.name}: {len(told)} parameters from {report.baseline.recordings} healthy "
-        f"recordings. {misfit_sentence(report)}"
-    )
+    learnt = f"{len(told)} parameters from {report.baseline.recordings} healthy recordings"
+    lead = f"{actuator.name}: {learnt}. {misfit_sentence(report)}"
     sections = [
         Section("How it is built", points=forms_sentences(report), table=_forms_table(report)),
         Section("Parameters", table=parameter_table(report)),
@@ -55,10 +62,9 @@ def _fit_sections(report: CalibrationReport) -> list[Section]:
         "Root mean square of the difference in each of 48 parts. What depends on the angle is "
         "cogging or the winding, on the speed friction or back-EMF, on the time warming or a load."
     )
-    return [
-        Section("Before and after", beside, figure=plot_before_and_after(report)),
-        Section("Residuals by angle, speed and time", by_parts, figure=plot_residuals(report)),
-    ]
+    fit = Section("Before and after", beside, figure=plot_before_and_after(report))
+    title = "Residuals by angle, speed and time"
+    return [fit, Section(title, by_parts, figure=plot_residuals(report))]
 
 
 def parameter_table(report: CalibrationReport) -> Table:
@@ -99,10 +105,8 @@ def open_sentences(report: CalibrationReport, file: str = "CALIBRATED.toml") -> 
     fitted = {p.place for p in report.parameters}
     missing = [p.place for p in report.parameters if not p.determined]
     fixed = [one[0] for one in report.actuator.parameters() if one[0] not in fitted]
-    said = [
-        f"Only ratios or products of {', '.join(group)} are known; a common factor stays uncertain."
-        for group in report.tied
-    ]
+    known = "are known; a common factor stays uncertain."
+    said = [f"Only ratios or products of {', '.join(group)} {known}" for group in report.tied]
     if missing:
         learn = f"ematwin design --learn --actuator {shlex.quote(file)} --out test.toml"
         tests = "" if model_of(report.actuator).recordings_differ else f" Tests that would: {learn}"
@@ -122,10 +126,8 @@ def spread_sentences(report: CalibrationReport) -> list[str]:
         off = [f"{name} {plain(value, 2)}" for name, value in scatter.items() if value > 1e-9]
         if not off:
             return ["Estimates on healthy recordings are healthy within their standard errors."]
-        return [
-            "Healthy recordings are found off healthy by more than their standard errors explain: "
-            f"{', '.join(off)} (one standard deviation)."
-        ]
+        said = "Healthy recordings are found off healthy by more than their standard errors explain"
+        return [f"{said}: {', '.join(off)} (one standard deviation)."]
     told = []
     for one in calibration.quantities:
         unit, scale = ("%", 100.0) if one.logarithmic else (one.unit, one.scale)
@@ -139,3 +141,128 @@ def spread_sentences(report: CalibrationReport) -> list[str]:
         f"learnt from runs {', '.join(report.learnt)}",
         *(f"known fault: {one.fault}, from {one.source}" for one in calibration.signatures),
     ]
+
+
+_PARTS = 48  # of a turn, of the speeds and of the time
+
+
+def plot_learnt(report: CalibrationReport) -> Any:
+    """Change of each parameter from the template, with its 95 % interval."""
+    shown = [p for p in report.parameters if p.template][::-1]  # plotly draws from below
+    height = 110 + 26 * len(shown)  # px of a parameter
+    figure = empty(height, hovermode="closest", margin_l=20, margin_t=20, showlegend=False)
+    figure.add_scatter(
+        y=[p.place for p in shown],
+        x=[100.0 * (p.value / p.template - 1.0) for p in shown],
+        mode="markers",
+        marker={"size": 9, "color": [BLUE if p.determined else PALE for p in shown]},
+        error_x={
+            "type": "data", "thickness": 1.6, "width": 4, "color": GREY,
+            "array": [abs(100.0 * COVERAGE * p.standard_error / p.template) for p in shown],
+        },
+        hovertemplate="%{y}: %{x:.2f} %<extra></extra>",
+    )  # fmt: skip
+    return figure.update_xaxes(title_text="change, %", zeroline=True, zerolinewidth=2)
+
+
+def plot_before_and_after(report: CalibrationReport) -> Any:
+    """Healthy recordings of different commands beside the template and the calibrated twin."""
+    panels = []
+    for recording, captions, answers in _beside(report):
+        time = recording.time
+        for name, (target, before, after) in answers.items():
+            title, unit = captions[name]
+            beside = Panel(f"{capital(title)}, {recording.name}", unit)
+            beside.line(time, target, "measured", PALE, width=5)
+            beside.line(time, before, "template", BLUE, dash="dot")
+            left = Panel("Residual", unit)
+            left.line(time, target - before, "measured - template", BLUE, dash="dot")
+            left.line(time, target - after, "measured - calibrated", GREY)
+            panels += [beside.line(time, after, "calibrated", ORANGE), left]
+    return panels_drawn(panels, "time, s", 200)
+
+
+def plot_residuals(report: CalibrationReport) -> Any:
+    """Residual before and after by angle (or position), speed and time, of the first channel."""
+    from plotly.subplots import make_subplots
+
+    rows, model = [], model_of(report.actuator)
+    for recording, captions, answers in _beside(report):
+        name, (target, *twins) = next(iter(answers.items()))
+        title, unit = captions[name]
+        where, what, speed, speed_unit = _motion(model, recording)
+        share = (recording.time - recording.time[0]) / recording.duration
+        rows.append((where, speed, share, *(target - twin for twin in twins)))
+    columns = [np.concatenate(x) for x in zip(*rows, strict=True)]
+    unit, factor = preferred(unit)
+    figure = make_subplots(
+        rows=1, cols=3, shared_yaxes=True, horizontal_spacing=0.03, subplot_titles=[capital(title)]
+    )
+    axes = (what, f"speed, {speed_unit}", "share of the recording")
+    gaps = ("measured - template", BLUE, columns[3]), ("measured - calibrated", ORANGE, columns[4])
+    for n, (axis, values) in enumerate(zip(axes, columns[:3], strict=True), start=1):
+        for label, color, gap in gaps:
+            middle, size = _by_parts(values, factor * gap)
+            figure.add_scatter(
+                x=middle, y=size, name=label, legendgroup=label, showlegend=n == 1,
+                mode="lines+markers", marker={"size": 4}, line={"color": color, "width": 1.6},
+                row=1, col=n,
+            )  # fmt: skip
+        figure.update_xaxes(title_text=axis, row=1, col=n)
+    figure.update_yaxes(title_text=f"RMS, {unit}", rangemode="tozero", row=1, col=1)
+    return styled(figure, 360)
+
+
+def _beside(
+    report: CalibrationReport,
+) -> Iterator[tuple[Recording, dict[str, tuple[str, str]], dict[str, tuple[np.ndarray, ...]]]]:
+    """Yield a recording of each command with captions and, by channel, (S,) arrays in SI.
+
+    The arrays are measured, and answers of the reference, or only model, before and after.
+    """
+    basis = report.basis
+    if basis is None or not basis.nuisances:
+        raise InputError("This calibration keeps no recordings that a twin was fitted to.")
+    model = model_of(report.actuator)
+    known: list[Recording] = []
+    for recording, nuisances in zip(basis.recordings, basis.nuisances, strict=True):
+        if any(same_command(recording, other, model.command) for other in known):
+            continue
+        if len(known) == 3:
+            return  # more make the page no clearer
+        known.append(recording)
+        answers = []
+        for actuator, values in ((basis.template, {}), (report.actuator, dict(nuisances))):
+            comparison = model.compare(recording, actuator)
+            answer = comparison.exact(values)
+            if answer is None:
+                found = comparison.responses({k: np.array([x]) for k, x in values.items()}, 1)
+                answer = {name: trace[0] for name, trace in found.items()}
+            answers.append(answer)
+        measured = comparison.measured().items()
+        shown = {name: (x, *(one[name] for one in answers)) for name, x in measured}
+        yield recording, comparison.captions(), shown
+
+
+def _motion(model: Model, recording: Recording) -> tuple[np.ndarray, str, np.ndarray, str]:
+    """The recorded position nearest to the motor, else the command; its name; speed, its unit."""
+    there = (one for one in model.channels if one.name in recording.channels)
+    places = [x.name for x in there if x.unit in ("rad", "m") and x.name != model.command]
+    name = next((name for name in places if "motor" in name), next(iter(places), model.command))
+    unit, factor = preferred(model.channel(name).unit)
+    place = recording.channels[name]
+    speed = factor * np.gradient(place, recording.time)
+    if "motor" in name and model.channel(name).unit == "rad":
+        return place / (2.0 * np.pi) % 1.0, "motor angle, turns", speed, f"{unit}/s"
+    return factor * place, f"{name.replace('_', ' ')}, {unit}", speed, f"{unit}/s"
+
+
+def _by_parts(values: np.ndarray, gap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Middles of equal parts of the range of values (N,), and RMS of a gap (N,); NaN of a few."""
+    edges = np.linspace(values.min(), values.max(), _PARTS + 1)
+    part = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, _PARTS - 1)
+    counts = np.bincount(part, minlength=_PARTS)
+    squares = np.bincount(part, weights=gap**2, minlength=_PARTS)
+    kept = counts > max(3, 0.1 * values.size / _PARTS)
+    sizes = np.sqrt(squares / np.maximum(counts, 1))
+    return 0.5 * (edges[1:] + edges[:-1]), np.where(kept, sizes, np.nan)

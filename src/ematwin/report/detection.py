@@ -1,15 +1,18 @@
-"""Page: verdicts on recordings, value by value against the healthy band."""
+"""Verdicts on recordings: page, table, and the trend over runs with a colour for each fault."""
 
 from collections.abc import Sequence
+from itertools import cycle
+from typing import Any
 
 from ematwin.estimation.constants import CERTAIN, SMALLEST
 from ematwin.monitoring.calibration import Calibration
 from ematwin.monitoring.causes import DRIFT
 from ematwin.monitoring.detection import Detection, counted, gathered_notes
-from ematwin.monitoring.diagnosis import Diagnosis, Standing
+from ematwin.monitoring.diagnosis import Diagnosis
 from ematwin.monitoring.population_calibration import PopulationCalibration
-from ematwin.plots.detection import plot_trend
+from ematwin.quantities import preferred
 from ematwin.report.page import Row, Section, Table, listed, render
+from ematwin.report.style import AMBER, GREEN, GREY, SERIES, stacked
 
 
 def detection_page(found: Detection) -> str:
@@ -17,16 +20,13 @@ def detection_page(found: Detection) -> str:
     shown, parts = found.runs[:400], found.actuators  # of the table; the figures show all
     kind = "run" if found.by_run else "recording"
     told = f"A point for each {kind}, with its interval. In the band lie 95 % of healthy ones."
-    trends = [
-        Section(name or "Trend", text=f"{one.sentence} {told}" if name else told,
-                figure=plot_trend(one))
-        for name, one in parts.items()
-    ]  # fmt: skip
+    trends = []
+    for name, one in parts.items():
+        text = f"{one.sentence} {told}" if name else told
+        trends.append(Section(name or "Trend", text, figure=plot_trend(one)))
     reasons = {one.title: one.verdict.sentence for one in shown if one.grade != "healthy"}
-    sections = [
-        Section(f"{kind.capitalize()}s", table=verdict_table(shown, kind)),
-        Section("Why", facts=reasons),
-    ]
+    verdicts = Section(f"{kind.capitalize()}s", table=verdict_table(shown, kind))
+    sections = [verdicts, Section("Why", facts=reasons)]
     sections = [*sections, *trends] if found.is_named else [*trends, *sections]
     for name, one in parts.items():
         if one.by_run:
@@ -48,30 +48,21 @@ def verdict_table(
     """A row for each verdict on a recording, run or motion; None shows all magnitudes."""
     if magnitudes is None:
         magnitudes = list(dict.fromkeys(m.name for one in verdicts for m in one.magnitudes))
-    at = [one.standing for one in verdicts if one.standing is not None]
-    covariates = list(dict.fromkeys(s.covariate.name for s in at if s.covariate is not None))
-    left = ["actuator"] if any(one.actuator for one in verdicts) else []
-    left += [what, "verdict", *(["distance"] if at else [])]
-    shown = [
-        Row([*([one.actuator] if left[0] == "actuator" else []),
-             *_cells(one, at, magnitudes, covariates)], marked=one.alarm)
-        for one in verdicts
-    ]  # fmt: skip
-    texts = tuple(range(1, left.index("verdict") + 1))
-    return Table([*left, *magnitudes, *covariates], shown, texts=texts, pairs=True)
-
-
-def _cells(
-    one: Diagnosis, at: Sequence[Standing], magnitudes: Sequence[str], covariates: Sequence[str]
-) -> list[str]:
-    own = one.standing
-    cells = [one.name, one.said]
-    if at:
-        cells.append("" if own is None else f"{own.distance:.2g}")
-    values = {m.name: str(m) for m in one.magnitudes}
-    known = None if own is None else own.covariate
-    beside = {} if known is None else {known.name: str(known)}
-    return cells + [(values | beside).get(name, "") for name in (*magnitudes, *covariates)]
+    rows, covariates = [], {}
+    for one in verdicts:
+        cells = {"actuator": one.actuator, what: one.name, "verdict": one.said}
+        cells |= {m.name: str(m) for m in one.magnitudes}
+        if one.standing is not None:
+            cells["distance"] = f"{one.standing.distance:.2g}"
+            if (known := one.standing.covariate) is not None:
+                covariates[known.name] = cells[known.name] = str(known)
+        rows.append(cells)
+    left = ["actuator", what, "verdict"][0 if any(one.actuator for one in verdicts) else 1 :]
+    far = ["distance"] if any("distance" in cells for cells in rows) else []
+    header = [*left, *far, *magnitudes, *covariates]
+    filled = [[cells.get(name, "") for name in header] for cells in rows]
+    shown = [Row(cells, one.alarm) for cells, one in zip(filled, verdicts, strict=True)]
+    return Table(header, shown, texts=tuple(range(1, len(left))), pairs=True)
 
 
 def _facts(calibration: Calibration) -> dict[str, str]:
@@ -96,3 +87,91 @@ def _facts(calibration: Calibration) -> dict[str, str]:
         or "from physics alone: the quantity that a fault raises",
         "intervals": "95 %, from the scatter of healthy motions within and between runs",
     }
+
+
+_SYMBOLS = ("diamond", "square", "triangle-up", "cross", "x", "star", "pentagon", "hourglass")
+_PLAIN = {
+    "healthy": (GREEN, "circle"), "changed": (AMBER, "circle"),
+    "no verdict": (GREY, "circle-open"),
+}  # fmt: skip
+
+
+def plot_trend(found: Detection, each: str = "run") -> Any:
+    """Faults, or what else is reported, over runs, with healthy bands and intervals.
+
+    Runs stand at the time of their recordings where all have one, else by their names in the
+    order in which they were given. Faults are told apart by colour and symbol. The distance
+    from healthy runs comes first where a healthy population judges. ``each`` is "run" (its
+    recordings together) or "motion" (each recording).
+    """
+    rows = found.each(each)
+    x, axis = _places(rows, each)
+    looks, texts = _looks(found), [_hover(one) for one in rows]
+    at = [one.standing for one in rows if one.standing is not None]
+    shown = rows[0].magnitudes
+    titles = ["Distance from healthy runs"] * bool(at)
+    titles += [m.name.replace("_", " ").capitalize() for m in shown]
+    units = [""] * bool(at)
+    units += ["times healthy" if m.unit == "x" else preferred(m.unit)[0] for m in shown]
+    figure = stacked(titles, units, "", 150 + 180 * len(titles))
+
+    def marks(row: int, y: list[float], above: Sequence[float] = (), below: Any = ()) -> None:
+        for name, (color, symbol) in looks.items():
+            own = [n for n, verdict in enumerate(rows) if verdict.said == name]
+            bars = {
+                "type": "data", "symmetric": False, "color": GREY, "thickness": 1,
+                "array": [above[n] for n in own], "arrayminus": [below[n] for n in own],
+            } if above else None  # fmt: skip
+            if own:
+                figure.add_scatter(
+                    x=[x[n] for n in own], y=[y[n] for n in own], mode="markers", name=name,
+                    legendgroup=name, showlegend=row == 1, text=[texts[n] for n in own],
+                    hoverinfo="text+y", marker={"color": color, "size": 8, "symbol": symbol},
+                    error_y=bars, row=row, col=1,
+                )  # fmt: skip
+
+    if at:
+        marks(1, [one.distance for one in at])
+        figure.update_yaxes(rangemode="tozero", row=1, col=1)
+    for row, one in enumerate(shown, start=1 + bool(at)):
+        values = [next(m for m in v.magnitudes if m.name == one.name) for v in rows]
+        factor = preferred(one.unit)[1]
+        low, high = ([factor * m.healthy[end] for m in values] for end in (0, 1))
+        figure.add_scatter(
+            x=[*x, *reversed(x)], y=[*high, *reversed(low)], fill="toself", mode="lines",
+            line={"width": 0}, fillcolor="rgba(0,158,115,0.15)", name="healthy band",
+            legendgroup="band", showlegend=row == 1 + bool(at), hoverinfo="skip", row=row, col=1,
+        )  # fmt: skip
+        above = [factor * (m.high - m.value) for m in values]
+        below = [factor * (m.value - m.low) for m in values]
+        marks(row, [factor * m.value for m in values], above, below)
+    figure.update_layout(hovermode="closest")
+    figure.update_xaxes(row=len(titles), col=1, **axis)
+    return figure
+
+
+def _places(verdicts: Sequence[Diagnosis], each: str) -> tuple[list[Any], dict[str, Any]]:
+    """Places of verdicts on the axis, and the layout of the axis: no more ticks than fit."""
+    times = [verdict.when for verdict in verdicts]
+    if all(times) and len(set(times)) == len(times):
+        return [str(time) for time in times], {"type": "date"}
+    names = [verdict.name.removeprefix(f"{each} ") for verdict in verdicts]
+    places = list(range(1, len(names) + 1))
+    ticks = places[:: -(-len(names) // 40)]
+    shown = [names[n - 1] for n in ticks]
+    texts = [name if len(name) <= 24 else f"{name[:11]}…{name[-11:]}" for name in shown]
+    return places, {"tickvals": ticks, "ticktext": texts, "title_text": each}
+
+
+def _looks(found: Detection) -> dict[str, tuple[str, str]]:
+    """Colour and symbol of each verdict, different for each fault."""
+    said = dict.fromkeys(verdict.said for verdict in (*found.runs, *found.motions))
+    faults = [name for name in said if name not in _PLAIN]
+    looks = zip(cycle(SERIES), cycle(_SYMBOLS), strict=False)
+    return _PLAIN | dict(zip(faults, looks, strict=False))
+
+
+def _hover(one: Diagnosis) -> str:
+    covariate = None if one.standing is None else one.standing.covariate
+    said = "" if covariate is None else f", {covariate.name} {covariate}"
+    return f"{one.name}<br>{one.said}{said}"

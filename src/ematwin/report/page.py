@@ -18,10 +18,8 @@ class Row:
     def wrapped(self) -> list[str]:
         """Cells in which a value and its interval, "0.1 A (0 to 0.2)", may stand on two lines."""
         hard = "\N{NO-BREAK SPACE}"
-        return [
-            cell.replace(" ", hard).replace(f"{hard}(", " (") if " to " in cell else cell
-            for cell in self.cells
-        ]
+        joined = (cell.replace(" ", hard).replace(f"{hard}(", " (") for cell in self.cells)
+        return [new if " to " in old else old for old, new in zip(self.cells, joined, strict=True)]
 
 
 @dataclass(frozen=True)

@@ -58,10 +58,8 @@ def _in_notebook(title: str) -> Iterator[Bar]:
 
     def picture(share: float, words: str) -> HTML:
         share = min(max(share, 0.0), 1.0)
-        return HTML(
-            f'<div>{escape(title)} <progress max="1" value="{share:.3f}"></progress> '
-            f"{100.0 * share:.0f} % {escape(words)}</div>"
-        )
+        filled = f'<progress max="1" value="{share:.3f}"></progress>'
+        return HTML(f"<div>{escape(title)} {filled} {100.0 * share:.0f} % {escape(words)}</div>")
 
     shown: Any = display(picture(0.0, ""), display_id=True)
     last = 0.0
@@ -90,12 +88,9 @@ def in_terminal(title: str) -> Iterator[Bar]:
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
     from rich.progress import TimeRemainingColumn as Left
 
-    columns = (
-        TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(),
-        TextColumn("{task.fields[words]}"), Left(),
-    )  # fmt: skip
-    with Progress(
-        *columns, console=Console(stderr=True), transient=True, speed_estimate_period=600.0
-    ) as shown:
+    before, behind = TextColumn("{task.description}"), TextColumn("{task.fields[words]}")
+    columns = (before, BarColumn(), TaskProgressColumn(), behind, Left())
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, speed_estimate_period=600.0) as shown:
         task = shown.add_task(plain(title), total=1.0, words="")
         yield lambda share, words="": shown.update(task, completed=share, words=words)

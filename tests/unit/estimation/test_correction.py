@@ -156,7 +156,8 @@ def test_where_answers_of_the_reference_scatter_rounds_end_and_intervals_hold():
         end = with_model_error(corrected(problem, np.array([0.5, 0.5]), Descent(settled=np.inf)))
         errors = np.sqrt(np.diag(end.covariance))
         held.append(np.abs(end.peak.point - [WEAR, GAP]) < 1.96 * errors)
-        assert np.all(errors > 2.0 * NOISE / np.sqrt(SAMPLES))  # noise is not all
+        # noise is not all: the ripple of five answers is in their mean
+        assert np.all(errors > 1.5 * NOISE / np.sqrt(SAMPLES))
         assert len(comparison.asked) < 50  # rounds and regressions end: at most 100
     assert 0.9 <= np.mean(held) <= 1.0
 

@@ -1,24 +1,29 @@
 """RecordedFile: an opened file of any format, with named channels to be read one by one.
 
-Each format is one subclass in one file; `open_file` chooses it by the suffix. A
-format of someone else's is found by the entry point group ``ematwin.readers``, whose names are
-suffixes without the dot. `ematwin.testing.reader_contract` holds the tests that each must pass.
+Each format is one subclass; `open_file` chooses it by the suffix. A format of someone else's is
+found by the entry point group ``ematwin.readers``, whose names are suffixes without the dot.
+`ematwin.testing.reader_contract` holds the tests that each must pass.
 """
 
+import csv
+import gzip
 import logging
+import shutil
+import zipfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from datetime import datetime, tzinfo
+from datetime import date, datetime, time, tzinfo
 from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from ematwin.errors import EmatwinError, FileError, InputError, MissingExtraError, RecordError
-from ematwin.recordings.checksums import verify
-from ematwin.recordings.units import says_nothing
+from ematwin.recordings.tables import verify
+from ematwin.recordings.words import says_nothing
 from ematwin.showing.results import is_frame
 
 Progress = Callable[[float], None]
@@ -26,25 +31,21 @@ ENTRY_POINTS = "ematwin.readers"
 _TEXT = (".csv", ".tsv", ".txt")
 _FORMATS = {
     **dict.fromkeys(_TEXT, "csv_file:CsvFile"),
-    ".parquet": "parquet_file:ParquetFile",
-    ".mat": "mat_file:MatFile",
-    ".mf4": "mdf_file:MdfFile",
-    ".mdf": "mdf_file:MdfFile",
-    ".tdms": "tdms_file:TdmsFile",
-    ".h5": "hdf5_file:Hdf5File",
-    ".hdf5": "hdf5_file:Hdf5File",
-    ".ulg": "ulog_file:ULogFile",
-    ".mcap": "mcap_file:McapFile",
+    ".parquet": "binary_files:ParquetFile",
+    ".mat": "binary_files:MatFile",
+    **dict.fromkeys((".mf4", ".mdf"), "group_files:MdfFile"),
+    ".tdms": "group_files:TdmsFile",
+    **dict.fromkeys((".h5", ".hdf5"), "binary_files:Hdf5File"),
+    ".ulg": "binary_files:ULogFile",
+    ".mcap": "binary_files:McapFile",
 }
 _PACKED = (".gz", ".zip", ".xlsx", ".xlsm")  # read as what they hold
 _ELSEWHERE = {
-    ".xls": "Save it as .xlsx or .csv.",
-    ".ods": "Save it as .xlsx or .csv.",
+    **dict.fromkeys((".xls", ".ods"), "Save it as .xlsx or .csv."),
     ".db3": "Convert the bag: ros2 bag convert, with storage_id: mcap.",
     ".bag": "Convert the bag of ROS 1: rosbags-convert, then ros2 bag convert to MCAP.",
     ".bin": "Convert the log of ArduPilot: mavlogdump.py --format csv.",
-    ".tcscopex": "Export it from the TwinCAT Scope as CSV.",
-    ".svdx": "Export it from the TwinCAT Scope as CSV.",
+    **dict.fromkeys((".tcscopex", ".svdx"), "Export it from the TwinCAT Scope as CSV."),
     ".blf": "Convert the log to MDF or CSV, as python-can or CANalyzer do.",
     ".slx": "Give the recorded signals, in a .mat file.",
 }
@@ -108,11 +109,11 @@ class RecordedFile:
         with refusing(self.path, self.kind):
             values = np.asarray(self.values(name)).reshape(-1)
         if values.dtype.kind in "SUO":
-            decoded = (
+            texts = (
                 one.decode("utf-8", "replace") if isinstance(one, bytes) else str(one)
                 for one in values.tolist()
-            )  # fmt: skip
-            return [text.strip("\0 ") for text in decoded]
+            )
+            return [text.strip("\0 ") for text in texts]
         numbers = as_float(values, name, self.path).tolist()
         # whole numbers in full: days such as 20261121 must stay apart
         return [f"{x:.0f}" if x == round(x, 0) else f"{x:g}" for x in numbers]
@@ -189,19 +190,15 @@ def open_file(path: Any, **options: Any) -> RecordedFile:
     is_table = is_frame(path)
     suffix = "" if is_table else Path(path).suffix.lower()
     if options and suffix not in (*_TEXT, *_PACKED):
-        raise InputError(
-            f"{', '.join(sorted(options))} can be given only for CSV files; "
-            f"{'a DataFrame' if is_table else path} is not one. Leave it out."
-        )
+        said = f"{', '.join(sorted(options))} can be given only for CSV files"
+        raise InputError(f"{said}; {'a DataFrame' if is_table else path} is not one. Leave it out.")
     if is_table:
         return FrameFile(path)
     path = Path(path)
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise FileError(f"{path} is a pipe or a device; save the recording to a file first.")
     if suffix in _PACKED and path.is_file():
-        from ematwin.recordings.formats.packed import open_packed
-
-        return open_packed(path, **options)
+        return _open_packed(path, **options)
     maker: Any
     if suffix in _FORMATS:
         module, name = _FORMATS[suffix].split(":")
@@ -209,24 +206,88 @@ def open_file(path: Any, **options: Any) -> RecordedFile:
     else:
         others = (one for one in entry_points(group=ENTRY_POINTS) if f".{one.name}" == suffix)
         maker = next((one.load() for one in others), None)
+    if maker is None and suffix in _ELSEWHERE:
+        raise InputError(f"Cannot read {path} itself. {_ELSEWHERE[suffix]}")
     if maker is None and suffix not in _PACKED:
-        raise InputError(
-            f"Cannot read {path} itself. {_ELSEWHERE[suffix]}"
-            if suffix in _ELSEWHERE
-            else f"Cannot tell how to read {path}: its name must end in "
-            f"{', '.join(known_suffixes())}."
-        )
+        known = ", ".join(known_suffixes())
+        raise InputError(f"Cannot tell how to read {path}: its name must end in {known}.")
+    if path.is_dir():
+        raise FileError(f"{path} is a folder; give a file.")
     if not path.is_file():
-        raise FileError(
-            f"{path} is a folder; give a file." if path.is_dir() else f"There is no file {path}."
-        )
+        raise FileError(f"There is no file {path}.")
     if suffix in _TEXT and not options:
-        from ematwin.recordings.formats.twincat_file import TwinCatFile, is_export
+        from ematwin.recordings.formats.csv_file import TwinCatFile, is_export
 
         maker = TwinCatFile if is_export(path) else maker
     with refusing(path, getattr(maker, "kind", suffix[1:])):
         opened: RecordedFile = maker(path, **options)
     return opened
+
+
+def _open_packed(path: Path, **options: Any) -> RecordedFile:
+    """Open the content of a gzip or zip file or a workbook; ``options`` are for text tables.
+
+    It is unpacked into a temporary folder, deleted with the file, and read by its reader.
+    """
+    suffix = path.suffix.lower()
+    folder = TemporaryDirectory(prefix="ematwin-")
+    content = {".gz": _ungzipped, ".zip": _unzipped}.get(suffix, _sheet)
+    with refusing(path, suffix[1:]):
+        inside, assumed = content(path, Path(folder.name))
+    try:
+        opened = open_file(inside, **options)
+    except EmatwinError as error:
+        name_given(error, inside, path)
+        raise
+    opened.given, opened.unpacked = path, folder  # the folder goes with the file
+    if assumed:
+        opened.assumed.append(assumed)
+    return opened
+
+
+def _ungzipped(path: Path, folder: Path) -> tuple[Path, str]:
+    inside = folder / path.stem
+    with gzip.open(path) as source, inside.open("wb") as target:
+        shutil.copyfileobj(source, target)
+    return inside, ""
+
+
+def _unzipped(path: Path, folder: Path) -> tuple[Path, str]:
+    with zipfile.ZipFile(path) as archive:
+        files = [one.filename for one in archive.infolist() if not one.is_dir()]
+        # without what macOS adds
+        names = [n for n in files if Path(n).name[:1] not in (".", "_") and "__MACOSX" not in n]
+        if len(names) != 1:
+            listed = ", ".join(names[:5]) or "nothing"
+            said = f"{path} must hold one file, and holds {listed}"
+            raise FileError(f"{said}. Unpack it, and give the folder.")
+        inside = folder / Path(names[0]).name
+        with archive.open(names[0]) as source, inside.open("wb") as target:
+            shutil.copyfileobj(source, target)
+    return inside, ""
+
+
+def _sheet(path: Path, folder: Path) -> tuple[Path, str]:
+    """The longest sheet of a workbook as a text table, and a note on other sheets."""
+    library = load_library("openpyxl", "openpyxl", "Reading Excel files")
+    book = library.load_workbook(path, read_only=True, data_only=True)
+    sheet = max(book.worksheets, key=lambda one: one.max_row or 0)
+    inside = folder / f"{path.stem}.csv"
+    with inside.open("w", newline="", encoding="utf-8") as target:
+        writer = csv.writer(target, delimiter=";")
+        for row in sheet.iter_rows(values_only=True):
+            writer.writerow(_as_text(cell) for cell in row)
+    others = len(book.worksheets) - 1
+    book.close()
+    return inside, f"sheet “{sheet.title}” was read, and not the other {others}" if others else ""
+
+
+def _as_text(cell: Any) -> str:
+    if cell is None:
+        return ""
+    if isinstance(cell, float):
+        return repr(cell)
+    return cell.isoformat() if isinstance(cell, date | datetime | time) else str(cell)
 
 
 def known_suffixes() -> list[str]:
@@ -252,13 +313,14 @@ def complaints(*loggers: str, level: int = logging.WARNING) -> Iterator[list[str
             found.append(entry.getMessage().splitlines()[0])
         return False
 
-    for name in loggers:
-        logging.getLogger(name).addFilter(keep)
+    heard = [logging.getLogger(name) for name in loggers]
+    for logger in heard:
+        logger.addFilter(keep)
     try:
         yield found
     finally:
-        for name in loggers:
-            logging.getLogger(name).removeFilter(keep)
+        for logger in heard:
+            logger.removeFilter(keep)
 
 
 @contextmanager
@@ -283,8 +345,7 @@ def refusing(path: Path, kind: str) -> Iterator[None]:
 
 def name_given(error: EmatwinError, path: Path, given: Path) -> None:
     """Let an error name the file that the user gave, not the unpacked one."""
-    if path != given:
-        error.args = (str(error).replace(str(path), str(given)),)
+    error.args = (str(error).replace(str(path), str(given)),)
 
 
 def as_float(values: Any, name: str, path: Path) -> np.ndarray:
@@ -298,10 +359,8 @@ def as_float(values: Any, name: str, path: Path) -> np.ndarray:
     if array.dtype.kind == "m":
         array = array.astype("timedelta64[ns]").astype(np.int64) * 1e-9
     if array.dtype.kind not in "biuf":
-        raise RecordError(
-            f"Channel {name!r} of {path} must hold real numbers; it holds {array.dtype}. "
-            "Choose another channel or export it as numbers."
-        )
+        said = f"Channel {name!r} of {path} must hold real numbers; it holds {array.dtype}"
+        raise RecordError(f"{said}. Choose another channel or export it as numbers.")
     return np.array(array, dtype=np.float64, order="C").reshape(-1)
 
 

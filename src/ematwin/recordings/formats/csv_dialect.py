@@ -3,6 +3,10 @@
 Looked for in the first lines and in a piece from the middle: the first rows may hold zeros only,
 which show no decimal sign. clevercsv finds delimiters only, csv.Sniffer took a carriage return for
 one, and charset-normalizer took Windows-1252 for a code page of DOS.
+
+Clock times are ``2026-11-21 08:00:00.001``, ``03.03.2026 09:14:02,000``, ``11/21/2026 8:00:00 PM``,
+or ``09:14:02.000050`` without a date. Dates with dots begin with the day; those with slashes with
+the month, if the time is of a.m. or p.m. or a number shows it.
 """
 
 import csv
@@ -10,14 +14,15 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from datetime import date
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ematwin.errors import FileError, RecordError
-from ematwin.recordings.checksums import MARK, checked
-from ematwin.recordings.formats.clock import Clock, is_clock
-from ematwin.recordings.tables import without_apostrophe
-from ematwin.recordings.units import is_unit, unbracketed
+from ematwin.recordings.tables import MARK, checked, without_apostrophe
+from ematwin.recordings.words import is_unit, unbracketed
 
 ROUTINE = "table read with "  # begins the sentence that is said of each table
 PLACEHOLDERS = ["-", "--", "---"]  # what programs write for a missing value, beside NaN and kin
@@ -28,6 +33,83 @@ _NUMBER = {
     ".": re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?"),
     ",": re.compile(r"[+-]?(\d+,?\d*|,\d+)([eE][+-]?\d+)?"),
 }
+_CLOCK = re.compile(
+    r"(?:(\d{4})-(\d\d?)-(\d\d?)[T ]\s*|(\d\d?)([./])(\d\d?)[./](\d{4}),? \s*)?"
+    r"(\d\d?):(\d\d):(\d\d)(?:[.,](\d{1,9}))?\s*(?:([AaPp])\.?[Mm]\.?)?\s*(Z|[+-]\d\d:?\d\d)?"
+)
+MISSING = np.iinfo(np.int64).min
+
+
+def is_clock(text: str) -> bool:
+    """Whether a text is a clock time, with or without a date."""
+    return _CLOCK.fullmatch(text.strip()) is not None
+
+
+@dataclass(frozen=True)
+class Clock:
+    """How the clock times of a column are written."""
+
+    is_dated: bool  # whether dates stand before the times
+    is_utc: bool  # whether they state a time zone, and are brought to UTC
+    month_first: bool | None = None  # of dates with slashes; None where there are none
+
+    @classmethod
+    def of(cls, texts: Sequence[str]) -> "Clock | None":
+        """The clock of a column with these cells; None if none of them is a clock time."""
+        found = [match for text in texts if (match := _CLOCK.fullmatch(text.strip()))]
+        if not found:
+            return None
+        slashed = [match for match in found if match[5] == "/"]
+        day_first = any(int(match[4]) > 12 for match in slashed)
+        month_first = any(match[12] or int(match[6]) > 12 for match in slashed) and not day_first
+        is_dated = any(match[1] or match[4] for match in found)
+        is_utc = any(match[13] for match in found)
+        return cls(is_dated, is_utc, month_first if slashed else None)
+
+    def nanoseconds(self, texts: Sequence[str | None]) -> np.ndarray:
+        """Times (S,), int64, since 1970 or midnight; `MISSING` where a cell is empty."""
+        return np.array([self._one(text) for text in texts], dtype=np.int64)
+
+    def _one(self, text: str | None) -> int:
+        if text is None or not text.strip():
+            return MISSING
+        match = _CLOCK.fullmatch(text.strip())
+        try:
+            if match is None:
+                raise ValueError
+            year, month, day, first, _, second, later_year = match.groups()[:7]
+            if first is not None:
+                year, day, month = later_year, first, second
+                if self.month_first:
+                    day, month = month, day
+            on = date(1970, 1, 1) if year is None else date(int(year), int(month), int(day))
+            hour, minute, second, fraction, half, zone = match.groups()[7:]
+            hours = int(hour)
+            if half:
+                hours = hours % 12 + (12 if half in "pP" else 0)
+            if hours > 23 or int(minute) > 59 or int(second) > 60:
+                raise ValueError
+        except ValueError:
+            raise RecordError(f"{text!r} is no clock time such as 09:14:02.5") from None
+        days = (on - date(1970, 1, 1)).days
+        seconds = 86_400 * days + 3600 * hours + 60 * int(minute) + int(second) - _offset(zone)
+        return seconds * 10**9 + int((fraction or "").ljust(9, "0"))
+
+
+def _offset(zone: str | None) -> int:
+    """Seconds of a time zone such as ``+01:00``."""
+    if zone is None or zone == "Z":
+        return 0
+    digits = zone[1:].replace(":", "")
+    seconds = 3600 * int(digits[:2]) + 60 * int(digits[2:])
+    return seconds if zone[0] == "+" else -seconds
+
+
+def over_midnight(seconds: np.ndarray) -> np.ndarray:
+    """Times of day (S,), s, counted on where midnight lies between two of them."""
+    steps = np.diff(seconds, prepend=seconds[:1])
+    past = (steps < 0.0) & (steps + 86_400.0 < 60.0)  # a longer step is none of one recording
+    return seconds + 86_400.0 * np.cumsum(past) if past.any() else seconds
 
 
 @dataclass
@@ -93,17 +175,14 @@ def sniff(
     columns = [[row[n].strip() for row in probed if len(row) == width] for n in range(width)]
     clocks = {n: clock for n, cells in enumerate(columns) if (clock := Clock.of(cells))}
     text = {
-        n
-        for n, cells in enumerate(columns)
-        if n not in clocks
-        and not any(_is_number(cell, decimal) for cell in cells)
+        n for n, cells in enumerate(columns)
+        if n not in clocks and not _numbers(cells, decimal)
         and any(cell.casefold() not in _MISSING for cell in cells)
-    }
+    }  # fmt: skip
     signed = {n for n, cells in enumerate(columns) if any(x.startswith("+") for x in cells)}
     start = mark + len("".join(lines[:data]).encode(encoding.removesuffix("-sig")))
-    dialect = CsvDialect(
-        names, units, delimiter, decimal, encoding, start, signed, clocks, text, metadata
-    )
+    signs = (delimiter, decimal, encoding)
+    dialect = CsvDialect(names, units, *signs, start, signed, clocks, text, metadata)
     if not metadata:
         dialect.assumed += _assumed(dialect, first, header_lines)
     return dialect
@@ -132,13 +211,11 @@ def _samples(path: Path) -> tuple[str, str, str, int]:
             (head[: head.rfind(b"\n") + 1] or head).decode("utf-8")
         except UnicodeDecodeError:  # what Windows programs write in western countries
             encoding = "cp1252"
-    text, between = (
-        part.decode(encoding.removesuffix("-sig"), "replace")
-        for part in (head[len(mark) :], middle)
-    )
+    code = encoding.removesuffix("-sig")
+    text = head[len(mark) :].decode(code, "replace")
     if size > len(head):
         text = text[: text.rfind("\n") + 1]
-    return text, between, encoding, len(mark)
+    return text, middle.decode(code, "replace"), encoding, len(mark)
 
 
 def _is_comment(line: str) -> bool:
@@ -149,12 +226,8 @@ def _fields(line: str, delimiter: str) -> list[str]:
     return next(csv.reader([line.rstrip("\r\n")], delimiter=delimiter), [""])
 
 
-def _is_number(text: str, decimal: str) -> bool:
-    return _NUMBER[decimal].fullmatch(text.strip()) is not None
-
-
 def _numbers(fields: Sequence[str], decimal: str) -> int:
-    return sum(_is_number(text, decimal) for text in fields)
+    return sum(_NUMBER[decimal].fullmatch(text.strip()) is not None for text in fields)
 
 
 def _signs(lines: Sequence[str], delimiter: str | None, decimal: str | None) -> tuple[str, str]:
@@ -215,10 +288,7 @@ def _header(
 
 
 def _is_header(texts: Sequence[str], above: Sequence[str]) -> bool:
-    """Whether single letters are names, ``t;A;v``, and no units, ``s;A;m/s``, of the line above.
-
-    A letter is both. Units are units throughout, and each belongs to a name.
-    """
+    """Whether single letters are names, ``t;A;v``, and no units, ``s;A;m/s``, of the line above."""
     letters = [n for n, text in enumerate(texts) if text and text != "-"]
     if any(len(texts[n]) > 1 for n in letters):
         return False
@@ -227,10 +297,8 @@ def _is_header(texts: Sequence[str], above: Sequence[str]) -> bool:
 
 
 def _assumed(dialect: CsvDialect, skipped: int, header_lines: int) -> list[str]:
-    said = [
-        f"{ROUTINE}delimiter {dialect.delimiter!r}, decimal sign {dialect.decimal!r}, "
-        f"encoding {dialect.encoding}"
-    ]
+    signs = f"delimiter {dialect.delimiter!r}, decimal sign {dialect.decimal!r}"
+    said = [f"{ROUTINE}{signs}, encoding {dialect.encoding}"]
     if skipped:
         said.append(f"{skipped} lines before the header were skipped")
     if header_lines == 0:

@@ -1,33 +1,34 @@
-"""Text tables (CSV and kin), read block by block through pyarrow.
+"""Text tables (CSV and kin, TwinCAT Scope), read block by block through pyarrow.
 
 Only the wanted columns become numbers, so that a file far larger than memory can be read if its
 wanted columns fit.
 """
 
+import re
 from collections.abc import Iterator, Sequence
-from datetime import UTC
+from datetime import UTC, datetime, timedelta
+from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
 from ematwin.errors import FileError, RecordError
-from ematwin.recordings.checksums import verify
+from ematwin.recordings.formats import csv_dialect
 from ematwin.recordings.formats.base import Progress, RecordedFile, refusing
-from ematwin.recordings.formats.clock import MISSING, over_midnight
-from ematwin.recordings.formats.csv_dialect import PLACEHOLDERS, sniff
-from ematwin.recordings.tables import to_numpy, without_apostrophe
+from ematwin.recordings.formats.csv_dialect import CsvDialect
+from ematwin.recordings.tables import to_numpy, verify, without_apostrophe
 
 
 class CsvFile(RecordedFile):
-    """A text table; options as in `ematwin.recordings.channel_map.CsvOptions`."""
+    """A text table; options as in `ematwin.recordings.channel.CsvOptions`."""
 
     kind: ClassVar[str] = "csv"
     _on_invalid: ClassVar[Any] = None  # what is asked for rows of another width
 
     def __init__(self, path: Path, **options: Any) -> None:
         super().__init__(path)
-        self._dialect = sniff(path, **options)
+        self._dialect = csv_dialect.sniff(path, **options)
         self.channels = {name: place for place, name in enumerate(self._dialect.names)}
         self.metadata = self._dialect.metadata
         self.units = self.metadata.get("units", {}) if self.metadata else {
@@ -42,18 +43,14 @@ class CsvFile(RecordedFile):
         positions = [self.channels[name] for name in names]
         for name, position in zip(names, positions, strict=True):
             if position in self._dialect.text:
-                raise RecordError(
-                    f"Column {name} of {self.path} must hold numbers; it holds text. "
-                    "Remove text and units from its rows."
-                )
+                told = f"Column {name} of {self.path} must hold numbers; it holds text"
+                raise RecordError(f"{told}. Remove text and units from its rows.")
         parts: list[list[np.ndarray]] = [[] for _ in names]
         origins: dict[int, int] = {}
         with refusing(self.path, self.kind):
-            if ends_within_a_line(self) and self.metadata:
-                raise FileError(
-                    f"Cannot read {self.path} as csv: it ends within a line. It was truncated; "
-                    "copy it again."
-                )
+            if self._ends_within_a_line() and self.metadata:
+                said = "it ends within a line. It was truncated; copy it again."
+                raise FileError(f"Cannot read {self.path} as csv: {said}")
             for batch, share in self._batches(positions):
                 for place, column in enumerate(batch.columns):
                     parts[place].append(self._numbers(column, positions[place], origins))
@@ -66,7 +63,7 @@ class CsvFile(RecordedFile):
             found[name] = np.concatenate(parts.pop(0))  # one after the other, to spare memory
             clock = self._dialect.clocks.get(position)
             if clock is not None and not clock.is_dated:
-                found[name] = over_midnight(found[name])
+                found[name] = csv_dialect.over_midnight(found[name])
             elif clock is not None and position in origins:
                 first = np.datetime64(origins[position], "ns")
                 self.note_clock(name, first, UTC if clock.is_utc else None)
@@ -96,9 +93,8 @@ class CsvFile(RecordedFile):
 
         keys = [f"c{n}" for n in range(len(self._dialect.names))]
         # names were read by us: bytes above 127 in other columns stay undecoded
-        encoding = self._dialect.encoding
+        encoding, start = self._dialect.encoding, self._dialect.start
         encoding = encoding if encoding.startswith(("utf-16", "latin")) else "utf8"
-        start = self._dialect.start
         size = max(self.path.stat().st_size - start, 1)
         as_text = {*self._dialect.clocks, *self._dialect.signed}
         usual = {n: pa.string() if n in as_text else pa.float64() for n in positions}
@@ -113,14 +109,12 @@ class CsvFile(RecordedFile):
                     delimiter=self._dialect.delimiter, invalid_row_handler=self._on_invalid
                 ),
                 csv.ConvertOptions(
-                    include_columns=list(chosen),
-                    column_types=chosen,
-                    null_values=[*csv.ConvertOptions().null_values, *PLACEHOLDERS],
-                    decimal_point=self._dialect.decimal,
-                    check_utf8=False,
+                    include_columns=list(chosen), column_types=chosen,
+                    null_values=[*csv.ConvertOptions().null_values, *csv_dialect.PLACEHOLDERS],
+                    decimal_point=self._dialect.decimal, check_utf8=False,
                     strings_can_be_null=True,
                 ),
-            )
+            )  # fmt: skip
             for batch in batches:
                 yield batch, min(max(file.tell() - start, 1) / size, 1.0)
 
@@ -137,7 +131,7 @@ class CsvFile(RecordedFile):
                 raise RecordError(
                     f"Column {name} of {self.path} holds clock times, but {error}. Correct it."
                 ) from None
-            known = times != MISSING
+            known = times != csv_dialect.MISSING
             origin = origins.setdefault(position, int(times[known][0])) if known.any() else 0
             return np.where(known, (times - origin) * 1e-9, np.nan)
         if pa.types.is_string(column.type):  # numbers such as +1.5, which pyarrow does not parse
@@ -149,14 +143,150 @@ class CsvFile(RecordedFile):
             column = column.cast(pa.float64())
         return np.array(to_numpy(column))
 
+    def _ends_within_a_line(self) -> bool:
+        """Whether the table ends without a line break, which is noted for the provenance."""
+        with self.path.open("rb") as content:
+            content.seek(max(self.path.stat().st_size - 2, 0))
+            if content.read().rstrip(b"\x00").endswith((b"\n", b"\r")):
+                return False
+        said = "the file ends without a line break: its last row was taken as it stands"
+        if said not in self.assumed:
+            self.assumed.append(said)
+        return True
 
-def ends_within_a_line(file: RecordedFile) -> bool:
-    """Whether a table ends without a line break, which is noted for the provenance."""
-    with file.path.open("rb") as content:
-        content.seek(max(file.path.stat().st_size - 2, 0))
-        if content.read().rstrip(b"\x00").endswith((b"\n", b"\r")):
-            return False
-    said = "the file ends without a line break: its last row was taken as it stands"
-    if said not in file.assumed:
-        file.assumed.append(said)
-    return True
+
+_HEAD = 1 << 16  # bytes in which the block of the recording ends
+_TICK = 1e-7  # s
+_START = "Starttime of export"
+
+
+def is_export(path: Path) -> bool:
+    """Whether a text file begins as an export of the TwinCAT Scope does."""
+    with path.open("rb") as file:
+        head = file.read(_HEAD).decode("utf-8-sig", "replace")
+    named = re.match(r"Name[\t;|,][^\r\n]*\r?\n", head)
+    return named is not None and f"\n{_START}" in head
+
+
+class TwinCatFile(CsvFile):
+    """An export of the TwinCAT Scope: a block for the recording, one for its channels, rows.
+
+    A cell of the channels' block that repeats the key of its line (``Name``) stands above a column
+    of times, a time base; columns up to the next one share it. Times are ms since the start of the
+    export, or ticks of 100 ns since 1601.
+
+    Beckhoff Information System, TE13xx TC3 Scope View, "Export to CSV".
+    """
+
+    kind: ClassVar[str] = "TwinCAT Scope CSV"
+    texts = RecordedFile.texts
+    _on_invalid = staticmethod(lambda row: "skip" if row.text == "EOF" else "error")
+
+    def __init__(self, path: Path) -> None:
+        RecordedFile.__init__(self, path)
+        with path.open("rb") as file:
+            self._sign = file.readline().decode("utf-8-sig")[len("Name")]
+            told, block = self._block(file), self._block(file)
+            start = file.tell()
+            rows = file.read(_HEAD).decode("utf-8", "replace")
+        first = rows.partition("\n")[0].rstrip("\r").split(self._sign)
+        # ticks are too many for a float
+        self._in_ticks = first[0].isdigit() and int(first[0]) > 10**15
+        decimal = "," if self._sign != "," and "," in rows else "."
+        facts = {row[0]: row[1] for row in told if len(row) > 1}
+        names = next((row for row in block if row[0] == "Name"), None)
+        if names is None or len(names) < 2:
+            said = "it has no line of channels' names. Export it again with its header."
+            raise FileError(f"Cannot read {path} as {self.kind}: {said}")
+        units = next((row for row in block if row[0] == "Unit"), [])
+        # older versions end each row with a delimiter
+        width = len(names) + (len(first) == len(names) + 1 and not first[-1])
+        columns = [str(place) for place in range(width)]
+        # pyarrow decodes rows that it shows, and any bytes may be there
+        self._dialect = CsvDialect(columns, [], self._sign, decimal, "latin-1", start)
+        time = 0
+        for place, name in enumerate(names):
+            if name == "Name":
+                time = place
+            elif name.strip():
+                self.channels[name.strip()] = (place, time)  # of its values and of its times
+                unit = units[place].partition(" (")[0].strip() if place < len(units) else ""
+                self.units[name.strip()] = "" if unit == "(None)" else unit
+        ends = (facts.get(key, "").strip() for key in (_START, "Endtime of export"))
+        self._began, self._ended = (int(text) if text.isdigit() else 0 for text in ends)
+        if self._began:
+            epoch = datetime(1601, 1, 1, tzinfo=UTC)
+            self.start = epoch + timedelta(microseconds=self._began // 10)
+
+    def _block(self, file: Any) -> list[list[str]]:
+        """Cells of the next lines up to an empty one, the empty ones before them left out."""
+        found: list[list[str]] = []
+        for raw in iter(file.readline, b""):
+            line = raw.decode("utf-8", "replace").rstrip("\r\n")
+            if line.strip():
+                found.append(line.split(self._sign))
+            elif found:
+                break
+        return found
+
+    def time_base(self, name: str) -> str:  # noqa: D102
+        own = self.channels[name][1]
+        # columns with the same times are one base: most exports repeat them for each channel
+        equal = (k for k, v in self._stamps.items() if np.array_equal(v, self._stamps[own], True))
+        return str(next(equal))
+
+    def base_time(self, key: str) -> np.ndarray | None:  # noqa: D102
+        values = self._stamps[int(key)]
+        values = values[np.isfinite(values)]
+        if not values.size:
+            raise FileError(f"Cannot read {self.path} as {self.kind}: it holds no rows.")
+        times = values * 1e-3
+        step = times[1] - times[0] if times.size > 1 else 0.0
+        length = (self._ended - self._began) * _TICK if self._began and self._ended else 0.0
+        longest = max(int(np.isfinite(one).sum()) for one in self._stamps.values())
+        # the last sample may be a little before the stated end
+        if times[-1] + 1.5 * step < length and times.size == longest:
+            raise FileError(
+                f"Cannot read {self.path} as {self.kind}: it ends at {times[-1]:.6g} s of "
+                f"{length:.6g} s. It was truncated; export it again."
+            )
+        return np.asarray(times)
+
+    @cached_property
+    def _stamps(self) -> dict[int, np.ndarray]:
+        """Each column of times (S,), ms, by its place; NaN where a cell is empty."""
+        return self._read(sorted({time for _, time in self.channels.values()}), self._in_ticks)
+
+    def read(  # noqa: D102
+        self, names: Sequence[str], progress: Progress | None = None
+    ) -> dict[str, np.ndarray]:
+        columns = {name: self.channels[name] for name in names}
+        values = self._read(sorted({place for place, _ in columns.values()}))
+        found = {  # a fast channel has rows in which slow ones are empty
+            name: values[place][np.isfinite(self._stamps[time])]
+            for name, (place, time) in columns.items()
+        }
+        if progress is not None:
+            progress(1.0)
+        return found
+
+    def _read(self, places: Sequence[int], ticks: bool = False) -> dict[int, np.ndarray]:
+        """Columns (S,) by their place; those in ticks become ms since the start of the export."""
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        with refusing(self.path, self.kind):
+            with self.path.open("rb") as file:
+                file.seek(max(self.path.stat().st_size - _HEAD, self._dialect.start))
+                if not file.read().rstrip(b"\r\n \0").endswith(b"EOF"):
+                    self._ends_within_a_line()
+            types = dict.fromkeys(places, pa.int64()) if ticks else None
+            table = pa.Table.from_batches([batch for batch, _ in self._batches(places, types)])
+        found = {}
+        for place, chunks in zip(places, table.columns, strict=True):
+            column = chunks.combine_chunks()
+            if ticks:
+                since = pc.subtract(column, self._began or column[0])
+                column = pc.multiply(since.cast(pa.float64()), 1e3 * _TICK)
+            found[place] = np.array(to_numpy(column))
+        return found

@@ -17,10 +17,11 @@ _FILES = {
         "plot_learnt_errors", "plot_smallest",
     ),
     "detection": ("plot_trend",),
-    "identification": ("plot_convergence", "plot_faults", "plot_fit"),
+    "identification": (
+        "plot_convergence", "plot_faults", "plot_fit", "plot_posterior", "plot_profile",
+    ),
     "recordings": ("plot_channels", "plot_recording", "plot_response"),
     "study": ("plot_study",),
-    "uncertainty": ("plot_posterior", "plot_profile"),
 }  # fmt: skip
 _HOMES = {name: file for file, names in _FILES.items() for name in names}
 
@@ -29,7 +30,7 @@ __all__ = list(_HOMES)
 
 def __getattr__(name: str) -> Any:
     if name in _HOMES:
-        return getattr(import_module(f"ematwin.plots.{_HOMES[name]}"), name)
+        return getattr(import_module(f"ematwin.report.{_HOMES[name]}"), name)
     raise AttributeError(f"module 'ematwin.plots' has no attribute {name!r}")
 
 

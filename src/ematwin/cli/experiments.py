@@ -1,4 +1,4 @@
-"""``ematwin design``: a test that shows faults, tells two explanations apart, or lets one learn."""
+"""``ematwin identifiability`` and ``design``: faults that a command reveals, better commands."""
 
 import json as json_text
 from pathlib import Path
@@ -7,8 +7,8 @@ from typing import Any
 import typer
 
 import ematwin
-from ematwin.cli import options
-from ematwin.cli.options import flag, option
+from ematwin.cli import answers, options
+from ematwin.cli.options import argument, flag, option
 from ematwin.errors import FileError, InputError
 from ematwin.files import check_target, write_text
 from ematwin.quantities import parse_quantity
@@ -50,6 +50,9 @@ def design(
     json: bool = options.JSON,
 ) -> None:
     """Find the test command with which faults, or parameters, of an actuator are found best."""
+    from ematwin.experiments.healthy_tests import TESTS, numbered
+    from ematwin.report import experiments as pages
+
     check_target(out, (".toml",), replace=force)
     options.check_outputs(report)
     chosen = ematwin.load_actuator(actuator)
@@ -62,61 +65,59 @@ def design(
     }
     written: Any = out
     found: Any
-    given = {
-        "--fault": fault is not None, "--at": at, "--check": check, "--trials": trials is not None,
-    }  # fmt: skip
+    page: Any
+    given: dict[str, Any] = {"--fault": fault is not None, "--at": at, "--check": check}
+    given["--trials"] = trials is not None
     if learn:
         given |= {"--exact": exact, "--budget": budget is not None, "--discriminate": discriminate}
         _refuse("--learn proposes tests of the healthy actuator and", given)
-        from ematwin.experiments.healthy_tests import TESTS, numbered
-        from ematwin.report.experiments import healthy_tests_page as page
-
         for one in numbered(out, TESTS):
             check_target(one, (".toml",), replace=force)
-        with options.progress_bar("Comparing tests", not json) as share:
+        with answers.progress_bar("Comparing tests", not json) as share:
             found = ematwin.healthy_tests(actuator, progress=share, **settings)
-        written = found.save(out, replace=force)
+        written, page = found.save(out, replace=force), pages.healthy_tests_page
     elif discriminate:
         _refuse("--discriminate compares two explanations and", given)
-        from ematwin.report.experiments import discrimination_page as page  # type: ignore[assignment]
-
         first, second = _explanations(discriminate, actuator, chosen)
-        with options.progress_bar("searching", not json) as show:
+        with answers.progress_bar("searching", not json) as show:
             found = ematwin.discriminate(
                 first, second, actuator, exact=exact, budget=budget,
-                progress=options.searching(show, "commands", "distance"), **settings,
+                progress=answers.searching(show, "commands", "distance"), **settings,
             )  # fmt: skip
         found.save(out)
+        page = pages.discrimination_page
     else:
-        from ematwin.report.experiments import design_page as page  # type: ignore[assignment]
-
         if trials is not None:
             settings["trials"] = trials
-        with options.progress_bar("searching", not json) as show:
+        with answers.progress_bar("searching", not json) as show:
             found = ematwin.design(
                 actuator, fault=fault, faults=options.numbers(at or [], "--at"), exact=exact,
-                budget=budget, progress=options.searching(show, "commands", "expected error"),
+                budget=budget, progress=answers.searching(show, "commands", "expected error"),
                 trying=lambda share: show(share, "identifying simulated recordings of the best"),
                 **settings,
             )  # fmt: skip
         found.save(out)
+        page = pages.design_page
         if check:
-            with options.progress_bar(f"Identifying {2 * check} recordings", not json) as share:
+            with answers.progress_bar(f"Identifying {2 * check} recordings", not json) as share:
                 found = found.check(check, seed=seed + 1, progress=share)
     if report is not None:
         write_text(report, page(found))
 
     def tell() -> None:
         typer.echo(found.sentence)
-        if learn:
-            _print_tests(found, written)
-        elif not discriminate:
-            _print(found)
+        if learn and found.tests:
+            files = [path.name for path in written]
+            answers.print_table("Tests", pages.tests_table(found, files), width=170)
+            answers.print_table(pages.LEARNT, pages.learnt_table(found))
+            for sentence in filter(None, (found.open_sentence, found.next_sentence)):
+                typer.echo(sentence)
+        elif not learn and not discriminate:
+            _print_design(found)
 
-    options.answer(
-        json, lambda: {**found.as_dict(), "out": written, "report": report}, tell,
-        *(written if learn else [out]), report,
-    )  # fmt: skip
+    files = written if learn else [out]
+    plain = {**found.as_dict(), "out": written, "report": report}
+    answers.give(json, lambda: plain, tell, *files, report)
 
 
 def _refuse(which: str, given: dict[str, Any]) -> None:
@@ -131,10 +132,9 @@ def _limits(texts: list[str], actuator: Any) -> dict[str, float]:
     from ematwin.models.registry import model_of
 
     units = {one.name: one.unit for one in model_of(actuator).limited}
-    return {  # a name that there is not is refused later, with those that there are
-        name: parse_quantity(text, units.get(name, ""), f"--limit {name}")
-        for name, text in options.pairs(texts, "--limit").items()
-    }
+    # a name that there is not is refused later, with those that there are
+    given = options.pairs(texts, "--limit").items()
+    return {name: parse_quantity(x, units.get(name, ""), f"--limit {name}") for name, x in given}
 
 
 def _explanations(
@@ -142,16 +142,12 @@ def _explanations(
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Two explanations, from two lists of values, an answer of identify, or a recording."""
     if len(texts) == 2:
-        first, second = (
-            options.numbers([part.strip() for part in text.split(",")], "--discriminate")
-            for text in texts
-        )
+        parts = ([part.strip() for part in text.split(",")] for text in texts)
+        first, second = (options.numbers(part, "--discriminate") for part in parts)
         return first, second
     if len(texts) != 1 or "=" in texts[0]:
-        raise InputError(
-            "--discriminate needs two explanations, received "
-            f"{len(texts)}; give it twice, or once with a file."
-        )
+        said = f"--discriminate needs two explanations, received {len(texts)}"
+        raise InputError(f"{said}; give it twice, or once with a file.")
     path = Path(texts[0])
     if path.suffix.lower() == ".json":
         answer, others = _answer(path)
@@ -164,9 +160,8 @@ def _explanations(
             "recording (.csv, .parquet)."
         )
     if not others:
-        raise InputError(
-            f"{path} leaves one explanation only; give two, each as --discriminate name=value,..."
-        )
+        advice = "give two, each as --discriminate name=value,..."
+        raise InputError(f"{path} leaves one explanation only; {advice}")
     # points of one space: nothing of them is free
     common = [name for name in others[0] if name in answer]
     return {n: answer[n] for n in common}, {n: others[0][n] for n in common}
@@ -184,22 +179,11 @@ def _answer(path: Path) -> tuple[dict[str, float], list[dict[str, float]]]:
         raise InputError(text) from None
 
 
-def _print_tests(found: Any, written: list[Path]) -> None:
-    from ematwin.report.experiments import LEARNT, learnt_table, tests_table
-
-    if not found.tests:
-        return
-    options.print_table("Tests", tests_table(found, [path.name for path in written]), width=170)
-    options.print_table(LEARNT, learnt_table(found))
-    for sentence in filter(None, (found.open_sentence, found.next_sentence)):
-        typer.echo(sentence)
-
-
-def _print(found: "ematwin.Design") -> None:
+def _print_design(found: "ematwin.Design") -> None:
     from ematwin.report.experiments import errors_table, price_table
 
-    options.print_table("Expected error of each fault", errors_table(found))
-    options.print_table("The price, on a healthy actuator (with faults)", price_table(found))
+    answers.print_table("Expected error of each fault", errors_table(found))
+    answers.print_table("The price, on a healthy actuator (with faults)", price_table(found))
     if found.held:
         held = ", ".join(found.held)
         typer.echo(f"Counted as known, because no command can determine them: {held}")
@@ -209,3 +193,83 @@ def _print(found: "ematwin.Design") -> None:
         typer.echo(f"A minute was enough for {found.evaluations} commands; --budget gives it more.")
     if found.stopped == "interrupted":
         typer.echo("Warning: The search was interrupted; this is the best command until then.")
+
+
+def identifiability(
+    commands: list[str] | None = argument(
+        "Scenarios: shipped ones by name, TOML files, or recordings (.csv, .parquet) of "
+        "which the command is taken. The kind's default if none is given.",
+        None,
+        autocompletion=options.SCENARIOS,
+    ),
+    actuator: str = options.ACTUATOR,
+    fault: list[str] | None = option(
+        "A fault at which to look, e.g. friction=0.25; each is just a fault if not given. "
+        "Repeatable."
+    ),
+    noise: str | None = options.NOISE,
+    exact: bool = options.EXACT,
+    false_alarm: float | None = option(
+        "Probability that a healthy value is taken for a fault; 0.00135 (3 sigma)."
+    ),
+    miss: float | None = option("Probability that the smallest fault is overlooked; 0.1."),
+    sobol: bool = flag(
+        "--sobol", "Also say how much of the answer's variance goes back to each unknown."
+    ),
+    report: Path | None = options.REPORT,
+    units: str | None = options.UNITS,
+    json: bool = options.JSON,
+) -> None:
+    """Say which faults a command can reveal, and the smallest that it would.
+
+    Several commands are compared, the most telling first.
+    """
+    from ematwin.experiments.identifiability import FALSE_ALARM, MISS, ranked
+    from ematwin.report import experiments as pages
+
+    options.check_outputs(report)
+    values = options.numbers(fault or [], "--fault")
+    given: list[str | None] = [*commands] if commands else [None]
+    settings: dict[str, Any] = {
+        "faults": values, "noise": ematwin.Noise.of(noise), "exact": exact,
+        "false_alarm": FALSE_ALARM if false_alarm is None else false_alarm,
+        "miss": MISS if miss is None else miss,
+    }  # fmt: skip
+    found = ranked([ematwin.identifiability(command, actuator, **settings) for command in given])
+    parts = {}
+    if sobol:
+        for one in found:
+            with answers.progress_bar(f"Varying all of {one.scenario.name}", not json) as progress:
+                parts[one.scenario.name] = ematwin.sensitivity(
+                    one.scenario, actuator, exact=exact, progress=progress
+                )
+    if report is not None:
+        write_text(report, pages.identifiability_page(found, parts))
+
+    def tell() -> None:
+        for one in found:
+            title = f"{one.scenario.name}, {one.scenario.duration:g} s, on {one.actuator.name}"
+            answers.print_table(title, pages.told_table(one))
+            typer.echo(
+                f"Noise and the twin's own error {100.0 * one.noise:.2f} % of the answer; found: "
+                f"all but {100.0 * one.miss:.3g} %, false alarms {100.0 * one.false_alarm:.2g} %."
+            )
+            answers.print_notes("No verdict", one.obstacles)
+            typer.echo("")
+            if not parts:
+                continue
+            own = parts[one.scenario.name]
+            for channel, caption in own.captions.items():
+                answers.print_table(f"Sobol indices: {caption}", pages.sobol_table(own, channel))
+            typer.echo(f"From {own.answers} answers; indices below 1 % are left out.\n")
+        if len(found) > 1:
+            names = ", ".join(f"{one.scenario.name} ({one.weakest.name})" for one in found)
+            typer.echo(f"Best command first, with its least identifiable fault: {names}")
+
+    def plain() -> dict[str, object]:
+        told = [one.as_dict() for one in found]
+        for one in told if parts else []:
+            one["sobol"] = parts[one["scenario"]].as_dict()
+        return {"commands": told, "report": report}
+
+    answers.give(json, plain, tell, report)

@@ -1,12 +1,12 @@
 """Figures of a study of search methods."""
 
 import math
-from collections.abc import Callable
+from itertools import cycle
 from typing import Any
 
 import numpy as np
 
-from ematwin.plots.style import empty, styled
+from ematwin.report.style import empty, styled
 
 # Okabe and Ito, told apart by colour-blind readers; from the ninth on Tol's muted ones.
 PALETTE = (
@@ -17,40 +17,31 @@ MOST_CASES = 12  # with bars or a panel of their own
 
 
 def plot_study(analysis: Any) -> dict[str, Any]:
-    """Draw every figure of a study, by its heading.
+    """Every figure of a study by its heading, from the `StudyAnalysis` of `ematwin.compare`.
 
     Means with their intervals, average ranks, convergence, distributions of Err%, evaluations to
     target; what has no data is left out.
-
-    Parameters
-    ----------
-    analysis : `StudyAnalysis`, as `ematwin.compare` gives it
-
-    Returns
-    -------
-    dict of plotly.graph_objects.Figure
     """
-    figures: dict[str, Callable[[Any], Any]] = {
-        "Mean Err%": lambda study: _means(study, "err", "mean Err%"),
-        "Mean time of a search": lambda study: _means(study, "seconds", "mean time, s"),
-        "Average ranks": _ranks,
-        "Convergence": _convergence,
-        "Distribution of Err%": _distributions,
-        "Evaluations to target": _targets,
+    drawn = {
+        "Mean Err%": _means(analysis, "err", "mean Err%"),
+        "Mean time of a search": _means(analysis, "seconds", "mean time, s"),
+        "Average ranks": _ranks(analysis),
+        "Convergence": _convergence(analysis),
+        "Distribution of Err%": _distributions(analysis),
+        "Evaluations to target": _targets(analysis),
     }
-    drawn = ((heading, draw(analysis)) for heading, draw in figures.items())
-    return {heading: figure for heading, figure in drawn if figure.data}
+    return {heading: figure for heading, figure in drawn.items() if figure.data}
 
 
-def _colored(analysis: Any) -> list[tuple[str, str]]:
-    """The algorithms, each with its colour."""
-    return [(name, PALETTE[n % len(PALETTE)]) for n, name in enumerate(analysis.table.algorithms)]
+def _colors(analysis: Any) -> dict[str, str]:
+    """Colours by algorithm."""
+    return dict(zip(analysis.table.algorithms, cycle(PALETTE), strict=False))
 
 
 def _means(analysis: Any, metric: str, title: str) -> Any:
     """Means with their bootstrap intervals, by case and algorithm."""
     figure = empty(400)
-    for name, color in _colored(analysis):
+    for name, color in _colors(analysis).items():
         cells = analysis.cells[analysis.cells["algorithm"] == name].head(MOST_CASES)
         mean = cells[f"{metric}_mean"]
         if mean.isna().all():
@@ -67,14 +58,11 @@ def _means(analysis: Any, metric: str, title: str) -> Any:
         {"label": scale, "method": "relayout", "args": [{"yaxis.type": scale}]}
         for scale in ("linear", "log")
     ]
-    figure.update_layout(
-        barmode="group",
-        hovermode="closest",
-        updatemenus=[{
-            "type": "buttons", "direction": "right", "x": 0.0, "xanchor": "left", "y": 1.02,
-            "yanchor": "bottom", "pad": {"r": 0, "t": 0}, "buttons": buttons,
-        }],
-    )  # fmt: skip
+    menu = {
+        "type": "buttons", "direction": "right", "x": 0.0, "xanchor": "left", "y": 1.02,
+        "yanchor": "bottom", "pad": {"r": 0, "t": 0}, "buttons": buttons,
+    }  # fmt: skip
+    figure.update_layout(barmode="group", hovermode="closest", updatemenus=[menu])
     return figure.update_yaxes(title_text=title, rangemode="tozero")
 
 
@@ -100,7 +88,7 @@ def _ranks(analysis: Any) -> Any:
                 hoverinfo="skip", showlegend=False,
             )  # fmt: skip
     for n, name in enumerate(order):
-        color = dict(_colored(analysis))[name]
+        color = _colors(analysis)[name]
         figure.add_scatter(
             x=[ranks.average[name]], y=[n + 0.5], mode="markers+text", text=[name], name=name,
             textposition="middle right", marker={"color": color, "size": 11}, showlegend=False,
@@ -113,16 +101,12 @@ def _ranks(analysis: Any) -> Any:
 def _convergence(analysis: Any) -> Any:
     """Median and quartiles of the best cost over the evaluations, a panel for each case."""
     figure, places = _panels(analysis)
-    colors = dict(_colored(analysis))
-    frame = analysis.bands
-    shown: set[str] = set()
+    colors, frame = _colors(analysis), analysis.bands
     bands = frame.groupby(["case", "algorithm"], sort=False) if len(frame) else ()
     for (case, name), band in bands:
         band = band[np.isfinite(band["q3"]) & (band["q1"] > 0.0)]
         if case in places and len(band):
-            columns = ("median", "q1", "q3")
-            _spread(figure, name, colors[name], band, columns, name not in shown, places[case])
-            shown.add(name)
+            _spread(figure, name, colors[name], band, ("median", "q1", "q3"), places[case])
     figure.update_xaxes(type="log", exponentformat="power")
     figure.update_yaxes(type="log", exponentformat="power")
     return _titled(figure, places, "best misfit", "simulations")
@@ -135,7 +119,7 @@ def _distributions(analysis: Any) -> Any:
     cells = analysis.cells.set_index(["case", "algorithm"])
     least = 1e-6  # per cent: the axis is a logarithm
     for case, place in places.items():
-        for name, color in _colored(analysis):
+        for name, color in _colors(analysis).items():
             cell, rows = cells.loc[(case, name)], analysis.table.cells[case, name]
             if not cell["done"]:
                 continue
@@ -162,8 +146,7 @@ def _distributions(analysis: Any) -> Any:
 def _targets(analysis: Any) -> Any:
     """Share of pairs of run and target met over the evaluations."""
     figure = empty(420)
-    colors = dict(_colored(analysis))
-    curves = analysis.curves
+    colors, curves = _colors(analysis), analysis.curves
     for name, curve in curves.groupby("algorithm", sort=False) if len(curves) else ():
         _spread(figure, name, colors[name], curve, ("share", "low_95", "high_95"))
     figure.update_xaxes(title_text="simulations", type="log", exponentformat="power")
@@ -201,10 +184,11 @@ def _titled(figure: Any, places: dict[str, dict[str, int]], y: str, x: str = "")
 
 def _spread(
     figure: Any, name: str, color: str, curve: Any, columns: tuple[str, str, str],
-    first: bool = True, where: dict[str, int] | None = None,
+    where: dict[str, int] | None = None,
 ) -> None:  # fmt: skip
     """A line with a band around it: columns of a DataFrame over its evaluations."""
     x, (middle, low, high) = curve["evaluations"], (curve[column] for column in columns)
+    first = all(trace.name != name for trace in figure.data)
     shared = {"legendgroup": name, "name": name, "mode": "lines", **(where or {})}
     if np.isfinite(low).all():
         figure.add_scatter(

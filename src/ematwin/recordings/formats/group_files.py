@@ -1,6 +1,6 @@
-"""MDF files (version 3 and 4), through asammdf, channel by channel.
+"""Files with groups of channels: MDF 3 and 4, through asammdf, and TDMS, through npTDMS.
 
-A name that stands in several channel groups is told apart as ``group 2/speed``.
+Only the wanted channels are read.
 """
 
 import gc
@@ -14,13 +14,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ematwin.errors import FileError
-from ematwin.recordings.formats.base import (
-    RecordedFile,
-    as_float,
-    complaints,
-    load_library,
-    refusing,
-)
+from ematwin.recordings.formats import base
+from ematwin.recordings.formats.base import RecordedFile, complaints, load_library
 
 
 class MdfFile(RecordedFile):
@@ -47,15 +42,15 @@ class MdfFile(RecordedFile):
 
     def unit(self, name: str) -> str | None:  # noqa: D102
         group, index = self.channels[name]
-        with refusing(self.path, self.kind):
+        with base.refusing(self.path, self.kind):
             return self._file.get_channel_unit(group=group, index=index) or None
 
     def base_time(self, key: str) -> np.ndarray | None:  # noqa: D102
         group = int(key.removeprefix("group "))
         if group not in self._file.masters_db:
             return None
-        with refusing(self.path, self.kind):
-            return as_float(self._file.get_master(group), f"time of {key}", self.path)
+        with base.refusing(self.path, self.kind):
+            return base.as_float(self._file.get_master(group), f"time of {key}", self.path)
 
     def close(self) -> None:  # noqa: D102
         if self._file is not None:
@@ -74,13 +69,11 @@ class MdfFile(RecordedFile):
             raise ValueError(found[0])
         promised = self._file.groups[group].channel_group.cycles_nr
         if len(samples) != promised:
-            raise FileError(
-                f"{self.path} promises {promised} samples of {name!r} and holds {len(samples)}. "
-                "It was truncated; copy it again."
-            )
+            said = f"{self.path} promises {promised} samples of {name!r} and holds {len(samples)}"
+            raise FileError(f"{said}. It was truncated; copy it again.")
         if invalid is None:
             return samples
-        values = as_float(samples, name, self.path)
+        values = base.as_float(samples, name, self.path)
         values[np.asarray(invalid, dtype=bool)] = np.nan
         return values
 
@@ -133,3 +126,60 @@ def _open(library: Any, path: Path) -> Any:
     finally:
         sys.unraisablehook = before
     raise ValueError(reason)
+
+
+class TdmsFile(RecordedFile):
+    """A TDMS file; channels are named ``group/channel``.
+
+    Time comes from the waveform properties of a channel (``wf_increment``) where it has them.
+    """
+
+    kind: ClassVar[str] = "TDMS"
+    zone = UTC
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        library = load_library("nptdms", "npTDMS", "Reading TDMS files")
+        loggers = [f"nptdms.{part}" for part in ("reader", "tdms_segment", "base_segment", "tdms")]
+        # that of types complains of names in another encoding, which are read all the same
+        with complaints("nptdms.types"), complaints(*loggers) as found:
+            self._file = library.TdmsFile.open(path)
+        channels = (one for group in self._file.groups() for one in group.channels())
+        self.channels = {f"{one.group_name}/{one.name}": one for one in channels}
+        if found or self._file.file_status.incomplete_final_segment or not self.channels:
+            self._file.close()
+            why = "its last segment is incomplete" if self.channels else "it holds no channels"
+            said = f"Cannot read {path} as TDMS: {why}. It may be truncated"
+            raise FileError(f"{said}; copy it again or close it in the recording program.")
+        for name, channel in self.channels.items():
+            wave = channel.properties
+            if unit := wave.get("unit_string") or wave.get("NI_UnitDescription"):
+                self.units[name] = str(unit)
+            self.bases[name] = f"{len(channel)} samples"
+            if wave.get("wf_increment"):
+                start = f"{wave.get('wf_start_offset', 0.0)!r} s after {wave.get('wf_start_time')}"
+                self.bases[name] += f" each {wave['wf_increment']!r} s from {start}"
+        starts = [one.properties.get("wf_start_time") for one in self.channels.values()]
+        stamps = [start for start in starts if isinstance(start, np.datetime64)]
+        self._first = min(stamps, default=None)
+        if self._first is not None:
+            self.start = base.moment(self._first, UTC)  # as LabVIEW counts
+
+    def base_time(self, key: str) -> np.ndarray | None:  # noqa: D102
+        channel = next(self.channels[name] for name, own in self.bases.items() if own == key)
+        wave = channel.properties
+        step, began = wave.get("wf_increment"), wave.get("wf_start_time")
+        if not step:
+            return None
+        delay = 0.0
+        if began is not None and self._first is not None:
+            stamps = np.array([self._first, began], dtype="datetime64[ns]").astype(np.int64)
+            delay = float(stamps[1] - stamps[0]) * 1e-9
+        start = float(wave.get("wf_start_offset", 0.0)) + delay
+        return start + float(step) * np.arange(len(channel))
+
+    def values(self, name: str) -> Any:  # noqa: D102
+        return self.channels[name][:]
+
+    def close(self) -> None:  # noqa: D102
+        self._file.close()

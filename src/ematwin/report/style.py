@@ -20,24 +20,18 @@ SERIES = ("#d55e00", "#cc79a7", "#0072b2", "#e69f00", "#56b4e9", "#7a5195", "#b8
 SHOWN_POINTS = 2400  # of a line; more make the page slow and show nothing more
 
 
-def template() -> Any:
+def _template() -> Any:
     """The look, as a template of plotly: a tenth of the size of those that come with it."""
     from plotly.graph_objects import layout
 
-    grid = "rgba(128,138,148,0.25)"
+    grid, font = "rgba(128,138,148,0.25)", {"family": "system-ui, sans-serif"}
     axis = {"gridcolor": grid, "zerolinecolor": grid, "linecolor": grid, "automargin": True,
             "title": {"standoff": 8}}  # fmt: skip
-    return layout.Template(
-        layout={
-            "paper_bgcolor": "rgba(0,0,0,0)",
-            "plot_bgcolor": "rgba(0,0,0,0)",
-            "font": {"family": "system-ui, sans-serif", "size": 13, "color": "#6e7781"},
-            "colorway": list(SERIES),
-            "xaxis": axis,
-            "yaxis": axis,
-            "hoverlabel": {"font": {"family": "system-ui, sans-serif"}},
-        }
-    )
+    return layout.Template(layout={
+        "paper_bgcolor": "rgba(0,0,0,0)", "plot_bgcolor": "rgba(0,0,0,0)",
+        "font": {**font, "size": 13, "color": "#6e7781"}, "colorway": list(SERIES),
+        "xaxis": axis, "yaxis": axis, "hoverlabel": {"font": font},
+    })  # fmt: skip
 
 
 @dataclass
@@ -89,7 +83,7 @@ def empty(height: int, **layout: Any) -> Any:
 def styled(figure: Any, height: int, **layout: Any) -> Any:
     """The common look; ``layout`` has what is different here."""
     figure.update_layout(
-        template=template(),
+        template=_template(),
         height=height,
         margin={"l": 70, "r": 20, "t": 60, "b": 50},
         legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 1.0, "xanchor": "right"},
@@ -122,11 +116,3 @@ def compact(values: np.ndarray) -> np.ndarray:
     if finest < 1e-6 * span and np.ptp(known) < span / 10.0:
         return values  # steps too small for single precision, such as those of calendar times
     return values.astype(np.float32)
-
-
-def tick_labels(names: Sequence[str]) -> dict[str, Any]:
-    """Ticks at the places 1, 2, ... with names, no more of them than fit; long ones shortened."""
-    places = list(range(1, len(names) + 1, max(1, -(-len(names) // 40))))
-    shown = [names[n - 1] for n in places]
-    texts = [name if len(name) <= 24 else f"{name[:11]}…{name[-11:]}" for name in shown]
-    return {"tickvals": places, "ticktext": texts}
