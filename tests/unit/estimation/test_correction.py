@@ -148,7 +148,7 @@ class Scattering(OnlyTheReferenceHasALoop):
 
 
 def test_where_answers_of_the_reference_scatter_rounds_end_and_intervals_hold():
-    held = []
+    held, sizes = [], []
     for seed in range(40):
         comparison = Scattering(1.3)
         comparison.seed = seed
@@ -156,10 +156,10 @@ def test_where_answers_of_the_reference_scatter_rounds_end_and_intervals_hold():
         end = with_model_error(corrected(problem, np.array([0.5, 0.5]), Descent(settled=np.inf)))
         errors = np.sqrt(np.diag(end.covariance))
         held.append(np.abs(end.peak.point - [WEAR, GAP]) < 1.96 * errors)
-        # noise is not all: the ripple of five answers is in their mean
-        assert np.all(errors > 1.5 * NOISE / np.sqrt(SAMPLES))
-        assert len(comparison.asked) < 50  # rounds and regressions end: at most 100
+        sizes.append(errors)
+        assert len(comparison.asked) < 50  # rounds and regressions end
     assert 0.9 <= np.mean(held) <= 1.0
+    assert np.median(sizes) > 2.0 * NOISE / np.sqrt(SAMPLES)  # noise is not all
 
 
 def test_the_error_of_the_model_is_how_far_minima_move_where_they_are_corrected_elsewhere():
