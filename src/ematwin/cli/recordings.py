@@ -21,7 +21,7 @@ Choices = dict[str, list[str]]
 def meant(files: list[Path], column: list[str] | None, map_file: Path | None) -> "ParameterSet":
     """The actuator that the first of some files is of, where none was named."""
     from ematwin.models.reading import actuator_for
-    from ematwin.monitoring.gather import files_of
+    from ematwin.monitoring.runs import files_of
 
     given = pairs(column or [], "--column")
     return actuator_for(files_of(files[0])[0], given or map_file)
@@ -44,7 +44,7 @@ def load(
     **reading: Any,
 ) -> "list[Recording]":  # fmt: skip
     """Recordings of an actuator in files and folders, each motion of a table."""
-    from ematwin.monitoring.gather import files_of
+    from ematwin.monitoring.runs import files_of
 
     columns = map_of(column, map_file, actuator)
     files = [file for path in files for file in files_of(path)]
@@ -59,8 +59,7 @@ def gathered(
 
     ``known_of`` takes the actuator that was named, if any, and the first file of it.
     """
-    from ematwin.monitoring.gather import files_of
-    from ematwin.monitoring.runs import is_table_of_runs, read_runs
+    from ematwin.monitoring.runs import files_of, is_table_of_runs, read_runs
 
     for table in filter(is_table_of_runs, files):
         if len(files) > 1:

@@ -1,7 +1,7 @@
 """The verdict of the healthy population, on recordings one by one and by the run.
 
 It judges kinds with `Model.monitoring`, where residuals of healthy recordings were learnt. The
-probabilities of the causes (`ematwin.monitoring.causes`) decide, as they do for other kinds. A
+probabilities of the causes (`ematwin.monitoring.population`) decide, as they do for other kinds. A
 fault raises an alarm, and so does a change without a name.
 """
 
@@ -12,11 +12,16 @@ import numpy as np
 from ematwin.estimation.constants import CERTAIN, COVERAGE, EXPLAINED, SIGMAS
 from ematwin.estimation.verdict import UNNAMED, judged
 from ematwin.models.base import Reported
-from ematwin.monitoring.causes import Posterior
-from ematwin.monitoring.detection import Detection, name_of
-from ematwin.monitoring.diagnosis import Covariate, Diagnosis, Magnitude, Standing
+from ematwin.monitoring.detection import (
+    Covariate,
+    Detection,
+    Diagnosis,
+    Magnitude,
+    Standing,
+    name_of,
+)
 from ematwin.monitoring.measure import Measured
-from ematwin.monitoring.population import basis
+from ematwin.monitoring.population import Posterior, basis
 from ematwin.monitoring.population_calibration import PopulationCalibration
 from ematwin.recordings.recording import Recording
 from ematwin.showing.text import listed

@@ -11,7 +11,7 @@ from ematwin.estimation.healthy_fit import same_command
 from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison
 from ematwin.models.registry import model_of
-from ematwin.monitoring.calibration_report import CalibrationReport
+from ematwin.monitoring.calibration import CalibrationReport
 from ematwin.plots.style import BLUE, GREY, ORANGE, PALE, Panel, empty, panels_drawn, styled
 from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording

@@ -3,8 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from ematwin.monitoring.detection import Detection
-from ematwin.monitoring.diagnosis import Diagnosis
+from ematwin.monitoring.detection import Detection, Diagnosis
 from ematwin.plots.style import AMBER, GREEN, GREY, SERIES, stacked, tick_labels
 from ematwin.quantities import preferred
 

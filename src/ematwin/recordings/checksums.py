@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from ematwin.errors import FileError, RecordError
+from ematwin.validation import refuse_newer
 
 FORMAT = 1  # of the metadata of a recording; readers refuse what is newer
 KEY = "ematwin"
@@ -46,11 +47,7 @@ def checked(text: str | None, path: Path, others: str = "") -> dict[str, Any]:
         found = None
     if not isinstance(found, dict):
         raise _damaged(path, "what it says of itself cannot be read")
-    if isinstance(found.get("format"), int) and found["format"] > FORMAT:
-        raise RecordError(
-            f"{path} was written by a newer ematwin (format {found['format']}, this one knows "
-            f"{FORMAT}). Update ematwin."
-        )
+    refuse_newer(str(path), found.get("format"), FORMAT, RecordError)
     # either shows that it had checksums, in case the other's name is what was damaged
     if {"checksum", "checksums"} & found.keys() and found.get("checksum") != _of_metadata(found):
         raise _damaged(path, "what it says of itself differs from its checksum")

@@ -6,7 +6,7 @@ from itertools import islice
 
 from ematwin.estimation.constants import COVERAGE
 from ematwin.models.registry import model_of
-from ematwin.monitoring.calibration_report import CalibrationReport
+from ematwin.monitoring.calibration import CalibrationReport
 from ematwin.monitoring.population_calibration import PopulationCalibration
 from ematwin.plots.calibration import plot_before_and_after, plot_learnt, plot_residuals
 from ematwin.report.page import Row, Section, Table, render

@@ -4,9 +4,8 @@ from collections.abc import Sequence
 
 from ematwin.estimation.constants import CERTAIN, SMALLEST
 from ematwin.monitoring.calibration import Calibration
-from ematwin.monitoring.causes import DRIFT
-from ematwin.monitoring.detection import Detection, counted, gathered_notes
-from ematwin.monitoring.diagnosis import Diagnosis, Standing
+from ematwin.monitoring.detection import Detection, Diagnosis, Standing, counted, gathered_notes
+from ematwin.monitoring.population import DRIFT
 from ematwin.monitoring.population_calibration import PopulationCalibration
 from ematwin.plots.detection import plot_trend
 from ematwin.report.page import Row, Section, Table, listed, render

@@ -10,8 +10,7 @@ from ematwin.estimation.learn import learn
 from ematwin.models.ball_screw.model import MODEL
 from ematwin.models.registry import load_actuator
 from ematwin.monitoring.calibrate import calibrate
-from ematwin.monitoring.calibration import Calibration
-from ematwin.monitoring.calibration_report import Basis, CalibrationReport
+from ematwin.monitoring.calibration import Basis, Calibration, CalibrationReport
 from ematwin.monitoring.identify import detect
 from ematwin.monitoring.runs import Group, Runs
 from made_up_rig import TRUTH, command, healthy_runs, motion, rig, run, template
