@@ -244,14 +244,10 @@ def detect(
 def judge(
     known: Calibration, recordings: Sequence[Recording], found: Sequence[Identification]
 ) -> Detection:
-    """The verdict on recordings beside a calibration: one rule for all commands.
+    """The verdict on recordings, as they are compared: one rule for all commands.
 
-    Parameters
-    ----------
-    known : of the actuator
-    recordings : as they are compared
-    found : identifications of the first of them, of all unless there was an interruption; none
-        where a healthy population judges and no values are wanted
+    ``found`` are identifications of the first of them, of all unless there was an interruption;
+    none where a healthy population judges and no values are wanted.
     """
     if isinstance(known, PopulationCalibration):
         table = by_population(recordings, known)
@@ -351,10 +347,7 @@ def _side_by_side(
 ) -> list[Identification]:
     """What comes of each recording, over the cores; after Ctrl-C of the first ones that are done.
 
-    Raises
-    ------
-    KeyboardInterrupt
-        If none was done.
+    `KeyboardInterrupt` if none was done.
     """
     lent = threads or cores()
     share = max(1, lent // len(ready))

@@ -79,13 +79,7 @@ class Layout:
     def values(
         self, magnitudes: Mapping[str, float], residuals: Sequence[np.ndarray]
     ) -> np.ndarray:
-        """Features (F,) of one recording.
-
-        Parameters
-        ----------
-        magnitudes : values by name
-        residuals : (S,) array of each channel
-        """
+        """Features (F,) of a recording, from its values by name, and residuals (S,) by channel."""
         found = [float(magnitudes[name]) for name in self.magnitudes]
         for residual in residuals:
             for phase in self.phases:
@@ -188,20 +182,10 @@ class Fit:
 
 
 class Bench:
-    """Recordings of a motion of an actuator beside its twin.
+    """N recordings of a motion of an actuator beside its twin, each with a comparison.
 
-    Attributes
-    ----------
-    motion : with the channels that are compared
-    layout : its features
-    monitoring : of the kind
-    comparisons : one for each recording
-    groups : (N,) array, number of the run (and condition) of each recording
-
-    Raises
-    ------
-    RecordError
-        If one of them follows another command, has another rate, or is implausible.
+    ``groups`` (N,) number their runs (and conditions). `RecordError` if one of them follows another
+    command, has another rate, or is implausible.
     """
 
     def __init__(
@@ -235,15 +219,11 @@ class Bench:
         before: Fit | None = None,
         search: Search | None = None,
     ) -> Fit:
-        """Fit the twin to every recording.
+        """Fit the twin to every recording, by a ``search``, the kind's by default.
 
-        Parameters
-        ----------
-        discrepancy : (3, C S) or (1, C S) array over the covariate, the error of the twin in the
-            channels one after another; taken off first
-        scale : of the covariate, as in `Population`
-        before : fit without it, from which this one starts; needed with a discrepancy
-        search : method; the kind's by default
+        Or from a fit ``before``, with the ``discrepancy`` taken off first: (3, C S) or (1, C S),
+        the error of the twin in the channels one after another, over the covariate in units of
+        ``scale``.
         """
         name, channels = self.monitoring.covariate, self.motion.channels
         missed = None

@@ -81,18 +81,11 @@ class Population:
         errors: np.ndarray | float = 0.0,
         cut: np.ndarray | bool = False,
     ) -> "Population":
-        """The population of healthy recordings.
+        """The population of N recordings with features (N, F); ``groups`` (N,) number their runs.
 
-        Parameters
-        ----------
-        features : (N, F) array
-        covariate : (N,) array, SI; not looked at without a scale
-        groups : (N,) array, number of the run (and condition) of each recording
-        scale : of the covariate
-        errors : (F,) array, standard errors of the features, which stand in where each run has a
-            single recording; zero where not known
-        cut : (F,) array of bool, features whose healthy value lies on a bound, which hides a part
-            of their scatter: their standard error is the least that counts
+        Standard ``errors`` (F,), zero where not known, stand in where each run has a single
+        recording, and are the least that counts of features (``cut`` (F,) of bool) whose healthy
+        value lies on a bound, which hides a part of their scatter.
         """
         coefficients = fit_mean(covariate, scale, features)
         rest = features - basis(covariate, scale) @ coefficients
@@ -217,7 +210,7 @@ class Posterior(NamedTuple):
 
 @dataclass(frozen=True)
 class Scatter:
-    """How scores of healthy recordings scatter."""
+    """How F scores of healthy recordings scatter."""
 
     between: np.ndarray  # (F, F), covariance of the means of a run
     within: np.ndarray  # (F, F), of recordings of a run around its mean
@@ -226,12 +219,9 @@ class Scatter:
 
     @classmethod
     def of(cls, scores: np.ndarray, groups: np.ndarray, drifts: np.ndarray) -> "Scatter":
-        """From scores (N, F) of healthy recordings, each run judged by the others.
+        """From scores (N, F) of healthy recordings, each run (``groups``, (N,)) by the others.
 
-        Parameters
-        ----------
-        groups : (N,) array, number of the run (and condition) of each recording
-        drifts : (D, F) array, shifts by a standard deviation between occasions
+        ``drifts`` (D, F) are shifts by a standard deviation between occasions.
         """
         members = [scores[groups == g] for g in np.unique(groups)]
         means = np.stack([own.mean(0) for own in members])
@@ -257,12 +247,9 @@ class Causes:
         self._spread = cache(self._spread_of)
 
     def posterior(self, scores: np.ndarray, terms: np.ndarray) -> Posterior:
-        """Probabilities of the causes.
+        """Probabilities of the causes, from the mean of scores (N, F) of recordings.
 
-        Parameters
-        ----------
-        scores : (N, F) array, of recordings that are judged together, by their mean
-        terms : (N, 3) or (N, 1) array, `basis` at their covariates
+        ``terms`` (N, 3) or (N, 1) are `basis` at their covariates.
         """
         count, x, term = len(scores), scores.mean(0), terms.mean(0)
         variance, axes = self._spread(count)

@@ -91,34 +91,26 @@ class PopulationCalibration(Calibration):
         return self.values_of(self.healthy.features)
 
     @cached_property
-    def _populations(self) -> tuple[Population, Population]:
-        return self.populations(np.ones(len(self.healthy.runs), dtype=bool))
-
-    @property
     def population(self) -> Population:
         """Of the features."""
-        return self._populations[0]
+        return self._of_features(np.ones(len(self.healthy.runs), dtype=bool))
 
-    @property
+    @cached_property
     def reported(self) -> Population:
         """Of the reported quantities (`Monitoring.reported`)."""
-        return self._populations[1]
-
-    def populations(self, members: np.ndarray) -> tuple[Population, Population]:
-        """Of the features, and of the reported quantities, from members (N,) of bool."""
-        features = dict.fromkeys(self.layout.names, False)
         quantities = {one.name: one.logarithmic for one in self.quantities}
-        return (
-            self._population(self.healthy.features[members], features, members),
-            self._population(self.values[members], quantities, members),
-        )
+        return self._population(self.values, quantities, np.ones(len(self.values), dtype=bool))
+
+    def _of_features(self, members: np.ndarray) -> Population:
+        names = dict.fromkeys(self.layout.names, False)
+        return self._population(self.healthy.features, names, members)
 
     def _population(
-        self, values: np.ndarray, logarithmic: Mapping[str, bool], members: np.ndarray
+        self, every: np.ndarray, logarithmic: Mapping[str, bool], members: np.ndarray
     ) -> Population:
-        """Of values (K, n) of the members; which are logarithms, by name."""
+        """Of the rows of ``every`` (N, n) with members (N,) of bool; which are logarithms."""
         healthy, faults = self.healthy, {o.name: o for o in self.model.faults(self.actuator)}
-        usual = np.sqrt((healthy.errors[members] ** 2).mean(0))
+        values, usual = every[members], np.sqrt((healthy.errors[members] ** 2).mean(0))
         errors, cut = np.zeros(len(logarithmic)), np.zeros(len(logarithmic), dtype=bool)
         for n, (name, is_logarithm) in enumerate(logarithmic.items()):
             if name in self.layout.magnitudes:
@@ -135,13 +127,6 @@ class PopulationCalibration(Calibration):
             name: (float(found.mean()), float(found.std(ddof=1)))
             for name, found in self.healthy.statistics.items()
         }
-
-    @property
-    def covariate_range(self) -> tuple[float, float] | None:
-        """Least and largest covariate of the healthy recordings, SI; None without one."""
-        if self.scale is None:
-            return None
-        return float(self.healthy.covariate.min()), float(self.healthy.covariate.max())
 
     @cached_property
     def causes(self) -> Causes:
@@ -186,7 +171,7 @@ class PopulationCalibration(Calibration):
         healthy = self.healthy
         scores = np.empty_like(healthy.features)
         for own in map(healthy.of_run, healthy.names):
-            others, _ = self.populations(~own)
+            others = self._of_features(~own)
             scores[own] = others.scores(healthy.features[own], healthy.covariate[own])
         return scores
 

@@ -42,13 +42,7 @@ def recordings_of(
     """Recordings at the rate at which they are compared; files are read as the actuator's kind.
 
     A table of several motions gives each of them. ``averaged`` False keeps the recorded rate.
-
-    Raises
-    ------
-    InputError
-        If nothing is given, or something that is no recording.
-    FileError, RecordError
-        If a file cannot be read.
+    `InputError` if nothing is given, or something that is no recording.
     """
     single = _is_single(given)
     if not (single or isinstance(given, Iterable)):
@@ -60,10 +54,10 @@ def recordings_of(
             if columns is not None:
                 raise InputError("A Recording has its channels already; leave columns out.")
             own = [one]
-        elif isinstance(one, str | Path):
-            own = read(files_of(one), columns, actuator=actuator, split=True)
-        elif is_frame(one):
-            own = read(one, columns, actuator=actuator, split=True)
+        elif isinstance(one, str | Path) or is_frame(one):
+            own = read(
+                one if is_frame(one) else files_of(one), columns, actuator=actuator, split=True
+            )
         else:
             raise InputError(
                 f"Give recordings, DataFrames or the paths of files, received {type(one).__name__}."
@@ -106,10 +100,7 @@ def _is_single(given: Any) -> bool:
 def files_of(path: str | Path) -> list[Path]:
     """The files of recordings that a path, a folder or a glob means, day2 before day10.
 
-    Raises
-    ------
-    InputError
-        If a folder or a glob holds none.
+    `InputError` if a folder or a glob holds none.
     """
     path = Path(path)
     if not (path.is_dir() or _is_glob(path)):
@@ -189,7 +180,7 @@ def read_runs(
     progress: Callable[[float], None] | None = None,
     **options: Any,
 ) -> Runs:
-    """Read the recordings that a table of runs names.
+    """Read the recordings that a table of runs names; `InputError` if it cannot be used.
 
     Parameters
     ----------
@@ -198,13 +189,6 @@ def read_runs(
     columns : as of `ematwin.read`, or a function that gives it for an actuator
     known_of : makes a calibration from the name in a row, or None, and the first file of the row
     options : further ones of `ematwin.read`
-
-    Raises
-    ------
-    InputError
-        If the table cannot be used.
-    FileError, RecordError, ParameterError
-        If a recording or an actuator cannot be read.
     """
     folder = _folder(table)
     rows = list(listed(table))
@@ -254,11 +238,9 @@ def _sign(header: str) -> str:
 
 def _rows(table: Any) -> Iterator[dict[str, str]]:
     """The rows of a table of runs, as texts by the name of the column in small letters."""
-    rows: Iterable[dict[str, Any]]
+    rows: Iterable[dict[Any, Any]]
     if is_frame(table):
-        columns = [table[name].tolist() for name in table.columns]
-        names = list(map(str, table.columns))
-        rows = (dict(zip(names, cells, strict=True)) for cells in zip(*columns, strict=True))
+        rows = table.to_dict("records")
     elif Path(table).suffix.lower() == ".parquet":
         import pyarrow.parquet as pq
 
@@ -268,7 +250,7 @@ def _rows(table: Any) -> Iterator[dict[str, str]]:
     for row in rows:
         # what is missing is None, or a NaN or NaT of pandas, none of which equals itself
         texts = {
-            name.strip().casefold(): "" if cell is None or cell != cell else str(cell).strip()
+            str(name).strip().casefold(): "" if cell is None or cell != cell else str(cell).strip()
             for name, cell in row.items()
         }
         if any(texts.values()):
