@@ -57,19 +57,6 @@ class Calibration:
         """The kind of its actuator."""
         return model_of(self.actuator)
 
-    @property
-    def run_spread(self) -> dict[str, tuple[float, float]]:
-        """Standard deviations within a run and between runs of each quantity of the population.
-
-        Of logarithms for multiples of healthy, else SI.
-        """
-        return {}
-
-    @property
-    def known_faults(self) -> list[str]:
-        """Names of the faults of which recordings were given."""
-        return []
-
     @classmethod
     def of(cls, given: Any) -> "Calibration":
         """Calibration of anything that `ematwin.identify` takes as an actuator.
@@ -204,8 +191,11 @@ class CalibrationReport:
 
     @property
     def run_spread(self) -> dict[str, tuple[float, float]]:
-        """Of `Calibration`."""
-        return self.calibration.run_spread
+        """Standard deviations within a run and between runs of each quantity of the population.
+
+        Of logarithms for multiples of healthy, else SI.
+        """
+        return getattr(self.calibration, "run_spread", {})
 
     @property
     def sources(self) -> dict[str, str]:
@@ -286,5 +276,5 @@ class CalibrationReport:
             "scatter": dict(self.baseline.scatter),
             "learnt": self.learnt,
             "notes": list(self.notes),
-            "signatures": self.calibration.known_faults,
+            "signatures": [one.fault for one in getattr(self.calibration, "signatures", ())],
         }

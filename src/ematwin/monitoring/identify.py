@@ -160,7 +160,7 @@ def identify(
         ready = _ready(record, known, load, columns)
         return identified_by_sets(ready, known.actuator, known.baseline, only=names, held=held)
     if several:
-        with told(progress, "judging", _shown) as tell:
+        with told(progress, "judging", lambda n, _, m: (n / m, f"{n} of {m} recordings")) as tell:
             given = None if is_runs else columns
             return _judged(groups, tell, load, given, threads=threads, settings=settings)
     if isinstance(record, Recording) and columns is not None:
@@ -364,8 +364,3 @@ def _side_by_side(
     if not found:
         raise KeyboardInterrupt
     return found
-
-
-def _shown(done: int, cost: float, count: int) -> tuple[float, str]:
-    """The share done, and words beside it."""
-    return done / count, f"{done} of {count} recordings"

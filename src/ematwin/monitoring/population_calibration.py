@@ -63,13 +63,8 @@ class PopulationCalibration(Calibration):
         return self.motion.layout(self.actuator)
 
     @property
-    def known_faults(self) -> list[str]:
-        """Names of the faults with a signature."""
-        return [one.fault for one in self.signatures]
-
-    @property
     def run_spread(self) -> dict[str, tuple[float, float]]:
-        """As of `Calibration`."""
+        """As of `ematwin.monitoring.calibration.CalibrationReport`."""
         spread = zip(self.reported.within.tolist(), self.reported.between.tolist(), strict=True)
         return {one.name: both for one, both in zip(self.quantities, spread, strict=True)}
 
