@@ -108,8 +108,8 @@ class FleetActuator:
         # a calibration takes the actuator for healthy: the same as an overhaul
         renewed += [b["time"] for a, b in pairwise(self.rows) if a["twin"] != b["twin"]]
         overhauls = tuple(sorted(map(years, renewed)))
-        time, value, error = np.ascontiguousarray(columns[:, :3].T)
-        return Series(time, value, error, np.ascontiguousarray(covariates), overhauls)
+        time, value, error = columns[:, :3].T
+        return Series(time, value, error, covariates, overhauls)
 
     @cached_property
     def _usual(self) -> tuple[np.ndarray, np.ndarray]:

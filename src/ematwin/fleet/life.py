@@ -54,11 +54,6 @@ class Life:
         """Years, between which it ends with a probability of 80 %."""
         return self.quantile(0.5 - LEVEL / 2.0), self.quantile(0.5 + LEVEL / 2.0)
 
-    def holds(self, life: float) -> bool:
-        """Whether the interval holds a life."""
-        low, high = self.interval
-        return low <= life <= high
-
     def __str__(self) -> str:
         low, high = self.interval
         if high == 0.0:
@@ -133,14 +128,10 @@ def life_left(
     name: str, one: Trend, limit: float, moment: float, process: str = "wiener", *,
     upwards: bool = True, horizon: float = HORIZON, draws: int = DRAWS, seed: int = 1,
 ) -> Life:  # fmt: skip
-    """Time until a magnitude passes its limit, in the unit of the magnitude.
+    """Time from a moment, years, until a magnitude passes its limit, in the magnitude's unit.
 
-    Parameters
-    ----------
-    moment : years, from when on life is counted
-    process : "wiener" or "gamma"
-    upwards : whether values above the limit are beyond it
-    horizon, draws, seed : of the simulated `paths`
+    Values above the limit are beyond it, those below it unless ``upwards``. All else is of the
+    simulated `paths`.
     """
     ahead, level, q = paths(one, moment, process, horizon=horizon, draws=draws, seed=seed)
     sign = 1.0 if upwards else -1.0
@@ -281,13 +272,8 @@ def job_left(
     """Time until the actuator no longer does its job, by its twin at the states to come.
 
     Each draw is one path of all magnitudes together; where it first fails the requirement is found
-    by bisection over its moments.
-
-    Parameters
-    ----------
-    trends, process, bounds : by magnitude; within the bounds the twin answers
-    moment : years
-    draws : paths; each costs about eight simulations
+    by bisection over its moments, with about eight simulations. ``trends``, ``process`` and
+    ``bounds`` are by magnitude; within the bounds the twin answers. ``moment`` is in years.
     """
     drawn = {
         name: paths(one, moment, process[name], draws=draws, seed=seed)

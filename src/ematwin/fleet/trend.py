@@ -121,16 +121,8 @@ class Draws(NamedTuple):
 class Trend:
     """Posterior of level and slope of a magnitude: a filter and a smoother, with given shocks.
 
-    Attributes
-    ----------
-    series, wear : the data, and the fleet's prior
-    outliers, jumps : indices of estimates that are outliers, and before which the level jumped
-    mean, covariance : (3,) and (3, 3) arrays, level, slope and acceleration at ``time``
-    told : logarithm of the probability density of the estimates
-    jump, reset : (n,) arrays, variance of the jump before each estimate, and whether an overhaul
-        lies before it
-    smooth, error : (n, 5) arrays, smoothed states and their variances
-    score, weight, residual, precision : auxiliary residuals of the smoother, see `smoothed`
+    ``outliers`` and ``jumps`` are indices of estimates that are outliers, and before which the
+    level jumped.
     """
 
     def __init__(
@@ -139,15 +131,18 @@ class Trend:
         n = series.time.size
         self.series, self.wear = series, wear
         self.outliers, self.jumps = tuple(sorted(outliers)), tuple(sorted(jumps))
+        # (n,), variance of the jump before each estimate, and whether an overhaul lies before it
         self.jump, self.reset = np.zeros(n), np.zeros(n, dtype=bool)
         self.jump[list(self.jumps)] = wear.size**2
         starts = np.searchsorted(series.time, np.array(series.overhauls, dtype=float))
         self.reset[[i for i in starts if 0 < i < n]] = True
         moments = _moments(n)
+        # (3,) and (3, 3), level, slope and acceleration at `time`; log density of the estimates
         (self.mean,), (self.covariance,), (told,) = self.ended(wear.alone, moments)
         self.told = float(told)
         if self._is_renewed:
             self.mean, self.covariance = wear.mean[:3], np.diag(wear.spread[:3] ** 2)
+        # auxiliary residuals of the smoother; smoothed states and their variances
         self.score, self.weight = np.empty((n, 5)), np.empty((n, 5, 5))
         self.residual, self.precision = np.empty(n), np.empty(n)
         self.smooth, self.error = np.empty((n, 5)), np.empty((n, 5))
