@@ -310,12 +310,10 @@ def healthy_bias(
     values, errors = (np.array(each) for each in list(zip(*found, strict=True))[:2])
     healthy = np.array([one.healthy for one in faults])
     beyond = np.maximum(np.mean((values - healthy) ** 2 - errors**2, axis=0), 0.0)
-    if all(one.is_told for one in found):  # the closed loop tells nothing of faults
-        return {one.name: float(x) for one, x in zip(faults, np.sqrt(beyond), strict=True)}
-    alone = [_descended_to(one, faults, held) for one, held in zip(compared, beside, strict=True)]
-    off = np.mean((np.array(alone) - healthy) ** 2, axis=0)
-    spread = np.sqrt(np.maximum(beyond, off))
-    return {one.name: float(x) for one, x in zip(faults, spread, strict=True)}
+    if not all(one.is_told for one in found):  # else the closed loop tells nothing of faults
+        ends = [_descended_to(one, faults, own) for one, own in zip(compared, beside, strict=True)]
+        beyond = np.maximum(beyond, np.mean((np.array(ends) - healthy) ** 2, axis=0))
+    return {one.name: float(x) for one, x in zip(faults, np.sqrt(beyond), strict=True)}
 
 
 def _descended_to(

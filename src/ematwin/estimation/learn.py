@@ -24,14 +24,7 @@ from ematwin.estimation.baseline import (
     nominal_parameters,
     uncertain,
 )
-from ematwin.estimation.constants import (
-    EXPLAINED,
-    IMPLAUSIBLE,
-    SEARCHED,
-    TWO_SIGMA,
-    WORSE,
-    WORST,
-)
+from ematwin.estimation.constants import EXPLAINED, IMPLAUSIBLE, SEARCHED, TWO_SIGMA, WORSE, WORST
 from ematwin.estimation.correction import Corrected
 from ematwin.estimation.forms import SURE, FoundForms, find_forms
 from ematwin.estimation.healthy_fit import (

@@ -157,11 +157,9 @@ class FleetActuator:
         moment = years(self.fleet.now)
         if requirement is not None:
             chosen = [name] if name is not None else list(self.magnitudes)
-            return job_left(
-                {one: self.trend(one) for one in chosen}, moment, self.twin.actuator, requirement,
-                process={one: self.fleet.process(self.kind, one) for one in chosen},
-                bounds=lambda one: (self.unknown(one).lower, self.unknown(one).upper),
-            )  # fmt: skip
+            trends = {one: self.trend(one) for one in chosen}
+            process = {one: self.fleet.process(self.kind, one) for one in chosen}
+            return job_left(trends, process, moment, self.twin.actuator, requirement)
         if name is None:
             found = [self.life_left(one) for one in self.magnitudes]
             return sooner([one for one in found if one is not None])

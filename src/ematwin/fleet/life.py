@@ -8,7 +8,7 @@ Reliab. Eng. Syst. Saf. 94, 2-21). The evidence of the fleet's increments decide
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -266,15 +266,16 @@ def _rise(time: np.ndarray, command: np.ndarray, output: np.ndarray) -> float:
 
 
 def job_left(
-    trends: dict[str, Trend], moment: float, actuator: Any, requirement: Requirement, *,
-    process: dict[str, str], bounds: Callable[[str], tuple[float, float]], draws: int = 15,
+    trends: dict[str, Trend], process: dict[str, str], moment: float, actuator: Any,
+    requirement: Requirement, draws: int = 15,
 ) -> Life:  # fmt: skip
     """Time until the actuator no longer does its job, by its twin at the states to come.
 
     Each draw is one path of all magnitudes together; where it first fails the requirement is found
-    by bisection over its moments, with about eight simulations. ``trends``, ``process`` and
-    ``bounds`` are by magnitude; within the bounds the twin answers. ``moment`` is in years.
+    by bisection over its moments, with about eight simulations. ``trends`` and ``process`` are by
+    magnitude; ``moment`` is in years.
     """
+    known = {one.name: one for one in model_of(actuator).faults(actuator)}
     drawn = {
         name: paths(one, moment, process[name], draws=draws, seed=seed)
         for seed, (name, one) in enumerate(trends.items(), 1)
@@ -283,7 +284,7 @@ def job_left(
 
     def fails(draw: int, step: int) -> bool:
         faults = {
-            name: float(np.clip(to_come.level[draw, step], *bounds(name)))
+            name: float(np.clip(to_come.level[draw, step], known[name].lower, known[name].upper))
             for name, to_come in drawn.items()
         }
         return requirement.value(actuator, faults) > requirement.limit

@@ -31,7 +31,7 @@ import numpy as np
 
 from ematwin.fleet.kalman import filtered, smoothed
 
-_LEVEL, _SLOPE, _EFFECTS = 0, 1, 3
+_LEVEL, _EFFECTS = 0, 3
 
 
 @dataclass(frozen=True)
@@ -67,10 +67,10 @@ class Series:
 class Wear:
     """Distribution of a magnitude over the whole fleet."""
 
-    # mean, spread: (5,) arrays, of level, slope, acceleration and two effects at the start
+    # mean, spread: (6,) arrays, of level, slope, acceleration and two effects at the start, and of
+    # the slope after a jump
     mean: np.ndarray
     spread: np.ndarray
-    after: np.ndarray  # (2,) array, mean and spread of the slope after a jump
     q_level: float  # q_level, q_slope: variances per year
     q_slope: float
     lasting: float  # years, in which an acceleration falls to 1/e; below 0 it grows by e in these
@@ -93,7 +93,7 @@ class Wear:
 
 
 class Draws(NamedTuple):
-    """N draws of the values of `Wear` with one law: (N, 5) and (N,) arrays."""
+    """N draws of the values of `Wear` with one law: (N, 6) and (N,) arrays."""
 
     mean: np.ndarray
     spread: np.ndarray
@@ -164,7 +164,7 @@ class Trend:
         count = len(draws.mean)
         found = np.empty((count, 3)), np.empty((count, 3, 3)), np.empty(count)
         filtered(
-            *self.series.arrays, used, self.wear.after, self.jump, self.reset, draws, *found,
+            *self.series.arrays, used, self.jump, self.reset, draws, *found,
             *(_moments(0) if moments is None else moments),
         )  # fmt: skip
         return found
@@ -188,11 +188,6 @@ class Trend:
     def level_error(self) -> np.ndarray:
         """(n,) array, standard error of the level."""
         return np.sqrt(np.maximum(self.error[:, _LEVEL], 0.0))
-
-    @property
-    def slope(self) -> np.ndarray:
-        """(n,) array, smoothed, per year."""
-        return self.smooth[:, _SLOPE]
 
     @property
     def corrected(self) -> np.ndarray:
