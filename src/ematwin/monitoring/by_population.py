@@ -20,7 +20,7 @@ from ematwin.monitoring.detection import (
     name_of,
 )
 from ematwin.monitoring.measure import Measured
-from ematwin.monitoring.population import Posterior, basis
+from ematwin.monitoring.population import Posterior
 from ematwin.monitoring.population_calibration import PopulationCalibration
 from ematwin.recordings.recording import Recording
 from ematwin.showing.text import listed
@@ -64,23 +64,19 @@ class _Together:
         self, calibration: PopulationCalibration, measured: Measured, members: np.ndarray
     ) -> None:
         self._calibration, self._monitoring = calibration, calibration.monitoring
-        self._features, covariate = measured.features[members], measured.covariate[members]
-        self._scores = calibration.population.scores(self._features, covariate)
-        self._healthy = calibration.reported.mean(covariate).mean(0)
-        self._terms = basis(covariate, calibration.scale)
+        self._own = own = measured.part(members)
+        self._scores = calibration.scores(own)
         self._estimates = [measured.estimates[n] for n in members]
         self._barred = dict.fromkeys(text for n in members for text in measured.barred[n])
-        self._statistics = {
-            name: float(values[members].mean()) for name, values in measured.statistics.items()
-        }
+        self._statistics = {name: float(x.mean()) for name, x in own.statistics.items()}
         self._covariate: Covariate | None = None
         if (name := self._monitoring.covariate) is not None:
             unit = calibration.model.unknown(calibration.actuator, name).unit
-            self._covariate = Covariate(name, unit, float(covariate.mean()))
+            self._covariate = Covariate(name, unit, float(own.covariate.mean()))
 
     def diagnosis(self, name: str, labels: dict[str, str]) -> Diagnosis:
         """Their diagnosis."""
-        found = self._calibration.causes.posterior(self._scores, self._terms)
+        found = self._calibration.posterior(self._own)
         mean, names = self._scores.mean(0), self._calibration.layout.names
         evidence = {names[n]: float(mean[n]) for n in np.argsort(-np.abs(mean))[:4]}
         magnitudes, strange = self._magnitudes(), self._is_strange()
@@ -182,7 +178,8 @@ class _Together:
     def _magnitudes(self) -> tuple[Magnitude, ...]:
         calibration, reported = self._calibration, self._calibration.reported
         spread = np.hypot(reported.within / np.sqrt(len(self._scores)), reported.between)
-        value, healthy = calibration.values_of(self._features).mean(0), self._healthy
+        value = calibration.values_of(self._own.features).mean(0)
+        healthy = reported.mean(self._own.covariate).mean(0)
         lower = {o.name: o.lower - o.slack for o in calibration.model.faults(calibration.actuator)}
         found = []
         for n, one in enumerate(calibration.quantities):

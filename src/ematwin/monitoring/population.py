@@ -134,6 +134,13 @@ class Measurements:
         """(N,) array of bool: the recordings of a run."""
         return np.array([run == name for run in self.runs])
 
+    def part(self, members: np.ndarray) -> "Measurements":
+        """Some of them, members (N,) of bool, or their numbers."""
+        rows = {name: getattr(self, name)[members] for name in (*_NUMBERS, "groups")}
+        statistics = {name: values[members] for name, values in self.statistics.items()}
+        runs = tuple(np.array(self.runs)[members].tolist())
+        return Measurements(runs=runs, statistics=statistics, **rows)
+
     def holds(self, features: np.ndarray, kinds: Sequence[str]) -> bool:
         """Whether one of the rows (K, F) is here already, as when a file is given twice.
 

@@ -6,7 +6,7 @@ beside the others.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -26,8 +26,10 @@ from ematwin.monitoring.population import (
     Direction,
     Measurements,
     Population,
+    Posterior,
     Scatter,
     Signature,
+    basis,
     plain,
 )
 from ematwin.monitoring.runs import Given, recordings_of
@@ -88,32 +90,28 @@ class PopulationCalibration(Calibration):
     @cached_property
     def population(self) -> Population:
         """Of the features."""
-        return self._of_features(np.ones(len(self.healthy.runs), dtype=bool))
+        return self._population(self.healthy.features, dict.fromkeys(self.layout.names, False))
 
     @cached_property
     def reported(self) -> Population:
         """Of the reported quantities (`Monitoring.reported`)."""
-        quantities = {one.name: one.logarithmic for one in self.quantities}
-        return self._population(self.values, quantities, np.ones(len(self.values), dtype=bool))
+        return self._population(self.values, {one.name: one.logarithmic for one in self.quantities})
 
-    def _of_features(self, members: np.ndarray) -> Population:
-        names = dict.fromkeys(self.layout.names, False)
-        return self._population(self.healthy.features, names, members)
-
-    def _population(
-        self, every: np.ndarray, logarithmic: Mapping[str, bool], members: np.ndarray
-    ) -> Population:
-        """Of the rows of ``every`` (N, n) with members (N,) of bool; which are logarithms."""
+    def _population(self, values: np.ndarray, logarithmic: Mapping[str, bool]) -> Population:
+        """Of values (N, n) of the healthy recordings; which are logarithms, by name."""
         healthy, faults = self.healthy, {o.name: o for o in self.model.faults(self.actuator)}
-        values, usual = every[members], np.sqrt((healthy.errors[members] ** 2).mean(0))
+        usual = np.sqrt((healthy.errors**2).mean(0))
         errors, cut = np.zeros(len(logarithmic)), np.zeros(len(logarithmic), dtype=bool)
         for n, (name, is_logarithm) in enumerate(logarithmic.items()):
             if name in self.layout.magnitudes:
                 size = float(np.exp(values[:, n].mean())) if is_logarithm else 1.0
                 errors[n] = usual[self.layout.magnitudes.index(name)] / size
                 cut[n] = faults[name].healthy in (faults[name].lower, faults[name].upper)
-        covariate, groups = healthy.covariate[members], healthy.groups[members]
-        return Population.of(values, covariate, groups, self.scale, errors, cut)
+        return Population.of(values, healthy.covariate, healthy.groups, self.scale, errors, cut)
+
+    def without(self, run: str) -> "PopulationCalibration":
+        """The same, learnt from all healthy runs but one."""
+        return replace(self, healthy=self.healthy.part(~self.healthy.of_run(run)))
 
     @property
     def statistics(self) -> dict[str, tuple[float, float]]:
@@ -163,11 +161,10 @@ class PopulationCalibration(Calibration):
     @cached_property
     def tested(self) -> np.ndarray:
         """Scores (N, F) of the healthy recordings, each run judged by the others."""
-        healthy = self.healthy
-        scores = np.empty_like(healthy.features)
-        for own in map(healthy.of_run, healthy.names):
-            others = self._of_features(~own)
-            scores[own] = others.scores(healthy.features[own], healthy.covariate[own])
+        scores = np.empty_like(self.healthy.features)
+        for run in self.healthy.names:
+            own = self.healthy.of_run(run)
+            scores[own] = self.without(run).scores(self.healthy.part(own))
         return scores
 
     def measure(self, recordings: Given) -> Measured:
@@ -175,9 +172,13 @@ class PopulationCalibration(Calibration):
         bench = Bench(self.actuator, self.motion, recordings_of(recordings, self.actuator))
         return bench.measured(bench.fit(self.discrepancy, self.scale, bench.fit()))
 
-    def scores(self, measured: Measured) -> np.ndarray:
+    def scores(self, measured: Measurements) -> np.ndarray:
         """How far measurements lie from health, (N, F), in healthy standard deviations."""
         return self.population.scores(measured.features, measured.covariate)
+
+    def posterior(self, measured: Measurements) -> Posterior:
+        """Probabilities of what happened, from recordings that are judged together."""
+        return self.causes.posterior(self.scores(measured), basis(measured.covariate, self.scale))
 
     def _table(self, sources: Mapping[str, str] | None) -> dict[str, Any]:
         learnt: dict[str, Any] = {
