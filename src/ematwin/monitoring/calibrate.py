@@ -154,7 +154,7 @@ def _population(
         motion=bench.motion,
         discrepancy=discrepancy,
         scale=scale,
-        healthy=measured.healthy(_without_own_share(bench, measured, fit, scale), measured.runs),
+        healthy=replace(measured, features=_without_own_share(bench, measured, fit, scale)),
         facts={
             "labels": _labels_of(healthy),
             "sources": sorted({one.source for one in healthy}),
@@ -222,11 +222,10 @@ def _added(
             f"Run {given[0].run} of {given[0].source} is among the healthy runs already; give runs "
             "that are new."
         )
-    more = measured.healthy(measured.features, of_run)
     after = replace(
         before,
         actuator=_renamed(before.actuator, name),
-        healthy=before.healthy.with_more(more),
+        healthy=before.healthy.with_more(replace(measured, runs=tuple(of_run))),
         signatures=(),
         facts={
             **before.facts,

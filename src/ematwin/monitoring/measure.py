@@ -164,12 +164,6 @@ class Measured(Measurements):
     estimates: tuple[Estimate, ...]
     barred: tuple[list[str], ...]  # of each, sentences on channels that forbid a verdict
 
-    def healthy(self, features: np.ndarray, runs: Sequence[str]) -> Measurements:
-        """These as healthy ones, with other features (N, F), and the run of each."""
-        return Measurements(
-            features, self.errors, self.covariate, self.groups, tuple(runs), self.statistics
-        )
-
 
 @dataclass(frozen=True)
 class Fit:
