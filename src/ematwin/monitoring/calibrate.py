@@ -15,7 +15,6 @@ import numpy as np
 
 from ematwin.errors import InputError, RecordError
 from ematwin.estimation.baseline import frees_parameters
-from ematwin.estimation.constants import CERTAIN
 from ematwin.estimation.learn import learn
 from ematwin.estimation.local import LocalDescent
 from ematwin.models.base import Model, Monitoring
@@ -29,6 +28,7 @@ from ematwin.monitoring.measure import Bench, Fit, Measured, Motion
 from ematwin.monitoring.population import Population, Signature, basis, fit_mean
 from ematwin.monitoring.population_calibration import PopulationCalibration
 from ematwin.monitoring.runs import Given, actuator_of, recordings_of
+from ematwin.numerics.signals import spread_of
 from ematwin.recordings.recording import Recording
 from ematwin.showing.bars import told
 
@@ -36,6 +36,10 @@ Progress = Callable[[float], None]
 _MOST_LEARNT = 8  # recordings that the parameters of other kinds are fitted to
 _MOST_MEANS = 24  # mean recordings that those of monitored kinds are fitted to: more are no better
 _MOST_LABELS = 20  # values of one label that are listed
+_OUTLIER = 4.0  # robust standard deviations of the logarithm of a run's distance
+_LEAST_SCATTER = 0.2  # of that logarithm: few runs may agree by chance
+_WILD = 4.0  # healthy deviations that a feature counts at most: one alone makes no run odd
+_ODD = 8.0  # robust standard deviations of what is reported
 
 
 def calibrate(
@@ -161,7 +165,7 @@ def _population(
             "undetermined": [p.place for p in learnt.parameters if not p.determined],
         },
     )
-    _refuse_outlier(calibration)
+    _check_outliers(calibration)
     spread = calibration.population.spread.tolist()
     baseline = replace(
         learnt.baseline,
@@ -301,24 +305,45 @@ def _with_discrepancy(bench: Bench) -> tuple[Fit, np.ndarray, float | None]:
     return fit, discrepancy, scale
 
 
-def _refuse_outlier(calibration: PopulationCalibration) -> None:
-    """Refuse a run that the others judge to be none of theirs, such as a faulty one among them."""
-    healthy, count = calibration.healthy, len(calibration.healthy.names)
-    if count < 5:
-        return  # three others know too little of how runs differ: they refuse healthy ones
-    judged = {
-        run: calibration.without(run).posterior(healthy.part(healthy.of_run(run)))
-        for run in healthy.names
-    }
-    run, found = min(judged.items(), key=lambda one: one[1].healthy)
-    changed = 1.0 - found.healthy
-    # beforehand as likely as not there is one such run, each with the same probability
-    if changed > CERTAIN * (changed + count * found.healthy):
-        cause = max(found.probabilities, key=lambda name: found.probabilities[name])
+def _check_outliers(calibration: PopulationCalibration) -> None:
+    """Refuse a run that is unlike all others: it may be a faulty one among the healthy."""
+    healthy, kinds = calibration.healthy, np.array(calibration.layout.kinds)
+    members = [healthy.of_run(run) for run in healthy.names]
+    if len(members) < 4:
+        return  # of three, nobody can tell which one is the odd one
+
+    def refuse(n: int, how: str) -> None:
         raise RecordError(
-            f"Run {run} is unlike the other {count - 1} healthy runs, most likely by {cause}. If "
-            "it is faulty or of another rig, leave it out."
+            f"Run {healthy.names[n]} is unlike the other {len(members) - 1} healthy runs: {how}. "
+            "If it is faulty or of another rig, leave it out."
         )
+
+    sizes = np.minimum(np.abs(calibration.tested), _WILD)
+    # of all features, and of the residual alone: magnitudes may differ from day to day so much
+    # that a rough run does not stand out
+    for columns in (np.ones(len(kinds), dtype=bool), kinds != "model"):
+        levels = np.array([np.log(sizes[own][:, columns].mean()) for own in members])
+        for n, (away, spread) in enumerate(_beside_others(levels)):
+            if away > _OUTLIER * max(spread, _LEAST_SCATTER):
+                refuse(n, f"it lies {np.exp(away):.1f} times as far from the others as they lie "
+                       "from each other")  # fmt: skip
+    for k, one in enumerate(calibration.quantities):
+        levels = np.array([calibration.values[own, k].mean() for own in members])
+        for n, (away, spread) in enumerate(_beside_others(levels)):
+            if abs(away) > max(_ODD * spread, one.least):
+                unit, scale = ("%", 100.0) if one.logarithmic else (one.unit, one.scale)
+                shown = f"{scale * abs(away):.2g} {unit}".rstrip()
+                refuse(n, f"its {one.name} differs from theirs by {shown}")
+
+
+def _beside_others(levels: np.ndarray) -> list[tuple[float, float]]:
+    """How far each is from the median of the others, and the robust spread of these."""
+    found = []
+    for n, own in enumerate(levels):
+        rest = np.delete(levels, n)
+        middle = float(np.median(rest))
+        found.append((float(own - middle), float(spread_of(np.abs(rest - middle)))))
+    return found
 
 
 def _without_own_share(
