@@ -42,6 +42,12 @@ from ematwin.fleet.trend import Series, trend
 END = datetime(2026, 1, 1, tzinfo=UTC)
 
 
+def holds(one, left):
+    """Whether the 80 % interval of a prediction holds the life that was left."""
+    low, high = one.interval
+    return low <= left <= high
+
+
 def exponential_fit(series, limit, moment):
     """Life left by a least-squares fit of value = a exp(b t) + c, as often done; years."""
     from scipy.optimize import curve_fit
@@ -167,13 +173,13 @@ def judged(seed, *settings):
         for one in made_ones:
             if ends - one.moment <= horizon:
                 every_one += 1
-                held += one.holds(ends - one.moment)
+                held += holds(one, ends - one.moment)
         if len(made_ones) >= 3:
             ours.append(cumulative_relative_accuracy(made_ones, ends))
             flat = [Life("x", np.array([curve]), one.moment) for one, curve in several]
             curves.append(cumulative_relative_accuracy(flat, ends))
     whole = [
-        one.holds(end / 365.25 - one.moment)
+        holds(one, end / 365.25 - one.moment)
         for (_, _, end), several in predictions.items()
         for one, _ in several
     ]
@@ -388,7 +394,7 @@ def known_law(every, noise, seed=1, units=600):
             made.append(Life("x", left, day / 365.25))
         if made:
             end = beyond[0] / 365.25
-            held = np.array([one.holds(end - one.moment) for one in made])
+            held = np.array([holds(one, end - one.moment) for one in made])
             near = [end - one.moment <= prognostic_horizon(made, end) for one in made]
             told += [held[near].sum(), sum(near), held.sum(), held.size]
     names = ("held_from_horizon", "from_horizon", "held_of_all", "predictions")

@@ -19,9 +19,8 @@ import numpy as np
 
 import ematwin
 from ematwin.models.reading import read
-from ematwin.monitoring.calibration_report import CalibrationReport
-from ematwin.monitoring.detection import Detection
-from ematwin.monitoring.diagnosis import Diagnosis
+from ematwin.monitoring.calibration import CalibrationReport
+from ematwin.monitoring.detection import Detection, Diagnosis
 from ematwin.report.detection import detection_page
 
 HEALTHY = "normal"

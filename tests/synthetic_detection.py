@@ -6,8 +6,7 @@ from typing import Any
 import ematwin
 from ematwin.estimation.verdict import Verdict
 from ematwin.models.registry import model_of
-from ematwin.monitoring.detection import Detection
-from ematwin.monitoring.diagnosis import Diagnosis, Magnitude, Standing
+from ematwin.monitoring.detection import Detection, Diagnosis, Magnitude, Standing
 
 _GRADES = ("healthy", "changed", "fault", "none", "fault", "healthy")
 _FAULTS = ("", "", "lubrication", "", "backlash", "")

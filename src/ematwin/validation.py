@@ -4,13 +4,14 @@ import difflib
 import hashlib
 import json
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
-from ematwin.errors import FileError, ParameterError
+from ematwin.errors import EmatwinError, FileError, ParameterError
 
 _LISTED = 12  # problems of a file that one message lists; more would hide the first ones
 
@@ -32,6 +33,32 @@ def checksum_of(table: Mapping[str, Any]) -> str:
     """Checksum of the values of a TOML file; name, description and comments do not count."""
     values = {key: one for key, one in table.items() if key not in ("name", "description")}
     return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def refuse_newer(
+    what: str, written: Any, known: int, error: type[EmatwinError] = ParameterError
+) -> None:
+    """Refuse what a newer ematwin wrote, with a format above the one that is ``known``."""
+    if isinstance(written, int) and written > known:
+        raise error(
+            f"{what} was written by a newer ematwin (format {written}, this one knows {known}). "
+            "Update ematwin."
+        )
+
+
+@contextmanager
+def damage_said(
+    what: str, advice: str, error: type[EmatwinError] = ParameterError
+) -> Iterator[None]:
+    """Raise the ``error`` with some advice where a table has other contents than it should."""
+    try:
+        yield
+    except EmatwinError:
+        raise
+    except (
+        KeyError, TypeError, ValueError, IndexError, AttributeError, ArithmeticError
+    ) as found:  # fmt: skip
+        raise error(f"{what} is damaged ({type(found).__name__}: {found}). {advice}") from None
 
 
 def one_sentence(error: ValidationError, what: str) -> ParameterError:

@@ -35,7 +35,7 @@ LIMIT, SPEED, Q = 0.5, 0.2, 4e-3
 
 def known(level=0.0, slope=SPEED, q=Q):
     """A trend whose level and slope are certain, and whose slope stays."""
-    wear = Wear(np.zeros(5), np.full(5, 0.1), np.array([0.0, 0.1]), q, 1e-18, 1.0, 0.01, 1.0, 1.0)
+    wear = Wear(np.zeros(6), np.full(6, 0.1), q, 1e-18, 1.0, 0.01, 1.0, 1.0)
     one = trend(Series(np.zeros(1), np.zeros(1), np.full(1, 1e-3), np.zeros((1, 2))), wear)
     one.mean, one.covariance = np.array([level, slope, 0.0]), 1e-18 * np.eye(3)
     return one
@@ -128,10 +128,8 @@ def test_an_actuator_does_its_job_until_its_twin_does_not():
     assert limit > healthy
     required = replace(required, limit=limit)
     one = known(level=0.05, slope=0.2, q=1e-9)
-    life = job_left(
-        {"friction": one}, 0.0, actuator, required, process={"friction": "wiener"},
-        bounds=lambda _: (0.0, 1.0), draws=1,
-    )  # fmt: skip
+    process = {"friction": "wiener"}
+    life = job_left({"friction": one}, process, 0.0, actuator, required, draws=1)
     assert life.median == pytest.approx(1.0, rel=0.15)  # from 0.05 to 0.25 at 0.2 a year
     with pytest.raises(InputError, match="measures one of"):
         replace(required, measure="beauty").value(actuator, {})

@@ -13,10 +13,12 @@ from ematwin.fleet.trend import Series, Trend, Wear, trend
 from naive.trend import dense
 
 WEAR = Wear(
-    np.array([0.0, 0.1, 0.3, 0.0, 0.0]), np.array([0.02, 0.1, 0.2, 0.01, 0.02]),
-    np.array([0.05, 0.2]), 1e-4, 1e-3, 1.2, 0.005, 0.7, 1.0,
+    np.array([0.0, 0.1, 0.3, 0.0, 0.0, 0.05]), np.array([0.02, 0.1, 0.2, 0.01, 0.02, 0.2]),
+    1e-4, 1e-3, 1.2, 0.005, 0.7, 1.0,
 )  # fmt: skip
-STEADY = replace(WEAR, mean=WEAR.mean * [1, 1, 0, 1, 1], spread=WEAR.spread * [1, 1, 1e-6, 1, 1])
+STEADY = replace(
+    WEAR, mean=WEAR.mean * [1, 1, 0, 1, 1, 1], spread=WEAR.spread * [1, 1, 1e-6, 1, 1, 1]
+)
 
 
 def made(seed, n=30, slope=0.1, noise=0.01, overhauls=()):
@@ -38,7 +40,7 @@ def test_level_and_slope_are_those_of_a_dense_solution(overhauls, lasting):
         series.time, series.value, variance, series.covariates, wear, found.jumps, resets
     )
     np.testing.assert_allclose(found.level, mean[:, 0], atol=1e-7)
-    np.testing.assert_allclose(found.slope, mean[:, 1], atol=1e-7)
+    np.testing.assert_allclose(found.smooth[:, 1], mean[:, 1], atol=1e-7)
     np.testing.assert_allclose(found.level_error, np.sqrt(cov[:, 0, 0]), atol=1e-7)
     np.testing.assert_allclose(found.mean, mean[-1, :3], atol=1e-7)
     np.testing.assert_allclose(found.covariance, cov[-1, :3, :3], atol=1e-7)

@@ -8,8 +8,7 @@ import pytest
 import ematwin
 from ematwin import Fleet
 from ematwin.errors import InputError
-from ematwin.fleet.paths import hash_of
-from ematwin.fleet.watch import watch
+from ematwin.fleet.watch import hash_of, watch
 from ematwin.models.reading import write
 
 SERVO = "sts3215"  # the kind that is judged fastest

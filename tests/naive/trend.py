@@ -13,7 +13,7 @@ def dense(time, value, variance, covariates, wear, jumps=(), resets=()):
     """
     n = len(time)
     mean, cov = np.zeros(5 * n), np.zeros((5 * n, 5 * n))
-    m, p = wear.mean.copy(), np.diag(wear.spread**2)
+    m, p = wear.mean[:5].copy(), np.diag(wear.spread[:5] ** 2)
     for i in range(n):
         here = slice(5 * i, 5 * i + 5)
         if i:
@@ -24,9 +24,9 @@ def dense(time, value, variance, covariates, wear, jumps=(), resets=()):
             push = np.zeros(5)
             noise = np.diag([wear.q_level * dt, wear.q_slope * dt, 0.0, 0.0, 0.0])
             if i in jumps:
-                move[1:3], push[1:3] = 0.0, (wear.after[0], wear.mean[2])
+                move[1:3], push[1:3] = 0.0, wear.mean[[5, 2]]
                 noise[0, 0] += wear.size**2
-                noise[1:3, 1:3] = np.diag([wear.after[1] ** 2, wear.spread[2] ** 2])
+                noise[1:3, 1:3] = np.diag(wear.spread[[5, 2]] ** 2)
             if i in resets:
                 move[:3], push[:3] = 0.0, wear.mean[:3]
                 noise[:3, :3] = np.diag(wear.spread[:3] ** 2)

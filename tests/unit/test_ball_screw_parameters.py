@@ -21,7 +21,8 @@ from ematwin.models.ball_screw.parameters import BallScrew
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.registry import load_actuator, model_in, shipped_actuators
 from ematwin.monitoring.calibration import FORMAT, Calibration
-from ematwin.monitoring.population import HealthyRuns, Signature
+from ematwin.monitoring.measure import Motion
+from ematwin.monitoring.population import Measurements, Signature
 from ematwin.monitoring.population_calibration import PopulationCalibration
 from made_up_rig import out_and_back
 from refusals import refusal_of
@@ -163,7 +164,7 @@ def calibration() -> Calibration:
     actuator = BallScrew.load().changed({"screw.friction_force": 2711.828})
     command, interval = out_and_back(actuator, 0.1, 4.0, 2.0)
     features, runs = 63, ("1", "1", "2", "2", "3", "3")
-    healthy = HealthyRuns(
+    healthy = Measurements(
         features=np.exp(random.normal(size=(6, features))),
         errors=np.exp(random.normal(size=(6, 3))),
         covariate=np.array([-120.0, 340.0, 10.0, 20.0, 30.0, 40.0]),
@@ -174,10 +175,7 @@ def calibration() -> Calibration:
     return PopulationCalibration(
         actuator=actuator,
         baseline=Baseline.of_template(MODEL, actuator),
-        command=command,
-        interval=interval,
-        settling_time=1.4,
-        channels=("current", "position_error"),
+        motion=Motion(command, interval, 1.4, ("current", "position_error")),
         discrepancy=random.normal(size=(3, 2 * command.size)),
         scale=212.5,
         healthy=healthy,

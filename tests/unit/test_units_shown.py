@@ -12,7 +12,7 @@ import pytest
 import ematwin
 from ematwin.errors import EmatwinError
 from ematwin.exploring.explorer import Explorer
-from ematwin.monitoring.diagnosis import Magnitude
+from ematwin.monitoring.detection import Magnitude
 from ematwin.plots import plot_recording
 from ematwin.quantities import preferred, use_units
 

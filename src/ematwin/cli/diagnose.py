@@ -126,7 +126,7 @@ def identify(
     json: bool = options.JSON,
 ) -> None:
     """Find the faults with which the digital twin behaves like the recorded actuator."""
-    from ematwin.monitoring.gather import is_one
+    from ematwin.monitoring.runs import is_one
 
     options.check_outputs(report, table)
     failing = options.grades(fail_on)

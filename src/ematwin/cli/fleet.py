@@ -200,7 +200,7 @@ def watch(
     Each recording is judged once, and its estimate is kept in the folder of the fleet. Ctrl-C
     or a crash loses nothing: the same command goes on.
     """
-    from ematwin.fleet.paths import Paths
+    from ematwin.fleet.watch import Paths
 
     _check_step(fail_on)
     if every is not None and not every > 0.0:

@@ -147,7 +147,7 @@ def check_outputs(page: Path | None, *tables: Path | None) -> None:
 def meant(files: list[Path], column: list[str] | None, map_file: Path | None) -> "ParameterSet":
     """The actuator that the first of some files is of, where none was named."""
     from ematwin.models.reading import actuator_for
-    from ematwin.monitoring.gather import files_of
+    from ematwin.monitoring.runs import files_of
 
     given = pairs(column or [], "--column")
     return actuator_for(files_of(files[0])[0], given or map_file)
@@ -167,7 +167,7 @@ def map_of(column: list[str] | None, map_file: Path | None, actuator: Any) -> An
 
 def load(files: list[Path], columns: Any, actuator: Any, **reading: Any) -> "list[Recording]":
     """Recordings of an actuator in files and folders, each motion of a table."""
-    from ematwin.monitoring.gather import files_of
+    from ematwin.monitoring.runs import files_of
 
     files = [file for path in files for file in files_of(path)]
     return ematwin.read(files, columns, actuator=actuator, split=True, **reading)
@@ -181,8 +181,7 @@ def gathered(
 
     ``known_of`` takes the actuator that was named, if any, and the first file of it.
     """
-    from ematwin.monitoring.gather import files_of
-    from ematwin.monitoring.runs import is_table_of_runs, read_runs
+    from ematwin.monitoring.runs import files_of, is_table_of_runs, read_runs
 
     columns = partial(map_of, column, map_file)
     for table in filter(is_table_of_runs, files):

@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ematwin.errors import ParameterError
 from ematwin.estimation.constants import DETERMINED, SEARCHED, TWO_SIGMA
 from ematwin.estimation.prior import Prior
 from ematwin.estimation.problem import Problem
@@ -22,9 +21,10 @@ from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import model_of
 from ematwin.models.unknown import Unknown
-from ematwin.validation import load_toml
+from ematwin.validation import damage_said, load_toml, refuse_newer
 
 FORMAT = 1
+ANEW = "Make it anew with ematwin calibrate."  # what to do with a damaged calibration
 
 _TERMS = ("N", "N*m", "kg", "kg*m^2", "N*s/m", "N*m*s/rad")  # of a balance of forces or torques
 
@@ -124,13 +124,9 @@ class Baseline:
     @classmethod
     def from_table(cls, table: Any, what: str) -> "Baseline":
         """Read the result of `as_table`; `ParameterError` if damaged or of a newer ematwin."""
-        try:
-            written = int(table["format"])
-            if written > FORMAT:
-                raise ParameterError(
-                    f"The baseline of {what} was written by a newer ematwin (format {written}, "
-                    f"this one knows {FORMAT}). Update ematwin."
-                )
+        what = f"The baseline of {what}"
+        with damage_said(what, ANEW):
+            refuse_newer(what, int(table["format"]), FORMAT)
             names = tuple(str(name) for name in table["names"])
             mean = np.array(table["mean"], dtype=float)
             covariance = np.array(table["covariance"], dtype=float)
@@ -155,13 +151,6 @@ class Baseline:
                 if closed is None
                 else ClosedLoop(float(closed["misfit"]), _plain_floats(closed["scatter"])),
             )
-        except (KeyError, TypeError, ValueError, AttributeError, np.linalg.LinAlgError) as error:
-            if isinstance(error, ParameterError):
-                raise
-            raise ParameterError(
-                f"The baseline of {what} is damaged ({type(error).__name__}: {error}). Make it "
-                "anew with ematwin calibrate."
-            ) from None
 
 
 def _plain_floats(table: Mapping[Any, Any]) -> dict[str, float]:

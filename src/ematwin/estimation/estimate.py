@@ -13,6 +13,7 @@ import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.showing.results import frame, html, plain
+from ematwin.validation import damage_said, refuse_newer
 
 FORMAT = 1
 
@@ -119,13 +120,9 @@ class Estimate:
         InputError
             If something is missing, or it is of a newer ematwin.
         """
-        try:
-            written = int(table["format"])
-            if written > FORMAT:
-                raise InputError(
-                    f"The estimate was written by a newer ematwin (format {written}, this one "
-                    f"knows {FORMAT}). Update ematwin."
-                )
+        what = "This is not an estimate of ematwin, or"
+        with damage_said(what, "Make it again with ematwin identify.", InputError):
+            refuse_newer("The estimate", int(table["format"]), FORMAT, InputError)
             known = {one.name: table[one.name] for one in fields(cls)}
             covariance = [[math.inf if x is None else x for x in r] for r in known["covariance"]]
             d = len(known["names"])
@@ -133,10 +130,3 @@ class Estimate:
             known["values"] = np.array(known["values"], dtype=float).reshape(d)
             known["covariance"] = np.array(covariance, dtype=float).reshape(d, d)
             return cls(**known)
-        except (KeyError, TypeError, ValueError) as error:
-            if isinstance(error, InputError):
-                raise
-            raise InputError(
-                f"This is not an estimate of ematwin, or is damaged ({type(error).__name__}: "
-                f"{error}). Make it again with ematwin identify."
-            ) from None

@@ -1,9 +1,14 @@
-"""Joint fit of healthy recordings: the search of parameters, and the minimum of all together.
+"""Healthy recordings: parameters fitted to all of them, and bias and scatter of estimates on each.
 
 Recordings of few commands are searched all over the ranges of the parameters, until two searches
 end equally deep. Where the misfit is smooth, and noise alone is left next to where the fit of forms
 ended, there is no search; and a kind with one minimum starts from its template. From there all
 recordings are fitted together, with sensors and load of each.
+
+Recordings of one healthy actuator differ; and a twin that lacks a form of an actuator takes part of
+it for a fault, in all of them alike. Parameters and sensors, which are free beside the faults,
+can hide that from a calibration and not from a verdict: so healthy recordings are judged as
+`identify` would. Deviations beyond the standard errors there may occur in any recording.
 """
 
 import math
@@ -15,30 +20,33 @@ from typing import NamedTuple
 import numpy as np
 
 from ematwin.errors import RecordError
-from ematwin.estimation.along_motion import informed
-from ematwin.estimation.baseline import effective, frees_parameters, searched_range
+from ematwin.estimation.along_motion import informed, usual_search
+from ematwin.estimation.assess import assess
+from ematwin.estimation.baseline import Baseline, effective, frees_parameters, searched_range
 from ematwin.estimation.constants import AS_GOOD, SAME_COMMAND, WORSE, WORST
 from ematwin.estimation.corrected_problem import as_searched, corrected_at, reference_scatter
 from ematwin.estimation.correction import Corrected, corrected, reweighed, with_model_error
 from ematwin.estimation.descent import Descent
-from ematwin.estimation.free_unknowns import searched
-from ematwin.estimation.healthy_bias import name_of
+from ematwin.estimation.free_unknowns import lowered, searched
 from ematwin.estimation.laplace import Laplace, laplace
 from ematwin.estimation.local import LocalDescent
 from ematwin.estimation.multistart import MultistartDescent
 from ematwin.estimation.noise import noise_at
 from ematwin.estimation.problem import Problem
-from ematwin.estimation.search import Tally, find
+from ematwin.estimation.search import Search, Tally, find
 from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Alias, Unknown
+from ematwin.numerics.side_by_side import side_by_side
+from ematwin.numerics.signals import spread_of
 from ematwin.recordings.recording import Recording
 
 Progress = Callable[[float], None]
 
 _SEARCHES = 8  # at most: of one actuator in sixty six of them end in the same wrong valley
 _TRIED = 2  # ends of searches from which all recordings are fitted together
+_ODD = 6.0  # standard deviations by which faults differ from those of other recordings
 
 
 def healthy_nuisances(
@@ -170,11 +178,7 @@ class HealthyFit:
         nearer = corrected_at(problem, problem.start)
         if nearer is None:
             return None
-        peak = laplace(
-            nearer,
-            problem.start,
-            Descent(self._aliases, settled=np.inf),
-        )
+        peak = laplace(nearer, problem.start, Descent(self._aliases, settled=np.inf))
         left = nearer.relative_misfit(peak.cost)
         return (peak.point, left) if left < AS_GOOD * nearer.expected_misfit else None
 
@@ -246,7 +250,106 @@ def refuse_odd(fit: HealthyFit, comparisons: Sequence[Comparison], misfit: float
             "them is faulty or of another actuator; leave it out, or give a third."
         )
     raise RecordError(
-        f"{name_of(comparisons, best)} is unlike the other healthy recordings: with it the "
+        f"{_name_of(comparisons, best)} is unlike the other healthy recordings: with it the "
         f"twin leaves {100.0 * misfit:.1f} % unexplained, without it {100.0 * left[best]:.1f} %. "
         "If it is faulty or of another actuator, leave it out."
     )
+
+
+class _Judged(NamedTuple):
+    """Faults of a recording, without directions."""
+
+    values: np.ndarray  # (d,)
+    errors: np.ndarray  # (d,), standard
+    cost: float  # of the data
+    is_told: bool  # as of `Problem`
+
+
+def healthy_bias(
+    model: Model,
+    actuator: ParameterSet,
+    baseline: Baseline,
+    comparisons: Sequence[Comparison],
+    beside: Sequence[Mapping[str, float]],
+) -> dict[str, float]:
+    """Standard deviation by which a healthy recording may be found off healthy, by fault.
+
+    It is the larger of two. One is the root mean square of what `identify` finds, less the standard
+    errors that explain it: the moment estimate of a variance between recordings (DerSimonian and
+    Laird 1986, Control. Clin. Trials 7, 177-188). The other is estimated with the faults alone
+    free and all else as learnt: there the faults absorb the whole error of the twin.
+
+    ``baseline`` is without this; ``beside`` are load and sensors of each recording, as learnt.
+    `RecordError` if one of them is unlike the others.
+    """
+    faults = [one for one in model.faults(actuator) if one.direction_of is None]
+    # recordings of one occasion: nothing has drifted since
+    now = replace(baseline, recordings=0)
+    compared = [model.compare(one.recording, actuator) for one in comparisons]
+
+    def judged(one: Comparison, search: Search | None = None) -> _Judged:
+        """The faults of a recording, all else free as it is known."""
+        problem = as_searched(Problem([one], lowered(model.faults(actuator))))
+        end = find(problem, search or usual_search(model, actuator, problem))
+        seen = assess(model, actuator, problem, end, now)
+        chosen = [n for n, one in enumerate(problem.unknowns) if one.direction_of is None]
+        values = np.array([seen.values[problem.names[n]] for n in chosen])
+        told = seen.joint is not None and seen.joint.peaks[0].problem.is_told
+        return _Judged(values, np.sqrt(np.diag(seen.covariance))[chosen], seen.cost, told)
+
+    found = side_by_side(judged, compared)
+    settled, left = list(found), set(range(len(found)))
+    while odd := _odd(faults, settled):
+        n, said = odd
+        # a search may end beside a healthy minimum that explains the recording as well
+        near = judged(compared[n], LocalDescent()) if n in left else None
+        if near is None or near.cost > AS_GOOD**2 * found[n].cost:
+            raise RecordError(f"{_name_of(comparisons, n)} {said}")
+        settled[n] = near
+        left.remove(n)
+    values, errors = (np.array(each) for each in list(zip(*found, strict=True))[:2])
+    healthy = np.array([one.healthy for one in faults])
+    beyond = np.maximum(np.mean((values - healthy) ** 2 - errors**2, axis=0), 0.0)
+    if not all(one.is_told for one in found):  # else the closed loop tells nothing of faults
+        ends = [_descended_to(one, faults, own) for one, own in zip(compared, beside, strict=True)]
+        beyond = np.maximum(beyond, np.mean((np.array(ends) - healthy) ** 2, axis=0))
+    return {one.name: float(x) for one, x in zip(faults, np.sqrt(beyond), strict=True)}
+
+
+def _descended_to(
+    one: Comparison, faults: Sequence[Unknown], held: Mapping[str, float]
+) -> np.ndarray:
+    """(d,) faults at the end of a descent from healthy, which may end below it."""
+    problem = Problem([one], lowered(faults), held=held)
+    problem = corrected_at(problem, problem.healthy) or problem
+    return LocalDescent().run(problem, budget=None, seed=1, report=lambda *_: None).point
+
+
+def _odd(faults: Sequence[Unknown], found: Sequence[_Judged]) -> tuple[int, str] | None:
+    """Which of at least three recordings has faults unlike the others, and how it differs.
+
+    None if there is none.
+    """
+    if len(found) < 3:
+        return None
+    values, errors = (np.array(each) for each in list(zip(*found, strict=True))[:2])
+    width = np.array([one.width + one.slack for one in faults])
+    away = np.abs(values - np.median(values, axis=0)) / width
+    scatter = np.hypot(spread_of(away, axis=0), errors / width)
+    usual = np.maximum(scatter, 0.05 / _ODD)  # so much of a range is never odd
+    n, k = (int(x) for x in np.unravel_index(np.argmax(away / usual), away.shape))
+    if away[n, k] <= _ODD * usual[n, k]:
+        return None
+    return n, (
+        f"is unlike the other healthy recordings: its {faults[k].name} differs from theirs by "
+        f"{values[n, k] - np.median(values[:, k]):+.2g}. If it is faulty or of another actuator, "
+        "leave it out."
+    )
+
+
+def _name_of(comparisons: Sequence[Comparison], n: int) -> str:
+    """The file or labels of a recording, else its place."""
+    recording = comparisons[n].recording
+    if recording.source or recording.labels:
+        return recording.name
+    return f"Recording {n + 1} of {len(comparisons)}"

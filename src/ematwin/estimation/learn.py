@@ -25,18 +25,16 @@ from ematwin.estimation.baseline import (
     uncertain,
 )
 from ematwin.estimation.closed_loop import closed_loop
-from ematwin.estimation.constants import (
-    EXPLAINED,
-    IMPLAUSIBLE,
-    SEARCHED,
-    TWO_SIGMA,
-    WORSE,
-    WORST,
-)
+from ematwin.estimation.constants import EXPLAINED, IMPLAUSIBLE, SEARCHED, TWO_SIGMA, WORSE, WORST
 from ematwin.estimation.correction import Corrected
 from ematwin.estimation.forms import SURE, FoundForms, find_forms
-from ematwin.estimation.healthy_bias import healthy_bias
-from ematwin.estimation.healthy_fit import HealthyFit, Progress, expected_misfit, refuse_odd
+from ematwin.estimation.healthy_fit import (
+    HealthyFit,
+    Progress,
+    expected_misfit,
+    healthy_bias,
+    refuse_odd,
+)
 from ematwin.estimation.prior import Prior, coordinate
 from ematwin.estimation.random_effects import learn_effects
 from ematwin.models.base import Model

@@ -251,19 +251,14 @@ def expanded(names: Iterable[str]) -> tuple[str, ...]:
     from ematwin.optimizers.registry import PRESETS
 
     found = [one for name in names for one in PRESETS.get(name.strip().lower(), (name,))]
-    return tuple(dict.fromkeys(method_name(name) for name in found))
+    return tuple(dict.fromkeys(method(name).name for name in found))
 
 
-def method_name(text: str) -> str:
-    """The name that a name or alias means.
+def method(text: str) -> Algorithm:
+    """The method that a name or alias means.
 
-    `InputError` if there is no such method, with the closest; `MissingExtraError` if its library is
-    not installed.
+    `InputError` if there is none, with the closest; `MissingExtraError` without its library.
     """
-    return _method(text).name
-
-
-def _method(text: str) -> Algorithm:
     wanted = text.strip().lower().replace("_", "-")
     for one in OWN:
         if wanted in (one.name, *one.aliases):
@@ -288,7 +283,7 @@ def named(
     """
     if hasattr(algorithm, "run") and not isinstance(algorithm, Optimizer):
         return cast(Search, algorithm)
-    if isinstance(algorithm, str) and (one := _method(algorithm)) in OWN:
+    if isinstance(algorithm, str) and (one := method(algorithm)) in OWN:
         if checkpoint is not None:
             raise InputError(
                 f"The method {one.name} takes about a second and keeps no checkpoint; leave it "

@@ -108,8 +108,8 @@ class FleetActuator:
         # a calibration takes the actuator for healthy: the same as an overhaul
         renewed += [b["time"] for a, b in pairwise(self.rows) if a["twin"] != b["twin"]]
         overhauls = tuple(sorted(map(years, renewed)))
-        time, value, error = np.ascontiguousarray(columns[:, :3].T)
-        return Series(time, value, error, np.ascontiguousarray(covariates), overhauls)
+        time, value, error = columns[:, :3].T
+        return Series(time, value, error, covariates, overhauls)
 
     @cached_property
     def _usual(self) -> tuple[np.ndarray, np.ndarray]:
@@ -157,11 +157,9 @@ class FleetActuator:
         moment = years(self.fleet.now)
         if requirement is not None:
             chosen = [name] if name is not None else list(self.magnitudes)
-            return job_left(
-                {one: self.trend(one) for one in chosen}, moment, self.twin.actuator, requirement,
-                process={one: self.fleet.process(self.kind, one) for one in chosen},
-                bounds=lambda one: (self.unknown(one).lower, self.unknown(one).upper),
-            )  # fmt: skip
+            trends = {one: self.trend(one) for one in chosen}
+            process = {one: self.fleet.process(self.kind, one) for one in chosen}
+            return job_left(trends, process, moment, self.twin.actuator, requirement)
         if name is None:
             found = [self.life_left(one) for one in self.magnitudes]
             return sooner([one for one in found if one is not None])

@@ -15,7 +15,7 @@ clears where the magnitude is more likely too small to matter (hysteresis).
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from scipy.stats import norm
 
@@ -71,6 +71,14 @@ class Alarm:
         return 0 if self.silenced else STEPS.index(self.step)
 
 
+class Before(NamedTuple):
+    """The step of an alarm when it was last looked at, since when, and when it last cleared."""
+
+    step: Step
+    since: float
+    cleared: float
+
+
 def exceeding(one: Trend, unknown: Any) -> float:
     """Probability that a magnitude was further from healthy than matters when last recorded."""
     level, error, _ = one.at(one.time)
@@ -83,16 +91,11 @@ def exceeding(one: Trend, unknown: Any) -> float:
 
 def judge(
     one: Trend, life: Life | None, moment: float, policy: Policy, *, unknown: Any, count: int,
-    before: "Before | None" = None,
+    before: Before | None = None,
 ) -> Alarm:  # fmt: skip
-    """The alarm of one magnitude at a moment, years.
+    """The alarm of one magnitude (``unknown``) of ``count`` at a moment, years.
 
-    Parameters
-    ----------
-    life : until its limit; None where no limit is stated
-    unknown : the magnitude's entry in the table of its kind
-    count : magnitudes that are watched on the actuator
-    before : the step it had
+    ``life`` lasts until its limit, None where none is stated; ``before`` is the step it had.
     """
     probability = exceeding(one, unknown)
     held = before or Before("none", moment, -math.inf)
@@ -121,15 +124,6 @@ def judge(
     return Alarm(unknown.name, step, probability, ends, why, since)
 
 
-@dataclass(frozen=True)
-class Before:
-    """The step of an alarm when it was last looked at, since when, and when it last cleared."""
-
-    step: Step
-    since: float
-    cleared: float
-
-
 def _why(one: Trend, moment: float, unknown: Any, step: Step, limit: str) -> str:
     """One sentence on the magnitude, its slope and its limit; what to check where alarmed."""
     level, error, slope = one.at(one.time)
@@ -142,9 +136,8 @@ def _why(one: Trend, moment: float, unknown: Any, step: Step, limit: str) -> str
         said += f" after a jump {spoken(moment - float(jumped[-1]))} ago"
     elif step != "none":
         said += f" and changes by {100 * slope / unknown.width:+.1f} % a year"
-    return (
-        said + limit + (f". Check: {unknown.meaning.partition(',')[0]}." if step != "none" else ".")
-    )
+    check = f" Check: {unknown.meaning.partition(',')[0]}." if step != "none" else ""
+    return f"{said}{limit}.{check}"
 
 
 def by_urgency(alarms: Mapping[str, Alarm]) -> list[Alarm]:

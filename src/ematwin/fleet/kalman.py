@@ -20,12 +20,12 @@ _LANES = 64  # draws side by side: their states stay in the first cache
 
 
 @lane_loop
-def filtered(time, value, error, covariates, used, after, jump, reset, draws, mean, cov, told,
+def filtered(time, value, error, covariates, used, jump, reset, draws, mean, cov, told,
              states, covariances, gain, innovation, power):  # fmt: skip
     """Kalman filter for N draws of the wear (`ematwin.fleet.trend.Draws`), side by side.
 
     ``jump`` (n,) is variance added to the level before an estimate; where it is positive slope and
-    acceleration start anew, the slope with the mean and spread ``after``. ``reset`` (n,) starts
+    acceleration start anew, the slope with the sixth mean and spread. ``reset`` (n,) starts
     all but the effects anew; ``used`` (n,) says which estimates count. Fills the level, slope and
     acceleration after the last estimate, ``mean`` (N, 3) and ``cov`` (N, 3, 3), and the log
     likelihoods ``told`` (N,).
@@ -76,8 +76,8 @@ def filtered(time, value, error, covariates, used, after, jump, reset, draws, me
                         s[j, 5, m] = draws.mean[begin + m, j]
                     if jump[i] > 0.0:
                         s[0, 0, m] += jump[i]
-                        s[1, 5, m] = after[0]
-                        s[1, 1, m] = after[1] ** 2
+                        s[1, 5, m] = draws.mean[begin + m, 5]
+                        s[1, 1, m] = draws.spread[begin + m, 5] ** 2
             if i % 8 == 0:  # one logarithm for eight
                 for m in range(lanes):
                     told[begin + m] -= 0.5 * math.log(product[m])

@@ -8,7 +8,7 @@ Reliab. Eng. Syst. Saf. 94, 2-21). The evidence of the fleet's increments decide
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -53,11 +53,6 @@ class Life:
     def interval(self) -> tuple[float, float]:
         """Years, between which it ends with a probability of 80 %."""
         return self.quantile(0.5 - LEVEL / 2.0), self.quantile(0.5 + LEVEL / 2.0)
-
-    def holds(self, life: float) -> bool:
-        """Whether the interval holds a life."""
-        low, high = self.interval
-        return low <= life <= high
 
     def __str__(self) -> str:
         low, high = self.interval
@@ -133,14 +128,10 @@ def life_left(
     name: str, one: Trend, limit: float, moment: float, process: str = "wiener", *,
     upwards: bool = True, horizon: float = HORIZON, draws: int = DRAWS, seed: int = 1,
 ) -> Life:  # fmt: skip
-    """Time until a magnitude passes its limit, in the unit of the magnitude.
+    """Time from a moment, years, until a magnitude passes its limit, in the magnitude's unit.
 
-    Parameters
-    ----------
-    moment : years, from when on life is counted
-    process : "wiener" or "gamma"
-    upwards : whether values above the limit are beyond it
-    horizon, draws, seed : of the simulated `paths`
+    Values above the limit are beyond it, those below it unless ``upwards``. All else is of the
+    simulated `paths`.
     """
     ahead, level, q = paths(one, moment, process, horizon=horizon, draws=draws, seed=seed)
     sign = 1.0 if upwards else -1.0
@@ -275,20 +266,16 @@ def _rise(time: np.ndarray, command: np.ndarray, output: np.ndarray) -> float:
 
 
 def job_left(
-    trends: dict[str, Trend], moment: float, actuator: Any, requirement: Requirement, *,
-    process: dict[str, str], bounds: Callable[[str], tuple[float, float]], draws: int = 15,
+    trends: dict[str, Trend], process: dict[str, str], moment: float, actuator: Any,
+    requirement: Requirement, draws: int = 15,
 ) -> Life:  # fmt: skip
     """Time until the actuator no longer does its job, by its twin at the states to come.
 
     Each draw is one path of all magnitudes together; where it first fails the requirement is found
-    by bisection over its moments.
-
-    Parameters
-    ----------
-    trends, process, bounds : by magnitude; within the bounds the twin answers
-    moment : years
-    draws : paths; each costs about eight simulations
+    by bisection over its moments, with about eight simulations. ``trends`` and ``process`` are by
+    magnitude; ``moment`` is in years.
     """
+    known = {one.name: one for one in model_of(actuator).faults(actuator)}
     drawn = {
         name: paths(one, moment, process[name], draws=draws, seed=seed)
         for seed, (name, one) in enumerate(trends.items(), 1)
@@ -297,7 +284,7 @@ def job_left(
 
     def fails(draw: int, step: int) -> bool:
         faults = {
-            name: float(np.clip(to_come.level[draw, step], *bounds(name)))
+            name: float(np.clip(to_come.level[draw, step], known[name].lower, known[name].upper))
             for name, to_come in drawn.items()
         }
         return requirement.value(actuator, faults) > requirement.limit

@@ -31,7 +31,7 @@ import numpy as np
 
 from ematwin.fleet.kalman import filtered, smoothed
 
-_LEVEL, _SLOPE, _EFFECTS = 0, 1, 3
+_LEVEL, _EFFECTS = 0, 3
 
 
 @dataclass(frozen=True)
@@ -67,10 +67,10 @@ class Series:
 class Wear:
     """Distribution of a magnitude over the whole fleet."""
 
-    # mean, spread: (5,) arrays, of level, slope, acceleration and two effects at the start
+    # mean, spread: (6,) arrays, of level, slope, acceleration and two effects at the start, and of
+    # the slope after a jump
     mean: np.ndarray
     spread: np.ndarray
-    after: np.ndarray  # (2,) array, mean and spread of the slope after a jump
     q_level: float  # q_level, q_slope: variances per year
     q_slope: float
     lasting: float  # years, in which an acceleration falls to 1/e; below 0 it grows by e in these
@@ -93,7 +93,7 @@ class Wear:
 
 
 class Draws(NamedTuple):
-    """N draws of the values of `Wear` with one law: (N, 5) and (N,) arrays."""
+    """N draws of the values of `Wear` with one law: (N, 6) and (N,) arrays."""
 
     mean: np.ndarray
     spread: np.ndarray
@@ -121,16 +121,8 @@ class Draws(NamedTuple):
 class Trend:
     """Posterior of level and slope of a magnitude: a filter and a smoother, with given shocks.
 
-    Attributes
-    ----------
-    series, wear : the data, and the fleet's prior
-    outliers, jumps : indices of estimates that are outliers, and before which the level jumped
-    mean, covariance : (3,) and (3, 3) arrays, level, slope and acceleration at ``time``
-    told : logarithm of the probability density of the estimates
-    jump, reset : (n,) arrays, variance of the jump before each estimate, and whether an overhaul
-        lies before it
-    smooth, error : (n, 5) arrays, smoothed states and their variances
-    score, weight, residual, precision : auxiliary residuals of the smoother, see `smoothed`
+    ``outliers`` and ``jumps`` are indices of estimates that are outliers, and before which the
+    level jumped.
     """
 
     def __init__(
@@ -139,15 +131,18 @@ class Trend:
         n = series.time.size
         self.series, self.wear = series, wear
         self.outliers, self.jumps = tuple(sorted(outliers)), tuple(sorted(jumps))
+        # (n,), variance of the jump before each estimate, and whether an overhaul lies before it
         self.jump, self.reset = np.zeros(n), np.zeros(n, dtype=bool)
         self.jump[list(self.jumps)] = wear.size**2
         starts = np.searchsorted(series.time, np.array(series.overhauls, dtype=float))
         self.reset[[i for i in starts if 0 < i < n]] = True
         moments = _moments(n)
+        # (3,) and (3, 3), level, slope and acceleration at `time`; log density of the estimates
         (self.mean,), (self.covariance,), (told,) = self.ended(wear.alone, moments)
         self.told = float(told)
         if self._is_renewed:
             self.mean, self.covariance = wear.mean[:3], np.diag(wear.spread[:3] ** 2)
+        # auxiliary residuals of the smoother; smoothed states and their variances
         self.score, self.weight = np.empty((n, 5)), np.empty((n, 5, 5))
         self.residual, self.precision = np.empty(n), np.empty(n)
         self.smooth, self.error = np.empty((n, 5)), np.empty((n, 5))
@@ -169,7 +164,7 @@ class Trend:
         count = len(draws.mean)
         found = np.empty((count, 3)), np.empty((count, 3, 3)), np.empty(count)
         filtered(
-            *self.series.arrays, used, self.wear.after, self.jump, self.reset, draws, *found,
+            *self.series.arrays, used, self.jump, self.reset, draws, *found,
             *(_moments(0) if moments is None else moments),
         )  # fmt: skip
         return found
@@ -193,11 +188,6 @@ class Trend:
     def level_error(self) -> np.ndarray:
         """(n,) array, standard error of the level."""
         return np.sqrt(np.maximum(self.error[:, _LEVEL], 0.0))
-
-    @property
-    def slope(self) -> np.ndarray:
-        """(n,) array, smoothed, per year."""
-        return self.smooth[:, _SLOPE]
 
     @property
     def corrected(self) -> np.ndarray:

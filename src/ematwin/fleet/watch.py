@@ -14,23 +14,25 @@ from concurrent.futures import CancelledError, Executor, ThreadPoolExecutor, as_
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ematwin.errors import EmatwinError, FileError, InputError, RecordError
-from ematwin.fleet.paths import Paths, hash_of
-from ematwin.fleet.store import SET_ASIDE, FleetStore, id_of, moment_of, row_of
+from ematwin.fleet.store import SET_ASIDE, FleetStore, content_of, id_of, moment_of, row_of
 from ematwin.models.reading import read
-from ematwin.models.registry import model_of
 from ematwin.monitoring.calibration import Calibration
 from ematwin.monitoring.identify import identify
+from ematwin.monitoring.runs import is_table_of_runs, listed
 from ematwin.numerics.side_by_side import cores
+from ematwin.recordings.formats.base import known_suffixes
 from ematwin.recordings.recording import Recording
 from ematwin.showing.bars import told
 
 _EARLIEST = datetime(1990, 1, 1, tzinfo=UTC)  # clocks that were never set begin in 1970 or 1980
+_DATE = re.compile(r"\d{4}-\d{2}-\d{2}(?:[T_ ]\d{2}[-:]?\d{2}(?:[-:]?\d{2})?)?")
 
 
 @dataclass
@@ -49,6 +51,75 @@ class Watched:
         if self.set_aside:
             parts.append(f"{len(self.set_aside)} set aside")
         return ", ".join(parts) + "."
+
+
+class Paths:
+    """Files of recordings, and what their paths say, or the table of runs that names them."""
+
+    def __init__(self, given: str | Path | Iterable[str | Path], pattern: str | None) -> None:
+        items = [Path(given)] if isinstance(given, str | Path) else [Path(one) for one in given]
+        self.roots = [one for one in items if one.is_dir()]
+        self.files: list[Path] = []
+        self._listed: dict[Path, tuple[str, datetime | None]] = {}
+        for one in items:
+            if is_table_of_runs(one):
+                for files, start, row in listed(one):
+                    self.files += files
+                    when = None if start is None else moment_of(start)
+                    self._listed |= dict.fromkeys(files, (row.get("serial", ""), when))
+            elif one.is_dir():
+                known = set(known_suffixes())
+                inside = (path for path in one.rglob("*") if path.suffix.lower() in known)
+                self.files += sorted(
+                    path for path in inside if path.is_file()
+                    and not any(part.startswith(".") for part in path.relative_to(one).parts)
+                )  # fmt: skip
+            elif one.is_file():
+                self.files.append(one)
+            else:
+                raise InputError(f"There is no file or folder {one}. Give one with recordings.")
+        try:
+            self._pattern = None if pattern is None else re.compile(pattern)
+        except (re.error, TypeError) as error:
+            raise InputError(
+                f"The pattern {pattern!r} is no regular expression: {error}."
+            ) from None
+        if self._pattern is not None and "serial" not in self._pattern.groupindex:
+            raise InputError(
+                f"The pattern {pattern!r} has no group serial. Write for example "
+                r"(?P<serial>EMA-\d+)."
+            )
+
+    def serial(self, path: Path) -> str:
+        """Serial number that its table or its path says; "" for none."""
+        if (said := self._listed.get(path)) and said[0]:
+            return said[0]
+        if self._pattern is not None:
+            match = self._pattern.search(str(path))
+            return match["serial"] if match else ""
+        for root in self.roots:
+            if path.is_relative_to(root):
+                inside = path.relative_to(root).parts[:-1]
+                return inside[0] if inside else ""
+        return ""
+
+    def time(self, path: Path) -> datetime | None:
+        """Time that its table or its path says, UTC."""
+        if (said := self._listed.get(path)) and said[1]:
+            return said[1]
+        match = _DATE.search(path.name)
+        text = match and match[0]
+        if self._pattern is not None and "time" in self._pattern.groupindex:
+            match = self._pattern.search(str(path))
+            text = match and match["time"]
+        if text is None:
+            return None
+        day, clock = text[:10], re.sub(r"\D", "", text[10:])
+        parts = ":".join(clock[n : n + 2] for n in range(0, len(clock), 2))
+        try:
+            return moment_of(f"{day}T{parts}" if parts else day)
+        except InputError:
+            return None
 
 
 class Twins:
@@ -113,12 +184,8 @@ def watch(
         they see the folders of recordings and fleet under the same paths
     progress : True shows a bar; else called with the share done
 
-    Raises
-    ------
-    InputError
-        If there is no such folder, or the pattern cannot be used.
-    EngineError
-        If the scheduler or its workers are lost; finished judgements are kept.
+    `InputError` if there is no such folder, or the pattern cannot be used; `EngineError` if the
+    scheduler or its workers are lost: finished judgements are kept.
     """
     if scheduler is not None:  # its workers have other working directories
         several = [recordings] if isinstance(recordings, str | Path) else recordings
@@ -193,34 +260,48 @@ def _workers(threads: int, scheduler: str | None) -> Iterator[Executor]:
         engine.close()
 
 
-class _Judge:
-    """Judges files; ``latest`` has the time of the latest recording of each actuator."""
+def hash_of(path: Path) -> str:
+    """The hash of a file, which is read again only where its size or time has changed."""
+    try:
+        now = path.stat()
+    except OSError:
+        return content_of(path)  # which says why
+    return _hash_at(path, now.st_size, now.st_mtime_ns)
 
-    def __init__(
-        self, store: FleetStore, twins: Twins, paths: Paths, columns: Any,
-        latest: dict[str, datetime],
-    ) -> None:  # fmt: skip
-        self._store, self._twins, self._paths = store, twins, paths
-        self._columns, self._latest = columns, latest
+
+@cache
+def _hash_at(path: Path, size: int, time: int) -> str:
+    return content_of(path)
+
+
+@dataclass
+class _Judge:
+    """Judges files."""
+
+    store: FleetStore
+    twins: Twins
+    paths: Paths
+    columns: Any
+    latest: dict[str, datetime]  # time of the latest recording of each actuator
 
     def judges_anew(self, path: Path, rows: Sequence[dict[str, Any]]) -> bool:
         """Whether another twin judges a file now, or it was set aside under another name."""
         for row in rows:
             if row["grade"] == SET_ASIDE and Path(row["source"]).parts[-2:] != path.parts[-2:]:
                 return True
-            serial = row["serial_number"] or self._paths.serial(path)
-            if self._twins.select(serial, row["time"] or self._paths.time(path)) != row["twin"]:
+            serial = row["serial_number"] or self.paths.serial(path)
+            if self.twins.select(serial, row["time"] or self.paths.time(path)) != row["twin"]:
                 return True
         return False
 
     def __call__(self, path: Path, content: str) -> list[dict[str, Any]]:
         """The rows of a file, which are kept before they are given."""
-        store, select = self._store, self._twins.select
-        serial, stated = self._paths.serial(path), self._paths.time(path)
+        store, select = self.store, self.twins.select
+        serial, stated = self.paths.serial(path), self.paths.time(path)
         try:
             first = select(serial, stated or datetime.now(UTC))
             actuator = store.twin(first).actuator if first else None
-            several = read(path, self._columns, actuator=actuator, split=True)
+            several = read(path, self.columns, actuator=actuator, split=True)
         except Exception as error:  # whatever a damaged file makes a reader raise
             made: dict[str, Any] = {
                 "content": content, "motion": 0, "twin": select(serial, stated)
@@ -242,7 +323,7 @@ class _Judge:
         rows = []
         for one, who, when, made in found:
             try:
-                late = when is not None and when < self._latest.get(who, when)
+                late = when is not None and when < self.latest.get(who, when)
                 more = {"source": str(path), "note": "late" if late else ""}
                 rows.append(_row(one, who, when, store, **more, **made))
             except Exception as error:  # the rest goes on
@@ -280,12 +361,14 @@ def _row(
     estimate, verdict = found.estimate, found.verdict
     faults = {f.name for f in known.model.faults(known.actuator) if f.direction_of is None}
     at = [n for n, name in enumerate(estimate.names) if name in faults]
+    load = one.channels.get(known.model.load or "")
     return row_of(
         serial, when, twin=twin, kind=known.model.kind, grade=verdict.grade,
         faults=list(verdict.faults), sentence=verdict.sentence, reason=verdict.reason,
         names=[estimate.names[n] for n in at], values=estimate.values[at].tolist(),
         covariance=estimate.covariance[np.ix_(at, at)].ravel().tolist(),
-        temperature=_temperature(one), load=_load(one, known), **more,
+        temperature=_temperature(one), load=None if load is None else float(np.abs(load).mean()),
+        **more,
     )  # fmt: skip
 
 
@@ -309,10 +392,3 @@ def _temperature(one: Recording) -> float | None:
         return float(match[1]) if match else None
     channel = one.channels.get("temperature")
     return None if channel is None else float(channel.mean())
-
-
-def _load(one: Recording, twin: Calibration) -> float | None:
-    """Mean size of the recorded load, SI."""
-    name = model_of(twin.actuator).load
-    channel = one.channels.get(name) if name is not None else None
-    return None if channel is None else float(np.abs(channel).mean())

@@ -25,11 +25,18 @@ from ematwin.estimation.verdict import Verdict
 from ematwin.models.reading import read
 from ematwin.monitoring.by_population import by_population
 from ematwin.monitoring.calibration import Calibration
-from ematwin.monitoring.detection import Detection, name_of
-from ematwin.monitoring.diagnosis import Diagnosis, Magnitude
-from ematwin.monitoring.gather import Given, actuator_of, is_one, recordings_of
+from ematwin.monitoring.detection import Detection, Diagnosis, Magnitude, name_of
 from ematwin.monitoring.population_calibration import PopulationCalibration
-from ematwin.monitoring.runs import Group, Runs, is_table_of_runs, read_runs
+from ematwin.monitoring.runs import (
+    Given,
+    Group,
+    Runs,
+    actuator_of,
+    is_one,
+    is_table_of_runs,
+    read_runs,
+    recordings_of,
+)
 from ematwin.numerics.side_by_side import cores
 from ematwin.optimizers.base import ITERATIONS, POPULATION, Optimizer
 from ematwin.recordings.channel import Columns
@@ -153,16 +160,9 @@ def identify(
         ready = _ready(record, known, load, columns)
         return identified_by_sets(ready, known.actuator, known.baseline, only=names, held=held)
     if several:
-
-        def judged(known: Calibration, ready: list[Prepared], tell: Progress | None) -> Detection:
-            def work(one: Prepared, share: int) -> Identification:
-                return identified(one, known.actuator, known.baseline, threads=share, **settings)
-
-            found = _side_by_side(work, ready, tell, threads)
-            return judge(known, [one.recording for one in ready], found)
-
-        with told(progress, "judging", _shown) as tell:
-            return _over_groups(groups, judged, tell, load, None if is_runs else columns)
+        with told(progress, "judging", lambda n, _, m: (n / m, f"{n} of {m} recordings")) as tell:
+            given = None if is_runs else columns
+            return _judged(groups, tell, load, given, threads=threads, settings=settings)
     if isinstance(record, Recording) and columns is not None:
         raise InputError("A Recording has its channels already; leave columns out.")
     if not isinstance(record, Recording):
@@ -222,16 +222,6 @@ def detect(
         held = getattr(given, "calibration", given)
         return held if isinstance(held, Calibration) else Calibration.load(held)
 
-    def judged(known: Calibration, ready: list[Prepared], tell: Progress | None) -> Detection:
-        given = [one.recording for one in ready]
-        if isinstance(known, PopulationCalibration):
-            return judge(known, given, ())
-
-        def work(one: Prepared, share: int) -> Identification:
-            return identified(one, known.actuator, known.baseline, threads=share)
-
-        return judge(known, given, _side_by_side(work, ready, tell, threads))
-
     if is_table_of_runs(recordings):
         recordings = read_runs(recordings, calibration, known_of=known_of)
     is_runs = isinstance(recordings, Runs)
@@ -248,20 +238,16 @@ def detect(
             if show is not None:
                 show(done / count)
 
-        return _over_groups(groups, judged, tell, load)
+        return _judged(groups, tell, load, threads=threads)
 
 
 def judge(
     known: Calibration, recordings: Sequence[Recording], found: Sequence[Identification]
 ) -> Detection:
-    """The verdict on recordings beside a calibration: one rule for all commands.
+    """The verdict on recordings, as they are compared: one rule for all commands.
 
-    Parameters
-    ----------
-    known : of the actuator
-    recordings : as they are compared
-    found : identifications of the first of them, of all unless there was an interruption; none
-        where a healthy population judges and no values are wanted
+    ``found`` are identifications of the first of them, of all unless there was an interruption;
+    none where a healthy population judges and no values are wanted.
     """
     if isinstance(known, PopulationCalibration):
         table = by_population(recordings, known)
@@ -314,15 +300,18 @@ def _ready(
     return [prepared(one, known.actuator, load) for one in found]
 
 
-def _over_groups(
+def _judged(
     groups: Sequence[Group],
-    judged: Callable[[Calibration, list[Prepared], Progress | None], Detection],
     tell: Progress | None,
     load: float | None,
     columns: Columns = None,
+    *,
+    threads: int | None,
+    settings: Mapping[str, Any] | None = None,
 ) -> Detection:
-    """Judge the recordings of each actuator.
+    """The verdicts on the recordings of each actuator.
 
+    ``settings`` are of `identified`; None leaves values out where a healthy population judges.
     ``tell`` takes the number of recordings that are done, the last cost, and their number. Raises
     KeyboardInterrupt after an interruption before any was done.
     """
@@ -332,11 +321,17 @@ def _over_groups(
     with until_interrupted() as interrupts:
         for group, ready in zip(groups, every, strict=True):
 
+            def work(one: Prepared, share: int, known: Calibration = group.known) -> Identification:
+                more = {"threads": share, **(settings or {})}
+                return identified(one, known.actuator, known.baseline, **more)
+
             def told(now: int, cost: float, count: int, begun: int = done) -> None:
                 if tell is not None:
                     tell(begun + now, cost, total)
 
-            found[group.name] = judged(group.known, ready, told)
+            by_values = settings is not None or not isinstance(group.known, PopulationCalibration)
+            values = _side_by_side(work, ready, told, threads) if by_values else []
+            found[group.name] = judge(group.known, [one.recording for one in ready], values)
             done += len(ready)
             interrupts.check()
     if not found:
@@ -352,10 +347,7 @@ def _side_by_side(
 ) -> list[Identification]:
     """What comes of each recording, over the cores; after Ctrl-C of the first ones that are done.
 
-    Raises
-    ------
-    KeyboardInterrupt
-        If none was done.
+    `KeyboardInterrupt` if none was done.
     """
     lent = threads or cores()
     share = max(1, lent // len(ready))
@@ -372,8 +364,3 @@ def _side_by_side(
     if not found:
         raise KeyboardInterrupt
     return found
-
-
-def _shown(done: int, cost: float, count: int) -> tuple[float, str]:
-    """The share done, and words beside it."""
-    return done / count, f"{done} of {count} recordings"

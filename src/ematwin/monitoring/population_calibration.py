@@ -6,7 +6,7 @@ beside the others.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -19,26 +19,32 @@ from ematwin.estimation.verdict import UNNAMED
 from ematwin.models.base import Monitoring, Reported
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.monitoring.calibration import FORMAT, Calibration
-from ematwin.monitoring.causes import DRIFT, Causes, Direction, Scatter
-from ematwin.monitoring.features import Layout
-from ematwin.monitoring.gather import Given, recordings_of
-from ematwin.monitoring.measure import DIFFERENCE, Bench, Measured, layout_of
-from ematwin.monitoring.population import HealthyRuns, Population, Signature, plain
+from ematwin.monitoring.measure import DIFFERENCE, Bench, Layout, Measured, Motion
+from ematwin.monitoring.population import (
+    DRIFT,
+    Causes,
+    Direction,
+    Measurements,
+    Population,
+    Posterior,
+    Scatter,
+    Signature,
+    basis,
+    plain,
+)
+from ematwin.monitoring.runs import Given, recordings_of
 
 
 @dataclass(frozen=True)
 class PopulationCalibration(Calibration):
     """A calibration with the healthy population, which judges kinds with `Model.monitoring`."""
 
-    command: np.ndarray  # (S,), SI
-    interval: float  # interval, settling_time: s
-    settling_time: float
-    channels: tuple[str, ...]  # names of the C channels that are compared
+    motion: Motion
     # (3, C S) or (1, C S) array: mean residual of the twin on healthy recordings, one channel after
     # another, SI, over the covariate
     discrepancy: np.ndarray
     scale: float | None  # of the covariate, as in `Population`
-    healthy: HealthyRuns  # measurements on each healthy recording
+    healthy: Measurements  # on each healthy recording
     signatures: tuple[Signature, ...] = ()  # known faults
     # labels and sources of the recordings, parameters that they left undetermined
     facts: dict[str, Any] = field(default_factory=dict)
@@ -56,10 +62,13 @@ class PopulationCalibration(Calibration):
     @cached_property
     def layout(self) -> Layout:
         """The features of its recordings."""
-        return layout_of(
-            self.model, self.actuator, self.command, self.interval, self.settling_time,
-            self.channels,
-        )  # fmt: skip
+        return self.motion.layout(self.actuator)
+
+    @property
+    def run_spread(self) -> dict[str, tuple[float, float]]:
+        """As of `ematwin.monitoring.calibration.CalibrationReport`."""
+        spread = zip(self.reported.within.tolist(), self.reported.between.tolist(), strict=True)
+        return {one.name: both for one, both in zip(self.quantities, spread, strict=True)}
 
     def values_of(self, features: np.ndarray) -> np.ndarray:
         """Reported values (N, R), SI, of features (N, F); logarithms of multiples of healthy."""
@@ -79,42 +88,30 @@ class PopulationCalibration(Calibration):
         return self.values_of(self.healthy.features)
 
     @cached_property
-    def _populations(self) -> tuple[Population, Population]:
-        return self.populations(np.ones(len(self.healthy.runs), dtype=bool))
-
-    @property
     def population(self) -> Population:
         """Of the features."""
-        return self._populations[0]
+        return self._population(self.healthy.features, dict.fromkeys(self.layout.names, False))
 
-    @property
+    @cached_property
     def reported(self) -> Population:
         """Of the reported quantities (`Monitoring.reported`)."""
-        return self._populations[1]
+        return self._population(self.values, {one.name: one.logarithmic for one in self.quantities})
 
-    def populations(self, members: np.ndarray) -> tuple[Population, Population]:
-        """Of the features, and of the reported quantities, from members (N,) of bool."""
-        features = dict.fromkeys(self.layout.names, False)
-        quantities = {one.name: one.logarithmic for one in self.quantities}
-        return (
-            self._population(self.healthy.features[members], features, members),
-            self._population(self.values[members], quantities, members),
-        )
-
-    def _population(
-        self, values: np.ndarray, logarithmic: Mapping[str, bool], members: np.ndarray
-    ) -> Population:
-        """Of values (K, n) of the members; which are logarithms, by name."""
+    def _population(self, values: np.ndarray, logarithmic: Mapping[str, bool]) -> Population:
+        """Of values (N, n) of the healthy recordings; which are logarithms, by name."""
         healthy, faults = self.healthy, {o.name: o for o in self.model.faults(self.actuator)}
-        usual = np.sqrt((healthy.errors[members] ** 2).mean(0))
+        usual = np.sqrt((healthy.errors**2).mean(0))
         errors, cut = np.zeros(len(logarithmic)), np.zeros(len(logarithmic), dtype=bool)
         for n, (name, is_logarithm) in enumerate(logarithmic.items()):
             if name in self.layout.magnitudes:
                 size = float(np.exp(values[:, n].mean())) if is_logarithm else 1.0
                 errors[n] = usual[self.layout.magnitudes.index(name)] / size
                 cut[n] = faults[name].healthy in (faults[name].lower, faults[name].upper)
-        covariate, groups = healthy.covariate[members], healthy.groups[members]
-        return Population.of(values, covariate, groups, self.scale, errors, cut)
+        return Population.of(values, healthy.covariate, healthy.groups, self.scale, errors, cut)
+
+    def without(self, run: str) -> "PopulationCalibration":
+        """The same, learnt from all healthy runs but one."""
+        return replace(self, healthy=self.healthy.part(~self.healthy.of_run(run)))
 
     @property
     def statistics(self) -> dict[str, tuple[float, float]]:
@@ -123,13 +120,6 @@ class PopulationCalibration(Calibration):
             name: (float(found.mean()), float(found.std(ddof=1)))
             for name, found in self.healthy.statistics.items()
         }
-
-    @property
-    def covariate_range(self) -> tuple[float, float] | None:
-        """Least and largest covariate of the healthy recordings, SI; None without one."""
-        if self.scale is None:
-            return None
-        return float(self.healthy.covariate.min()), float(self.healthy.covariate.max())
 
     @cached_property
     def causes(self) -> Causes:
@@ -171,44 +161,37 @@ class PopulationCalibration(Calibration):
     @cached_property
     def tested(self) -> np.ndarray:
         """Scores (N, F) of the healthy recordings, each run judged by the others."""
-        healthy = self.healthy
-        scores = np.empty_like(healthy.features)
-        for own in map(healthy.of_run, healthy.names):
-            others, _ = self.populations(~own)
-            scores[own] = others.scores(healthy.features[own], healthy.covariate[own])
+        scores = np.empty_like(self.healthy.features)
+        for run in self.healthy.names:
+            own = self.healthy.of_run(run)
+            scores[own] = self.without(run).scores(self.healthy.part(own))
         return scores
 
     def measure(self, recordings: Given) -> Measured:
-        """Estimates and features of recordings, or of those in files.
+        """Estimates and features of recordings, or of those in files; errors as of `Bench`."""
+        bench = Bench(self.actuator, self.motion, recordings_of(recordings, self.actuator))
+        return bench.measured(bench.fit(self.discrepancy, self.scale, bench.fit()))
 
-        Raises
-        ------
-        RecordError
-            If one of them follows another command, has another rate, or is implausible.
-        """
-        bench = Bench(
-            self.model, self.actuator, recordings_of(recordings, self.actuator), self.command,
-            self.interval, self.settling_time, self.channels,
-        )  # fmt: skip
-        first = bench.fit()
-        return bench.measured(bench.fit(self.discrepancy, self.scale, first))
-
-    def scores(self, measured: Measured) -> np.ndarray:
+    def scores(self, measured: Measurements) -> np.ndarray:
         """How far measurements lie from health, (N, F), in healthy standard deviations."""
         return self.population.scores(measured.features, measured.covariate)
+
+    def posterior(self, measured: Measurements) -> Posterior:
+        """Probabilities of what happened, from recordings that are judged together."""
+        return self.causes.posterior(self.scores(measured), basis(measured.covariate, self.scale))
 
     def _table(self, sources: Mapping[str, str] | None) -> dict[str, Any]:
         learnt: dict[str, Any] = {
             "format": FORMAT,
             "ematwin": __version__,
-            "interval": self.interval,
-            "settling_time": self.settling_time,
-            "channels": list(self.channels),
+            "interval": self.motion.interval,
+            "settling_time": self.motion.settling_time,
+            "channels": list(self.motion.channels),
             "magnitudes": list(self.layout.magnitudes),
             "quantities": [one.name for one in self.quantities],
             **({} if self.scale is None else {"scale": self.scale}),
             "facts": self.facts,
-            "command": plain(self.command),
+            "command": plain(self.motion.command),
             "discrepancy": plain(self.discrepancy),
             "healthy": self.healthy.as_table(),
         }
@@ -227,11 +210,9 @@ class PopulationCalibration(Calibration):
         ``magnitudes`` and ``quantities`` name the features and the reported quantities with which
         it was made.
         """
-        numbers = [self.interval, 1.0 if self.scale is None else self.scale]
-        if not all(np.isfinite(x) and x > 0.0 for x in numbers):
-            raise ValueError(f"{numbers} must be positive")
-        if not (np.isfinite(self.settling_time) and self.settling_time >= 0.0):
-            raise ValueError(f"the settling time is {self.settling_time}")
+        motion, scale = self.motion, 1.0 if self.scale is None else self.scale
+        if not (min(motion.interval, scale) > 0.0 <= motion.settling_time < np.inf):
+            raise ValueError(f"{motion.interval}, {scale} and {motion.settling_time} do not fit")
         reported = [one.name for one in self.quantities]
         for made, now in ((magnitudes, list(self.layout.magnitudes)), (quantities, reported)):
             if list(made) != now:
@@ -240,7 +221,7 @@ class PopulationCalibration(Calibration):
         if (covariate is None) != (self.scale is None):
             raise ValueError(f"the scale of the covariate is {self.scale}")
         rows, count = 1 if covariate is None else 3, len(self.healthy.runs)
-        features, samples = len(self.layout.names), len(self.channels) * self.command.size
+        features, samples = len(self.layout.names), len(motion.channels) * motion.command.size
         arrays: dict[str, tuple[np.ndarray, tuple[int, ...]]] = {
             "discrepancy": (self.discrepancy, (rows, samples)),
             "healthy features": (self.healthy.features, (count, features)),
@@ -267,13 +248,15 @@ def population_in(
     found = PopulationCalibration(
         actuator=actuator,
         baseline=baseline,
-        command=np.array(learnt["command"], dtype=float),
-        interval=float(learnt["interval"]),
-        settling_time=float(learnt["settling_time"]),
-        channels=tuple(learnt["channels"]),
+        motion=Motion(
+            command=np.array(learnt["command"], dtype=float),
+            interval=float(learnt["interval"]),
+            settling_time=float(learnt["settling_time"]),
+            channels=tuple(learnt["channels"]),
+        ),
         discrepancy=np.array(learnt["discrepancy"], dtype=float),
         scale=None if scale is None else float(scale),
-        healthy=HealthyRuns.from_table(learnt["healthy"]),
+        healthy=Measurements.from_table(learnt["healthy"]),
         signatures=tuple(
             Signature(s["fault"], np.array(s["coefficients"], dtype=float), s["source"])
             for s in signatures

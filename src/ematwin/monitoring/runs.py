@@ -1,15 +1,18 @@
-"""Tables of runs: recordings of several actuators, each judged by its twin.
+"""Recordings as they are given: themselves, files, folders, globs, or a table of runs.
 
-A table of runs is a CSV or Parquet file, or a DataFrame, with a column ``path``: a recording, a
-folder or a glob in each row. Further columns are optional: ``actuator`` (what judges it),
-``serial`` (which one it is) and ``time`` (when it was recorded); all others become labels.
+A table of runs names recordings of several actuators, each judged by its twin. It is a CSV or
+Parquet file, or a DataFrame, with a column ``path``: a recording, a folder or a glob in each row.
+Further columns are optional: ``actuator`` (what judges it), ``serial`` (which one it is) and
+``time`` (when it was recorded); all others become labels.
 """
 
 import csv
-from collections.abc import Callable, Iterable, Iterator
+import re
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from glob import glob
 from pathlib import Path
 from typing import Any
 
@@ -17,17 +20,106 @@ import numpy as np
 
 from ematwin.errors import FileError, InputError, RecordError
 from ematwin.models.parameter_set import ParameterSet
-from ematwin.models.reading import read
+from ematwin.models.reading import actuator_for, read
+from ematwin.models.registry import load_actuator, model_of
 from ematwin.monitoring.calibration import Calibration
-from ematwin.monitoring.gather import files_of
 from ematwin.recordings.channel import Columns
+from ematwin.recordings.formats.base import known_suffixes
 from ematwin.recordings.formats.csv_dialect import Clock
 from ematwin.recordings.recording import Recording
 from ematwin.showing.results import is_frame
 
+Given = Recording | str | Path | Iterable[Recording | str | Path]  # or a DataFrame, or several
+_GLOB = re.compile(r"[*?\[]")
 PATH = "path"
 _OWN = (PATH, "actuator", "serial", "time")
 _ENCODINGS = ("utf-8-sig", "cp1252")
+
+
+def recordings_of(
+    given: Given, actuator: ParameterSet, columns: Columns = None, *, averaged: bool = True
+) -> list[Recording]:
+    """Recordings at the rate at which they are compared; files are read as the actuator's kind.
+
+    A table of several motions gives each of them. ``averaged`` False keeps the recorded rate.
+    `InputError` if nothing is given, or something that is no recording.
+    """
+    single = _is_single(given)
+    if not (single or isinstance(given, Iterable)):
+        raise InputError(f"Give recordings, DataFrames or the paths of files, received {given!r}.")
+    items: Iterable[Any] = [given] if single else given  # type: ignore[assignment]
+    found: list[Recording] = []
+    for n, one in enumerate(items, 1):
+        if isinstance(one, Recording):
+            if columns is not None:
+                raise InputError("A Recording has its channels already; leave columns out.")
+            own = [one]
+        elif isinstance(one, str | Path) or is_frame(one):
+            own = read(
+                one if is_frame(one) else files_of(one), columns, actuator=actuator, split=True
+            )
+        else:
+            raise InputError(
+                f"Give recordings, DataFrames or the paths of files, received {type(one).__name__}."
+            )
+        # what comes from no file is a run of its own
+        if not (single or isinstance(one, str | Path) or Path(own[-1].source).suffix):
+            own = [
+                each.changed(labels={**each.labels, "run": each.labels.get("run", str(n))})
+                for each in own
+            ]
+        found += own
+    if not found:
+        raise InputError("No recording was given; give at least one.")
+    return [model_of(actuator).averaged(one) for one in found] if averaged else found
+
+
+def actuator_of(given: Given, columns: Columns = None) -> ParameterSet:
+    """The actuator that is meant where none is named, by the first recording that is given."""
+    # an iterator is not looked into: its first recording would be gone
+    several = isinstance(given, Collection) and not _is_single(given)
+    first = next(iter(given), None) if several else given  # type: ignore[arg-type]
+    if isinstance(first, str | Path):
+        first = files_of(first)[0]
+    if first is None or not (isinstance(first, Recording | Path) or is_frame(first)):
+        return load_actuator()  # what is wrong with it is said where it is read
+    return actuator_for(first, columns)
+
+
+def is_one(given: Any) -> bool:
+    """Whether a recording, a DataFrame, or the path of one file is given."""
+    if isinstance(given, str | Path):
+        return not (Path(given).is_dir() or _is_glob(given))
+    return _is_single(given)
+
+
+def _is_single(given: Any) -> bool:
+    return isinstance(given, Recording | str | Path) or is_frame(given)
+
+
+def files_of(path: str | Path) -> list[Path]:
+    """The files of recordings that a path, a folder or a glob means, day2 before day10.
+
+    `InputError` if a folder or a glob holds none.
+    """
+    path = Path(path)
+    if not (path.is_dir() or _is_glob(path)):
+        return [path]
+    inside = path.iterdir() if path.is_dir() else map(Path, glob(str(path)))
+    known = set(known_suffixes())
+    found = [one for one in inside if one.suffix.lower() in known and one.is_file()]
+    if not found:
+        raise InputError(f"{path} holds no recording: no file ends in {', '.join(sorted(known))}.")
+    return sorted(found, key=_in_order)
+
+
+def _is_glob(path: str | Path) -> bool:
+    return bool(_GLOB.search(str(path))) and not Path(path).exists()
+
+
+def _in_order(path: Path) -> list[tuple[int, str]]:
+    """Numbers within a name count as numbers."""
+    return [(int(p), "") if p.isdigit() else (-1, p) for p in re.split(r"(\d+)", str(path))]
 
 
 @dataclass(frozen=True)
@@ -88,7 +180,7 @@ def read_runs(
     progress: Callable[[float], None] | None = None,
     **options: Any,
 ) -> Runs:
-    """Read the recordings that a table of runs names.
+    """Read the recordings that a table of runs names; `InputError` if it cannot be used.
 
     Parameters
     ----------
@@ -97,13 +189,6 @@ def read_runs(
     columns : as of `ematwin.read`, or a function that gives it for an actuator
     known_of : makes a calibration from the name in a row, or None, and the first file of the row
     options : further ones of `ematwin.read`
-
-    Raises
-    ------
-    InputError
-        If the table cannot be used.
-    FileError, RecordError, ParameterError
-        If a recording or an actuator cannot be read.
     """
     folder = _folder(table)
     rows = list(listed(table))
@@ -153,11 +238,9 @@ def _sign(header: str) -> str:
 
 def _rows(table: Any) -> Iterator[dict[str, str]]:
     """The rows of a table of runs, as texts by the name of the column in small letters."""
-    rows: Iterable[dict[str, Any]]
+    rows: Iterable[dict[Any, Any]]
     if is_frame(table):
-        columns = [table[name].tolist() for name in table.columns]
-        names = list(map(str, table.columns))
-        rows = (dict(zip(names, cells, strict=True)) for cells in zip(*columns, strict=True))
+        rows = table.to_dict("records")
     elif Path(table).suffix.lower() == ".parquet":
         import pyarrow.parquet as pq
 
@@ -167,7 +250,7 @@ def _rows(table: Any) -> Iterator[dict[str, str]]:
     for row in rows:
         # what is missing is None, or a NaN or NaT of pandas, none of which equals itself
         texts = {
-            name.strip().casefold(): "" if cell is None or cell != cell else str(cell).strip()
+            str(name).strip().casefold(): "" if cell is None or cell != cell else str(cell).strip()
             for name, cell in row.items()
         }
         if any(texts.values()):
@@ -213,4 +296,4 @@ def _called_apart(groups: list[Group]) -> Iterator[Group]:
     names = [group.name or group.known.actuator.name for group in groups]
     for n, (group, name) in enumerate(zip(groups, names, strict=True)):
         alike = names[:n].count(name)
-        yield Group(f"{name} ({alike + 1})" if alike else name, group.known, group.recordings)
+        yield replace(group, name=f"{name} ({alike + 1})" if alike else name)

@@ -24,6 +24,7 @@ from ematwin.errors import FileError, InputError, RecordError
 from ematwin.files import written_whole
 from ematwin.recordings.channel import TIME, Channel, with_time
 from ematwin.recordings.recording import Recording
+from ematwin.validation import refuse_newer
 
 _FORMULA = re.compile(r"'*[=+\-@\t\r\n]")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|-?(inf|nan)|-{1,3}")
@@ -185,11 +186,7 @@ def checked(text: str | None, path: Path, others: str = "") -> dict[str, Any]:
         found = None
     if not isinstance(found, dict):
         raise _damaged(path, "what it says of itself cannot be read")
-    if isinstance(found.get("format"), int) and found["format"] > FORMAT:
-        raise RecordError(
-            f"{path} was written by a newer ematwin (format {found['format']}, this one knows "
-            f"{FORMAT}). Update ematwin."
-        )
+    refuse_newer(str(path), found.get("format"), FORMAT, RecordError)
     # either shows that it had checksums, in case the other's name is what was damaged
     if {"checksum", "checksums"} & found.keys() and found.get("checksum") != _of_metadata(found):
         raise _damaged(path, "what it says of itself differs from its checksum")

@@ -13,7 +13,7 @@ from ematwin.estimation.constants import COVERAGE
 from ematwin.estimation.healthy_fit import same_command
 from ematwin.models.base import Model
 from ematwin.models.registry import model_of
-from ematwin.monitoring.calibration_report import CalibrationReport
+from ematwin.monitoring.calibration import CalibrationReport
 from ematwin.monitoring.population_calibration import PopulationCalibration
 from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording

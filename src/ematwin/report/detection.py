@@ -6,9 +6,8 @@ from typing import Any
 
 from ematwin.estimation.constants import CERTAIN, SMALLEST
 from ematwin.monitoring.calibration import Calibration
-from ematwin.monitoring.causes import DRIFT
-from ematwin.monitoring.detection import Detection, counted, gathered_notes
-from ematwin.monitoring.diagnosis import Diagnosis
+from ematwin.monitoring.detection import Detection, Diagnosis, counted, gathered_notes
+from ematwin.monitoring.population import DRIFT
 from ematwin.monitoring.population_calibration import PopulationCalibration
 from ematwin.quantities import preferred
 from ematwin.report.page import Row, Section, Table, listed, render

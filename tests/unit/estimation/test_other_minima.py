@@ -5,7 +5,7 @@ import numpy as np
 import ematwin
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.laplace import laplace
-from ematwin.estimation.other_minima import other_minima
+from ematwin.estimation.minima import other_minima
 from ematwin.estimation.problem import Problem
 from ematwin.models.bldc.channels import PHASES
 from ematwin.models.unknown import Unknown

@@ -5,7 +5,7 @@ import pytest
 
 from ematwin import BldcActuator, Faults, Noise, Problem, Recording, identify, simulate
 from ematwin.errors import InputError, RecordError
-from ematwin.estimation.search import find, method_name, methods, named
+from ematwin.estimation.search import find, method, methods, named
 from ematwin.models.unknown import Unknown
 from naive.toy import OneChannel
 
@@ -121,10 +121,11 @@ def test_methods_are_listed_once_and_found_by_name_or_alias() -> None:
     names = [one.name for one in methods()]
     assert names[0] == "multistart"
     assert len(set(names)) == len(names)
-    assert method_name("Levenberg_Marquardt") == method_name("descent") == "levenberg-marquardt"
-    assert method_name("grey-wolf") == "gwo"
+    assert method("Levenberg_Marquardt") is method("descent")
+    assert method("lm").name == "levenberg-marquardt"
+    assert method("grey-wolf").name == "gwo"
     with pytest.raises(InputError, match="pso"):
-        method_name("pzo")
+        method("pzo")
 
 
 def test_least_squares_of_scipy_start_anew_until_the_budget_is_spent() -> None:

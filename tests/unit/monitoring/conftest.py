@@ -3,7 +3,7 @@
 import pytest
 
 from ematwin.monitoring.calibrate import calibrate
-from ematwin.monitoring.calibration_report import CalibrationReport
+from ematwin.monitoring.calibration import CalibrationReport
 from made_up_rig import healthy_runs
 from shared import computed_once
 

@@ -8,7 +8,7 @@ import pytest
 from ematwin.errors import InputError, RecordError
 from ematwin.models.ball_screw.model import MODEL, coupling, decoupled
 from ematwin.models.phases import calm
-from ematwin.monitoring.measure import Bench, check_alike
+from ematwin.monitoring.measure import Bench, Motion
 from made_up_rig import NOISE, command, motion, rig, simulate_motion
 from refusals import refusal_of
 
@@ -84,7 +84,7 @@ def test_a_position_does_for_a_position_error():
 
 
 def fitted(*motions):
-    bench = Bench(MODEL, rig(), motions, SET_POINT, INTERVAL, 1.4)
+    bench = Bench(rig(), Motion(SET_POINT, INTERVAL, 1.4), motions)
     return bench, bench.fit()
 
 
@@ -143,14 +143,15 @@ def test_an_impossible_motion_is_not_simulated(changed, said):
         simulate_motion(rig(), SET_POINT, INTERVAL, **changed)
 
 
-# Simulated motions
-
-
 # Motions that do not belong together
 
 
-def refusal(one, set_point=SET_POINT, interval=INTERVAL) -> str:
-    return refusal_of(lambda: check_alike(MODEL, rig(), one, set_point, interval), RecordError)
+def doubts(one, set_point=SET_POINT):
+    return Motion(set_point, INTERVAL, 1.4).check(one, rig())
+
+
+def refusal(one, set_point=SET_POINT) -> str:
+    return refusal_of(lambda: doubts(one, set_point), RecordError)
 
 
 @cache
@@ -186,7 +187,7 @@ WRONG = {
 
 @pytest.mark.parametrize(("wrong", "said"), WRONG.values(), ids=WRONG)
 def test_a_motion_of_another_kind_is_refused_by_its_name(wrong, said):
-    assert check_alike(MODEL, rig(), good(), SET_POINT, INTERVAL) == ([], [])
+    assert doubts(good()) == ([], [])
     text = refusal(wrong(good()))
     assert "simulated run 7" in text
     assert said in text
@@ -203,4 +204,4 @@ def test_faults_are_not_taken_for_wrong_units_or_signs():
         motion(load=-1500.0), motion(roughness=0.5),
     ]  # fmt: skip
     for one in motions:
-        assert check_alike(MODEL, rig(), one, SET_POINT, INTERVAL) == ([], [])
+        assert doubts(one) == ([], [])

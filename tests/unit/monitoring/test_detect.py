@@ -10,9 +10,9 @@ import tomli_w
 
 import ematwin
 from ematwin.errors import ParameterError, RecordError
-from ematwin.monitoring.calibrate import signature as learn_signature
+from ematwin.estimation.verdict import UNNAMED
+from ematwin.monitoring.calibrate import signatures
 from ematwin.monitoring.detection import gathered_notes
-from ematwin.monitoring.diagnosis import UNNAMED
 from ematwin.monitoring.identify import detect
 from ematwin.recordings.recording import Recording
 from made_up_rig import NOISE, healthy_runs, motion, run
@@ -129,10 +129,10 @@ def test_signatures_name_by_statistics(calibration):
         "loose encoder: gain 0.8": [*run(70, gain=0.8), *run(71, gain=0.8)],
         "wrong grease: friction 1.3": [*run(72, friction=1.3), *run(73, friction=1.3)],
     }
-    signatures = tuple(learn_signature(calibration, name, one) for name, one in known.items())
-    assert [s.fault for s in signatures] == ["loose encoder", "wrong grease"]
-    assert signatures[0].source == "8 motions: gain 0.8, runs 70, 71"
-    taught = replace(calibration, signatures=signatures)
+    learnt = signatures(calibration, known)
+    assert [s.fault for s in learnt] == ["loose encoder", "wrong grease"]
+    assert learnt[0].source == "8 motions: gain 0.8, runs 70, 71"
+    taught = replace(calibration, signatures=learnt)
     motions = [*run(60, gain=0.8), *run(61, friction=1.3), *run(62, backlash=8e-4)]
     assert [v.fault for v in detect(motions, taught).runs] == [
         *["loose encoder"] * 2, *["wrong grease"] * 2, *["backlash"] * 2,
@@ -159,7 +159,7 @@ def test_drift_between_occasions_is_no_alarm(calibration):
 def test_a_name_that_the_magnitude_contradicts_says_why(calibration):
     """Roughness, taught as backlash: the name comes from likeness, not from a gap."""
     known = [*run(70, roughness=0.1), *run(71, roughness=0.1)]
-    taught = replace(calibration, signatures=(learn_signature(calibration, "backlash", known),))
+    taught = replace(calibration, signatures=signatures(calibration, {"backlash": known}))
     found = detect([*run(60, roughness=0.1), *run(61, backlash=8e-4)], taught).runs
     for verdict in found[:2]:
         assert verdict.fault == "backlash"

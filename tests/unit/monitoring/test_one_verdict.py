@@ -14,9 +14,8 @@ from ematwin.errors import InputError, ParameterError, RecordError
 from ematwin.estimation.baseline import Baseline
 from ematwin.models.registry import model_of
 from ematwin.monitoring import identify as identifying
-from ematwin.monitoring.calibration_report import CalibrationReport
-from ematwin.monitoring.detection import Detection
-from ematwin.monitoring.diagnosis import Diagnosis
+from ematwin.monitoring.calibration import CalibrationReport
+from ematwin.monitoring.detection import Detection, Diagnosis
 from ematwin.monitoring.population_calibration import PopulationCalibration
 from made_up_axis import TRUTH, axis, drifted, run
 from made_up_rig import healthy_runs

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ematwin.models.phases import phases
-from ematwin.monitoring.features import BANDS, Layout, band_levels
+from ematwin.monitoring.measure import BANDS, Layout, band_levels
 
 INTERVAL = 0.04
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from ematwin.estimation.verdict import UNNAMED
-from ematwin.monitoring.causes import Causes, Direction, Scatter
-from ematwin.monitoring.population import Population, fit_mean
+from ematwin.monitoring.population import Causes, Direction, Population, Scatter, fit_mean
 
 # Population
 
