@@ -96,6 +96,3 @@ def test_a_sheet_of_another_motor_is_a_finding_where_the_twin_explains_the_rest(
     assert found.determined
     assert abs(found.value - TEMPLATE.value(place)) < 2.0 * found.standard_error
     assert any(f"{place} at" in note and "Check the sheet" in note for note in learnt.notes)
-
-
-# What needs no search
