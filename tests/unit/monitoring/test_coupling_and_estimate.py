@@ -144,9 +144,6 @@ def test_an_impossible_motion_is_not_simulated(changed, said):
         simulate_motion(rig(), SET_POINT, INTERVAL, **changed)
 
 
-# Simulated motions
-
-
 # Motions that do not belong together
 
 
