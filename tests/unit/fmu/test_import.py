@@ -239,11 +239,6 @@ def test_an_archive_that_cannot_run_here_is_refused(file, tmp_path, changed, sen
         load_actuator(path)
 
 
-def test_a_value_out_of_range_is_refused(file):
-    with pytest.raises(EmatwinError, match=r"Fault wear must lie in \[0.25, 4\], received 9"):
-        ematwin.simulate(actuator=file, faults={"wear": 9.0})
-
-
 def test_without_fmpy_the_command_is_named(file, monkeypatch):
     _read.cache_clear()
     monkeypatch.setitem(sys.modules, "fmpy", None)
