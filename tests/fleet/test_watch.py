@@ -11,6 +11,7 @@ from ematwin.errors import InputError
 from ematwin.fleet.paths import hash_of
 from ematwin.fleet.watch import watch
 from ematwin.models.reading import write
+from refusals import refused
 
 SERVO = "sts3215"  # the kind that is judged fastest
 
@@ -171,8 +172,7 @@ def test_a_pattern_says_serial_number_and_time(tmp_path):
 
 def test_a_missing_folder_is_refused(tmp_path, ematwin):
     answer = ematwin("watch", "nowhere", "--fleet", "fleet")
-    assert answer.code == 2
-    assert answer.err == "Error: There is no file or folder nowhere. Give one with recordings.\n"
+    refused(answer, "There is no file or folder nowhere. Give one with recordings.")
     assert not (tmp_path / "fleet").exists()
 
 
@@ -187,5 +187,4 @@ def test_the_command_says_what_each_needs_and_ends_with_a_code(recordings, tmp_p
     assert ematwin(*arguments, "--fail-on", "act").code == 0
     assert ematwin(*arguments, "--fail-on", "fault").code == 1
     wrong = ematwin(*arguments, "--fail-on", "panic")
-    assert wrong.code == 2
-    assert "--fail-on takes fault, watch, plan or act, received 'panic'" in wrong.err
+    refused(wrong, "--fail-on takes fault, watch, plan or act, received 'panic'")
