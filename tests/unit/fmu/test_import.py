@@ -196,11 +196,7 @@ def test_a_bad_file_is_refused_with_a_sentence(file, tmp_path, old, new, sentenc
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
-        (
-            'unit = "m"',
-            'unit = "V"',
-            r"outputs.position must have .* such as 'm'.* received 'V'",
-        ),
+        ('unit = "m"', 'unit = "V"', r"outputs.position must have .* such as 'm'.* received 'V'"),
         ('unit = "g"', 'unit = "s"', "nominal.mass must have a unit such as 'kg'"),
         ("95154", "-5", "nominal.mass must be greater than or equal to"),
         ("upper = 3", "upper = 300", "upper bound of faults.friction is 300 .* FMU allows"),

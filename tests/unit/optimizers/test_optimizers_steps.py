@@ -7,14 +7,7 @@ import numpy as np
 import pytest
 
 from ematwin.errors import InputError
-from ematwin.optimizers import (
-    Box,
-    DifferentialEvolution,
-    Dragonfly,
-    GreyWolf,
-    ParticleSwarm,
-    Whale,
-)
+from ematwin.optimizers import Box, DifferentialEvolution, Dragonfly, GreyWolf, ParticleSwarm, Whale
 from ematwin.optimizers.differential_evolution import bounced_back, others
 from ematwin.optimizers.genetic_operators import Polynomial, Roulette, SimulatedBinary, Tournament
 from ematwin.optimizers.particle_swarm import Coefficients, Global, GrowingRing, Ring
