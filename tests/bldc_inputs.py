@@ -4,7 +4,9 @@ import math
 
 import numpy as np
 
+from ematwin.models.bldc.envelope import signed_current
 from ematwin.models.bldc.model import MODEL
+from ematwin.numerics.signals import LowPass
 
 HALF = MODEL.load_scenario(None).lasting(0.25)  # tells of each fault, in half the time
 SEVERE = {
@@ -47,3 +49,24 @@ def history(steps, dt):
     t = dt * np.arange(steps + 1)
     command = 12.0 * np.sin(2.0 * math.pi * 40.0 * t) + 5.0 * (t > 0.3 * t[-1])
     return command, np.where(t > 0.5 * t[-1], 0.05, -0.02)
+
+
+def rms(x):
+    """Root of the mean square."""
+    return float(np.sqrt(np.mean(np.square(x))))
+
+
+def misfit(one, other):
+    """RMS of the difference, as a share of the other's."""
+    return rms(one - other) / rms(other)
+
+
+def signed(record):
+    """Equivalent current (S,), A, of a recording by either model, with its sign."""
+    current = signed_current(record, MODEL.parameters.load().motor.pole_pairs)
+    return record.current if current is None else current
+
+
+def equivalent(record):
+    """The same (S,), A, through the filter of a comparison."""
+    return LowPass(500.0).apply(signed(record), record.sample_rate)
