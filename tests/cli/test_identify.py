@@ -159,6 +159,7 @@ def test_uncertainty_is_told_to_people_and_programs(done, folder: Path) -> None:
         (("--threshold", "friction=2"), r"threshold of friction must lie in its range \[0, 1\]"),
         (("--threshold", "friction"), "--threshold needs name=value"),
         (("--threshold", "friction=3 N*m"), r"in its range \[0.03, 0.09\]"),
+        (("--threshold", "tear=0.5"), "no searched fault 'tear'.*name one of friction"),
     ],
 )
 def test_uncertainty_that_cannot_be_given_is_refused(ematwin, folder, options, said) -> None:

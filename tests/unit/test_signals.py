@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from ematwin.errors import InputError
 from ematwin.models.bldc.channels import PHASES, phase_currents
 from ematwin.models.bldc.envelope import current_envelope, signed_current, trapezoid_shape
-from ematwin.numerics.signals import SlopeWeighting
+from ematwin.numerics.signals import LowPass, SlopeWeighting
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 from naive import motor as naive_motor
@@ -107,6 +107,12 @@ def test_sign_is_not_guessed():
 
 def test_envelope_of_an_equivalent_current_is_its_magnitude():
     np.testing.assert_array_equal(current_envelope(single([1.0, -2.0, 0.5])), [1.0, 2.0, 0.5])
+
+
+@given(signals, st.floats(50.0, 5000.0))
+def test_low_pass_is_the_explicit_recursion(signal, cutoff):
+    expected = naive_signals.low_pass(signal, cutoff, RATE)
+    np.testing.assert_allclose(LowPass(cutoff).apply(signal, RATE), expected, atol=1e-8)
 
 
 # Misfit

@@ -39,6 +39,9 @@ def test_three_faults_are_found_through_noise(found: Identification) -> None:
     assert error(found, THREE) < 0.5
     assert found.stopped == "good fit"
     assert found.evaluations < 1000
+    for name in ("friction", "short_b", "eccentricity", "eccentricity_phase"):
+        miss = abs(getattr(found.faults, name) - getattr(THREE, name))
+        assert miss < 3.0 * found.standard_error[name] + 1e-4
 
 
 def test_same_seed_gives_the_same_answer_bit_for_bit(record, found):

@@ -1,5 +1,6 @@
 """Laplace, profile and posterior where the right answer can be worked out by hand."""
 
+import sys
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -8,7 +9,7 @@ import pytest
 
 import ematwin
 from ematwin import Recording
-from ematwin.errors import InputError
+from ematwin.errors import InputError, MissingExtraError
 from ematwin.estimation.joint import Joint
 from ematwin.estimation.laplace import laplace, sharp_errors
 from ematwin.estimation.posterior import (
@@ -323,9 +324,14 @@ def test_too_few_walkers_are_refused(asked):
         run(Posterior(walkers=4), asked)
 
 
-def test_chains_go_to_arviz_by_name(by_posterior, monkeypatch):
+def test_chains_go_to_arviz_by_name_and_it_is_asked_for_where_it_is_missing(
+    by_posterior, monkeypatch
+):
+    monkeypatch.setitem(sys.modules, "arviz", None)
+    with pytest.raises(MissingExtraError, match=r'pip install "ematwin\[arviz\]"'):
+        by_posterior.to_arviz()
     taken = SimpleNamespace(from_dict=lambda **groups: groups)
-    monkeypatch.setitem(__import__("sys").modules, "arviz", taken)
+    monkeypatch.setitem(sys.modules, "arviz", taken)
     groups = by_posterior.to_arviz()
     steps, walkers, _ = by_posterior.chains.shape
     assert groups["posterior"]["wear"].shape == (walkers, steps)

@@ -153,6 +153,16 @@ def test_trials_that_share_the_cores_err_as_one_after_another():
     np.testing.assert_array_equal(alone, identified_errors(screw(3), [STROKE], 3, seed=3))
 
 
+def test_interrupted_trials_keep_the_actuators_that_answered_every_command():
+    def stop(share):
+        if share == 0.5:
+            raise KeyboardInterrupt
+
+    errors = identified_errors(screw(), [STROKE, STROKE], 4, seed=3, progress=stop)
+    assert errors.shape == (2, 2, 3)
+    assert np.isfinite(errors).all()
+
+
 def test_what_is_observed_stands_beside_what_was_promised(found):
     checked = found.check(1, seed=3)
     assert checked.promised.checks == checked.default.checks == 1

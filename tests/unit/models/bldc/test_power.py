@@ -92,6 +92,18 @@ def test_the_reference_leaves_the_same_without_the_fast_model_as_by_its_error(re
         assert off < (5e-3 if sensors else 1e-12)  # late commands are interpolated elsewhere
 
 
+def test_stretches_explain_the_power_as_the_whole_does(record) -> None:
+    stretches = BldcComparison(record, ACTUATOR).restarted()
+    assert stretches is not None
+    subject = stretches.with_evidence()
+    rows = subject.residuals(TRUTH, 1)[0]
+    evidence = rows[-subject.evidence :]
+    assert np.sqrt(evidence @ evidence / subject.independent) < 1.3
+    np.testing.assert_allclose(
+        rows[: -subject.evidence], stretches.residuals(TRUTH, 1)[0], rtol=0.0, atol=1e-12
+    )
+
+
 def residual_watts(subject: BldcComparison, **candidates: float) -> np.ndarray:
     """What the twin has beyond the recording, W."""
     given = {name: np.array([value]) for name, value in {**FAULTS, **candidates}.items()}
