@@ -140,13 +140,19 @@ def test_detect_tells_people_in_a_table_with_a_count_of_alarms(done, files):
         assert re.search(r"\d of 4 motions raise an alarm", answer.out)
 
 
-def test_where_and_column_choose_what_is_judged(done, files):
-    answer = done(
-        "detect", "bench.csv", "--actuator", "rig.toml", "--where", "condition=dry,loose",
-        "--where", "run=60,62", "--column", "current=current [A]", "--json",
-    )  # fmt: skip
-    runs = [verdict["labels"]["run"] for verdict in answer.told["verdicts"]]
-    assert runs == ["60", "60", "62", "62"]
+def test_where_column_and_map_choose_what_is_judged(done, files):
+    names, rows = (files / "bench.csv").read_text(encoding="utf-8").split("\n", 1)
+    theirs = names.replace("current", "theirs")
+    assert theirs != names
+    (files / "theirs.csv").write_text(f"{theirs}\n{rows}", encoding="utf-8")
+    (files / "map.toml").write_text('[columns]\ncurrent = "theirs [A]"\n', encoding="utf-8")
+    for chosen in (("--column", "current=theirs [A]"), ("--map", "map.toml")):
+        answer = done(
+            "detect", "theirs.csv", "--actuator", "rig.toml", "--where", "condition=dry,loose",
+            "--where", "run=60,62", *chosen, "--json",
+        )  # fmt: skip
+        runs = [verdict["labels"]["run"] for verdict in answer.told["verdicts"]]
+        assert runs == ["60", "60", "62", "62"]
 
 
 def test_detect_writes_all_verdicts_as_a_table(ematwin, files):
