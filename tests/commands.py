@@ -4,7 +4,9 @@ import gc
 import io
 import json
 import logging
+import os
 import runpy
+import subprocess
 import sys
 import warnings
 from collections.abc import Callable
@@ -62,6 +64,30 @@ def inside(
         stream.flush()
     assert code is None or isinstance(code, int)
     return Answer(code or 0, *(x.buffer.getvalue().decode() for x in (out, err)))
+
+
+def fresh(code: str, *arguments: object, folder: Path | None = None, **environment: str) -> Answer:
+    """Run code in an interpreter of its own."""
+    done = subprocess.run(
+        [sys.executable, "-B", "-c", code, *map(str, arguments)],
+        cwd=folder, env={**os.environ, **environment}, capture_output=True, text=True, check=False,
+        timeout=300,
+    )  # fmt: skip
+    return Answer(done.returncode, done.stdout, done.stderr)
+
+
+def loaded(names: set[str], *words: object, **more: Any) -> Answer:
+    """`fresh`, for a command in words; standard error says which of some modules it loads."""
+    code = f"""
+import sys
+from ematwin.cli import main
+sys.argv = {["ematwin", *map(str, words)]!r}
+try:
+    main()
+finally:
+    print(*sorted({names!r} & set(sys.modules)), file=sys.stderr)
+"""
+    return fresh(code, **more)
 
 
 def script(path: Path, *arguments: object) -> Answer:

@@ -23,10 +23,13 @@ def refusal_of(call: Callable[[], object], kind: type[EmatwinError] = EmatwinErr
 
 
 def refused(answer: Answer, said: str) -> None:
-    """A command that ended with exit code 2 and one sentence with a text or pattern."""
+    """A command that ended with exit code 2 and one sentence with a text or pattern.
+
+    A sentence may close with the command that would help.
+    """
     assert answer.code == 2, answer.out + answer.err
     assert answer.out == ""
-    assert re.fullmatch(r"Error: [^\n]*[.?]\n", answer.err), answer.err
+    assert re.fullmatch(r"Error: [^\n]*([.?]|: ematwin [^\n]+)\n", answer.err), answer.err
     assert said in answer.err or re.search(said, answer.err), answer.err
 
 

@@ -10,6 +10,7 @@ import pytest
 from ematwin import BldcActuator
 from ematwin.models.registry import load_actuator, shipped_actuators
 from ematwin.models.scenario import shipped_scenarios
+from refusals import refused
 
 
 def test_shipped_sets_are_listed(ematwin, done):
@@ -83,16 +84,11 @@ def test_a_template_is_written_to_be_made_ones_own(ematwin, tmp_path, name):
 
 
 def test_a_template_that_cannot_be_written_is_refused(ematwin, tmp_path):
-    refused = ematwin("actuators", "--out", "mine.toml")
-    assert refused.code == 2
-    assert "needs the name of an actuator" in refused.err
+    refused(ematwin("actuators", "--out", "mine.toml"), "needs the name of an actuator")
     for target, said in (
         ("mine.txt", "end its name in .toml"), ("none/mine.toml", "is missing or read-only"),
     ):  # fmt: skip
-        refused = ematwin("actuators", "servo48", "--out", target)
-        assert refused.code == 2
-        assert said in refused.err
-        assert refused.out == ""
+        refused(ematwin("actuators", "servo48", "--out", target), said)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -100,11 +96,10 @@ def test_a_filled_in_sheet_is_not_overwritten_without_a_word(ematwin, tmp_path: 
     sheet = tmp_path / "sheet.toml"
     assert ematwin("actuators", "servo48", "--out", "sheet.toml").code == 0
     sheet.write_text(sheet.read_text() + "# mine\n")
-    refused = ematwin("actuators", "servo48", "--out", "sheet.toml")
-    assert (refused.code, refused.out) == (2, "")
-    assert refused.err == (
-        "Error: sheet.toml exists, and may hold what you put in. Give another name, or replace it "
-        "with --force.\n"
+    refused(
+        ematwin("actuators", "servo48", "--out", "sheet.toml"),
+        "sheet.toml exists, and may hold what you put in. Give another name, or replace it with "
+        "--force.",
     )
     assert "# mine" in sheet.read_text()
     assert ematwin("actuators", "servo48", "--out", "sheet.toml", "--force").code == 0

@@ -120,7 +120,6 @@ def test_simulate_refuses_in_one_sentence(files, arguments, said):
         (["actuators", "folder.parquet"], "There is no actuator"),
         (["scenarios", "extra"], "extra"),
         (["units", "--quick"], "No such option: --quick"),
-        (["compare", "--workers", "0"], "'--workers'"),
     ],
 )
 def test_other_commands_refuse_in_one_sentence(files, arguments, said):

@@ -7,6 +7,7 @@ import numpy as np
 
 from devtools import seen_at
 from ematwin.testing.reader_contract import bench_channels
+from refusals import refused
 
 
 def bench_file(folder: Path, command: str = "Sollwert [°]") -> Path:
@@ -47,6 +48,4 @@ def test_what_is_open_is_asked_and_not_written(ematwin, done, tmp_path: Path) ->
     text = (tmp_path / "map.toml").read_text("utf-8")
     assert "command" not in tomllib.loads(text)["columns"]
     assert '# command = { channel = "Sollwert", unit = "deg" }' in text
-    answer = ematwin("identify", "bench.csv", "--map", "map.toml")
-    assert answer.code == 2
-    assert "no channel for command" in answer.err
+    refused(ematwin("identify", "bench.csv", "--map", "map.toml"), "no channel for command")

@@ -17,6 +17,7 @@ import ematwin as package
 from devtools import browser
 from ematwin.exploring.explorer import Explorer
 from ematwin.exploring.server import Server
+from refusals import refused
 
 INJECTED = {"friction": 2.0, "drive_gain": 0.9}
 
@@ -57,11 +58,7 @@ def test_what_cannot_be_explored_is_said_in_one_sentence(ematwin, recording, tmp
             (["rec.parquet", "--actuator", "servo48"], "rec.parquet"),
             (["--actuator", "emps", "--port", port], f"Port {port} is in use"),
         ):
-            answer = ematwin("explore", *arguments, "--no-browser")
-            assert answer.code == 2, answer
-            assert answer.err.startswith("Error: ")
-            assert said in answer.err
-            assert answer.err.count("\n") == 1
+            refused(ematwin("explore", *arguments, "--no-browser"), said)
 
 
 MOVE = """(name, share) => {

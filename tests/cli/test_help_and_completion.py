@@ -9,7 +9,7 @@ import typing
 
 import pytest
 
-from commands import inside
+from commands import inside, loaded
 from ematwin.cli import main
 from ematwin.cli.app import app
 from ematwin.models.registry import models
@@ -107,24 +107,8 @@ def test_completion_can_be_switched_on_and_bash_accepts_the_script(tmp_path):
 
 def test_completing_loads_nothing_heavy():
     """The prompt waits for it."""
-    code = """
-import sys
-from ematwin.cli import main
-try:
-    main()
-finally:
     heavy = {"numba", "numpy", "scipy", "pyarrow", "plotly"}
-    print("loaded:", sorted(heavy & set(sys.modules)), file=sys.stderr)
-"""
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        env={
-            **os.environ,
-            "_EMATWIN_COMPLETE": "complete_bash",
-            "COMP_WORDS": "ematwin identify --a",
-            "COMP_CWORD": "2",
-        },
-        capture_output=True, text=True, timeout=60, check=False,
-    )  # fmt: skip
-    assert done.stdout.splitlines() == ["--actuator", "--algorithm"]
-    assert done.stderr == "loaded: []\n"
+    asked = {"COMP_WORDS": "ematwin identify --a", "COMP_CWORD": "2"}
+    done = loaded(heavy, _EMATWIN_COMPLETE="complete_bash", **asked)
+    assert done.out.splitlines() == ["--actuator", "--algorithm"]
+    assert done.err.strip() == ""

@@ -13,6 +13,7 @@ import pytest
 
 import ematwin as library
 from bldc_inputs import HALF
+from commands import loaded
 from ematwin.recordings.tables import write_table
 from refusals import refused
 
@@ -77,21 +78,9 @@ def test_option_that_cannot_be_used_is_refused(ematwin, folder, arguments, said)
 
 def test_an_identification_loads_no_package_that_it_does_not_need(ematwin, folder: Path) -> None:
     ematwin("identify", "rec.parquet", "--exact")  # whatever compiles loads more
-    code = """
-import sys
-from ematwin.cli import main
-sys.argv = ["ematwin", "identify", "rec.parquet", "--exact"]
-try:
-    main()
-finally:
     unneeded = {"scipy.special", "pandas", "pint", "plotly"}  # numba loads scipy.linalg
-    print("loaded:", sorted(unneeded & set(sys.modules)), file=sys.stderr)
-"""
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=folder, capture_output=True, text=True, timeout=300, check=True,
-    )  # fmt: skip
-    assert done.stderr == "loaded: []\n"
+    done = loaded(unneeded, "identify", "rec.parquet", "--exact", folder=folder)
+    assert (done.code, done.err.strip()) == (0, "")
 
 
 def test_missing_extra_names_the_command_that_installs_it(ematwin, folder, monkeypatch):
@@ -170,6 +159,7 @@ def test_uncertainty_is_told_to_people_and_programs(done, folder: Path) -> None:
         (("--threshold", "friction=2"), r"threshold of friction must lie in its range \[0, 1\]"),
         (("--threshold", "friction"), "--threshold needs name=value"),
         (("--threshold", "friction=3 N*m"), r"in its range \[0.03, 0.09\]"),
+        (("--threshold", "tear=0.5"), "no searched fault 'tear'.*name one of friction"),
     ],
 )
 def test_uncertainty_that_cannot_be_given_is_refused(ematwin, folder, options, said) -> None:

@@ -1,8 +1,6 @@
 """``examples/position_servo.py`` and the commands on a servo that is made up, logged like a bus."""
 
 import json
-import runpy
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -131,18 +129,6 @@ def test_the_example_refuses_what_it_cannot_use(tables, tmp_path):
     lacking = script(EXAMPLE, made_up.write(tmp_path / "lacking.parquet", runs))
     assert lacking.code == 1
     assert "position" in lacking.err
-
-
-def test_the_example_shows_what_was_judged_before_ctrl_c(tables, twin, monkeypatch, capsys):
-    done = ematwin.identify(ematwin.read(tables[1], actuator="sts3215", split=True)[:1], twin)
-    main = runpy.run_path(str(EXAMPLE))["main"]
-    monkeypatch.setitem(main.__globals__, "calibrated", lambda *_, **__: twin.calibration)
-    monkeypatch.setattr(ematwin, "identify", lambda runs, _: replace(done, missing=len(runs) - 1))
-    monkeypatch.setattr("sys.argv", [str(EXAMPLE), str(tables[0]), "--judge", str(tables[1])])
-    main()
-    shown = capsys.readouterr()
-    assert len(shown.out.splitlines()) == 2
-    assert f"{len(FAULTS) - 1} more were not judged" in shown.err
 
 
 def test_one_run_that_cannot_be_read_leaves_the_others(rows):

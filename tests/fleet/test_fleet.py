@@ -5,11 +5,14 @@ import math
 import shutil
 import urllib.error
 import urllib.request
+from copy import copy
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from threading import Thread
 from unittest.mock import Mock
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
@@ -20,6 +23,7 @@ from ematwin.fleet.life import Life
 from ematwin.fleet.serve import FleetServer
 from ematwin.fleet.simulated import SimulatedFleet
 from ematwin.fleet.store import SET_ASIDE, FleetStore, row_of, years
+from refusals import refused
 
 END = datetime(2026, 1, 1, tzinfo=UTC)
 MADE = SimulatedFleet(4, 2.0, 40.0, seed=7, end=END)
@@ -150,11 +154,6 @@ def test_an_overhaul_that_is_to_come_is_refused(alarmed):
 
 def state(fleet, level, slope=0.0, error=0.003):
     """A trend of friction at a level."""
-    from copy import copy
-    from dataclasses import replace
-
-    import numpy as np
-
     one = copy(fleet["EMA-01"].trend("friction"))
     one.mean, one.covariance = np.array([level, slope, 0.0]), np.diag([error**2, 1e-6, 0.0])
     one.series = replace(one.series, error=np.zeros_like(one.series.error))
@@ -162,8 +161,6 @@ def state(fleet, level, slope=0.0, error=0.003):
 
 
 def lives(*draws):
-    import numpy as np
-
     return Life("friction", np.array(draws, dtype=float), 0.0)
 
 
@@ -267,9 +264,7 @@ def test_maintainers_answer_in_the_shell(alarmed, ematwin):
         (("withdraw", folder, serial, "beef"), "'beef' of EMA"),
         (("status", folder.parent / "none"), "There is no fleet in"),
     ):
-        answer = ematwin("fleet", *wrong)
-        assert (answer.code, answer.out) == (2, "")
-        assert said in answer.err
+        refused(ematwin("fleet", *wrong), said)
 
 
 def test_the_state_of_a_fleet_is_asked_without_recordings(alarmed, tmp_path, ematwin):
@@ -433,6 +428,4 @@ def test_the_demo_of_a_fleet_writes_its_page(ematwin, tmp_path, monkeypatch):
     said = json.loads(answer.out)
     assert set(said["advisories"]) == {"EMA-01", "EMA-02"}
     assert (tmp_path / "f" / "fleet.html").exists()
-    again = ematwin("demo", "--fleet", "--folder", "f")
-    assert again.code == 2
-    assert "holds a fleet already" in again.err
+    refused(ematwin("demo", "--fleet", "--folder", "f"), "holds a fleet already")

@@ -8,15 +8,7 @@ from scipy.stats import gamma, invgauss
 
 from ematwin.errors import InputError
 from ematwin.fleet.learning import learn
-from ematwin.fleet.life import (
-    Life,
-    Requirement,
-    job_left,
-    life_left,
-    paths,
-    process_of,
-    sooner,
-)
+from ematwin.fleet.life import Life, Requirement, job_left, life_left, paths, process_of, sooner
 from ematwin.fleet.metrics import (
     alpha_lambda,
     convergence,

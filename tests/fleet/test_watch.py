@@ -10,6 +10,7 @@ from ematwin import Fleet
 from ematwin.errors import InputError
 from ematwin.fleet.watch import hash_of, watch
 from ematwin.models.reading import write
+from refusals import refused
 
 SERVO = "sts3215"  # the kind that is judged fastest
 
@@ -170,8 +171,7 @@ def test_a_pattern_says_serial_number_and_time(tmp_path):
 
 def test_a_missing_folder_is_refused(tmp_path, ematwin):
     answer = ematwin("watch", "nowhere", "--fleet", "fleet")
-    assert answer.code == 2
-    assert answer.err == "Error: There is no file or folder nowhere. Give one with recordings.\n"
+    refused(answer, "There is no file or folder nowhere. Give one with recordings.")
     assert not (tmp_path / "fleet").exists()
 
 
@@ -186,5 +186,4 @@ def test_the_command_says_what_each_needs_and_ends_with_a_code(recordings, tmp_p
     assert ematwin(*arguments, "--fail-on", "act").code == 0
     assert ematwin(*arguments, "--fail-on", "fault").code == 1
     wrong = ematwin(*arguments, "--fail-on", "panic")
-    assert wrong.code == 2
-    assert "--fail-on takes fault, watch, plan or act, received 'panic'" in wrong.err
+    refused(wrong, "--fail-on takes fault, watch, plan or act, received 'panic'")

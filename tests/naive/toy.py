@@ -44,6 +44,21 @@ class Toy(OneChannel):
         return {"y": self.features(candidates) @ BASES}
 
 
+class Line(OneChannel):
+    """y = mass (slope t + offset) in 50 samples, of which the recording has a mass of 1."""
+
+    def __init__(self, slope, offset=0.0, noise=1.0):
+        self.t = np.linspace(0.0, 1.0, 50)
+        super().__init__(slope * self.t + offset, noise)
+
+    def responses(self, candidates, count):
+        slope, offset, mass = (
+            np.broadcast_to(candidates.get(name, 1.0), count)[:, None]
+            for name in ("slope", "offset", "mass")
+        )
+        return {"y": mass * (slope * self.t + offset)}
+
+
 def fault(name, **more):
     given = {"healthy": 0.0, "lower": 0.0, "upper": 1.0} | more
     return Unknown(name, "", "", **given)

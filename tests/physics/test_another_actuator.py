@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ematwin.models.bldc.channels import phase_currents, signed_current
+from bldc_inputs import equivalent, misfit
+from ematwin.models.bldc.channels import phase_currents
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.scenario import Scenario
 from ematwin.models.simulating import simulate as simulate_twin
-from ematwin.numerics.signals import LowPass
 from naive.another_actuator import (
     TERMS,
     Structure,
@@ -22,7 +22,6 @@ from naive.another_actuator import (
 )
 
 SERVO48 = parameters_of(BldcActuator.load())
-RATE = 20_000.0
 TIME = np.linspace(0.0, 0.5, 50_001)
 COMMAND, LOAD = Scenario.load_file("default").histories(TIME)
 REALISTIC = Structure.realistic()
@@ -37,15 +36,6 @@ CASES = {
 }  # fmt: skip
 
 
-def rms(x):
-    return float(np.sqrt(np.mean(np.square(x))))
-
-
-def equivalent(record):
-    current = signed_current(record, int(SERVO48["motor.pole_pairs"]))
-    return LowPass(500.0).apply(record.current if current is None else current, RATE)
-
-
 def answer(structure, faults=None, parameters=SERVO48):
     """Filtered equivalent current of this actuator in the default scenario, A."""
     record = simulate(parameters, TIME, COMMAND, LOAD, faults, structure, noise=0.0, bits=None)
@@ -56,10 +46,6 @@ def twin(model, faults, parameters=SERVO48):
     place = "controller.speed_gain"
     actuator = BldcActuator.load().changed({place: parameters[place]})
     return equivalent(simulate_twin(model, faults=faults, actuator=actuator))
-
-
-def misfit(one, other):
-    return rms(one - other) / rms(other)
 
 
 @pytest.mark.parametrize("faults", CASES.values(), ids=CASES)

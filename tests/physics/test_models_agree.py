@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from ematwin.models.bldc.channels import current_envelope, signed_current, trapezoid_shape
+from bldc_inputs import misfit, rms, signed
+from ematwin.models.bldc.channels import current_envelope, trapezoid_shape
 from ematwin.models.bldc.faults import FAULTS, PAPER_CASES, Faults
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.scenario import Chirp, Profile, Ramp, Scenario, Step
@@ -22,15 +23,6 @@ HEALTHY_LIMIT = 0.02  # of RMS
 CASE_LIMIT = 0.05
 
 
-def rms(x):
-    return float(np.sqrt(np.mean(np.square(x))))
-
-
-def signed(record):
-    current = signed_current(record, MOTOR.pole_pairs)
-    return record.current if current is None else current
-
-
 def gap_between_models(faults, equivalent):
     """RMS difference of the filtered equivalent currents, as a share of the reference's RMS.
 
@@ -39,7 +31,7 @@ def gap_between_models(faults, equivalent):
     filtered = [
         LOW_PASS.apply(equivalent(simulate(model, faults=faults)), RATE) for model in MODELS
     ]
-    gap = rms(filtered[0] - filtered[1]) / rms(filtered[0])
+    gap = misfit(filtered[1], filtered[0])
     print(f"{Faults.of(faults)!r}: {equivalent.__name__} {100.0 * gap:.2f} %")
     return gap
 

@@ -6,8 +6,6 @@ Ours is the reference model's windings, where the loop is a conductance with a t
 """
 
 import math
-import shutil
-import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +15,7 @@ from ematwin.models.pmsm import reference_step as steps_of
 from ematwin.models.pmsm.reference_step import ReferenceState
 from ematwin.models.pmsm.unknowns import Constants, constants_of
 from ematwin.numerics.compile import plain
+from ngspice import answer_of
 from pmsm_inputs import ACTUATOR, SMOOTH, healthy
 
 SPEED = 200.0  # rad/s: 160 Hz
@@ -114,15 +113,7 @@ def test_shorted_turns_are_those_of_ngspice_within_one_per_cent(phase, k, contac
     c = c._replace(j_m=1e9, j_o=1e9, half_gap=1e9)  # nothing slows it down
     ours = run_windings(c, round(DURATION / DT))
     mu = 0.3 * math.sqrt(k)
-    program = shutil.which("ngspice")
-    assert program, "ngspice is missing: install the Debian package ngspice."
-    deck, output = tmp_path / "short.cir", tmp_path / "short.data"
-    deck.write_text(netlist(actuator, mu, phase, contact, output), encoding="utf-8")
-    done = subprocess.run(
-        [program, "-b", str(deck)], cwd=tmp_path, capture_output=True, text=True, timeout=120
-    )
-    assert output.exists(), f"ngspice gave no currents:\n{done.stdout}\n{done.stderr}"
-    theirs = np.loadtxt(output)
+    theirs = answer_of(lambda output: netlist(actuator, mu, phase, contact, output), tmp_path)
     time = (np.arange(len(ours)) + 1) * DT
     for n, name in enumerate((*"abc", "loop")):
         other = np.interp(time, theirs[:, 0], theirs[:, 1 + n])

@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import ematwin
-from bldc_inputs import HALF
+from bldc_inputs import HALF, equivalent, misfit
 from ematwin.errors import ParameterError
 from ematwin.models.bldc import batch
 from ematwin.models.bldc.channels import phase_currents, signed_current
@@ -21,7 +21,6 @@ from ematwin.models.registry import load_actuator
 from ematwin.models.scenario import Scenario, Step
 from ematwin.models.simulating import simulate
 from ematwin.numerics.compile import plain
-from ematwin.numerics.signals import LowPass
 from ematwin.recordings.noise import Noise
 from naive import another_actuator
 
@@ -61,21 +60,8 @@ SHORT = {"short_a": 0.15}
 OFFSET = {"eccentricity": 0.2, "eccentricity_phase": 0.3}
 
 
-def rms(x):
-    return float(np.sqrt(np.mean(np.square(x))))
-
-
-def equivalent(record):
-    current = signed_current(record, PLAIN.motor.pole_pairs)
-    return LowPass(500.0).apply(record.current if current is None else current, RATE)
-
-
 def answer(model, faults, actuator, step=None):
     return equivalent(simulate(model, faults=faults, actuator=actuator, step=step))
-
-
-def misfit(one, other):
-    return rms(one - other) / rms(other)
 
 
 @pytest.mark.parametrize(

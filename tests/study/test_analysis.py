@@ -11,10 +11,7 @@ from scipy import stats
 from synthetic import done, failed, spec, study, vector
 
 from ematwin.benchmarking.analysis import analyse
-from ematwin.benchmarking.convergence import (
-    TARGETS,
-    evaluations_to_target,
-)
+from ematwin.benchmarking.convergence import TARGETS, evaluations_to_target
 from ematwin.benchmarking.plan import pack, unpack
 from ematwin.benchmarking.statistics import (
     average_ranks,
@@ -50,18 +47,6 @@ def table_of(means):
 
 
 # The table of the runs
-
-
-def test_the_table_does_not_depend_on_the_order_of_the_runs():
-    runs = list(study(2, cases=("Low F", "High Z"), history_points=20))
-    one, other = collect(runs), collect(reversed(runs))
-    pd.testing.assert_frame_equal(one.frame, other.frame)
-    assert np.array_equal(one.histories[3][1], other.histories[3][1])
-    assert one.algorithms == ["ga", "pso", "de", "gwo", "da", "woa"]
-    rows = one.frame.iloc[one.cells["High Z", "de"]]
-    assert set(rows["id"]) == {
-        r.spec.id for r in runs if (r.spec.case, r.spec.algorithm) == ("High Z", "de")
-    }
 
 
 def test_no_runs_and_runs_of_different_studies_are_refused():

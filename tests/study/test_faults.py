@@ -8,12 +8,9 @@ import subprocess
 import sys
 import threading
 import time
-from typing import Any
 
 import psutil
 from processes import RUNS, SMALL, finish, numbers, start, study, wait_for
-
-Numbers = dict[str, tuple[Any, ...]]
 
 
 def loky_workers(main):

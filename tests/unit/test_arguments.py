@@ -53,12 +53,6 @@ def test_a_recording_tells_its_duration_and_saves_itself(record, tmp_path: Path)
     np.testing.assert_array_equal(ematwin.read(tmp_path / "day1.parquet").current, record.current)
 
 
-def test_one_fault_may_be_searched_alone(record: ematwin.Recording) -> None:
-    found = ematwin.identify(record, only="friction", exact=True)
-    assert found.searched == ("friction",)
-    assert found.values["friction"] == pytest.approx(0.25, abs=0.02)
-
-
 def test_the_recording_decides_which_actuator_is_meant(tmp_path: Path) -> None:
     quick = {"servo48": "monitor", "servo400": "monitor", "rm1605": None, "emps": None}
     for name, model in quick.items():

@@ -59,9 +59,6 @@ def test_a_step_that_does_not_resolve_lag_and_sampling_is_refused(change, longes
     assert "received" in text
 
 
-# Unknowns
-
-
 # Scenarios
 
 

@@ -2,7 +2,6 @@
 
 import http.client
 import json
-import socket
 import threading
 
 import pytest
@@ -156,15 +155,6 @@ def test_other_methods_are_not_known(server):
         status, headers, _ = request(server, method, f"/{server.token}/ask")
         assert status == 501
         assert not [name for name in headers if name.startswith("Access-Control")]
-
-
-def test_a_port_in_use_is_said_in_one_sentence():
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        port = taken.getsockname()[1]
-        with pytest.raises(InputError, match=f"Port {port} is in use; choose another"):
-            Server(Standing(), port)
 
 
 @pytest.mark.parametrize("port", [-1, 65_536, 10**9])

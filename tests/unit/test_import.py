@@ -1,11 +1,11 @@
 """Import is quiet and quick, and the twin runs without the extras."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+
+from commands import fresh
 
 PROJECT = Path(__file__).parents[2]
 HEAVY = {"numba", "numpy", "scipy", "plotly", "pandas", "pyarrow", "pydantic", "pint", "typer",
@@ -14,14 +14,11 @@ EXTRAS = {"asammdf", "nptdms", "pymatreader", "h5py", "cma", "pymoo", "pygmo", "
           "pandas", "psutil", "sphinx", "hypothesis", "pytest", "anywidget"}  # fmt: skip
 
 
-def python(code: str, *arguments: str) -> str:
+def python(code: str, *arguments: object) -> str:
     """What a fresh interpreter prints."""
-    done = subprocess.run(
-        [sys.executable, "-B", "-c", code, *arguments], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stderr == ""
-    return done.stdout
+    done = fresh(code, *arguments)
+    assert (done.code, done.err) == (0, "")
+    return done.out
 
 
 def test_importing_opens_no_file_but_those_of_python_itself():

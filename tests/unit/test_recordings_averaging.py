@@ -4,19 +4,9 @@ import numpy as np
 import pytest
 
 import ematwin
-from ematwin import Recording
 from ematwin.models.registry import load_actuator, model_of
 
 MODEL = model_of(load_actuator("servo48"))
-
-
-def recording(rate: float, samples: int) -> Recording:
-    time = 3.0 + np.arange(samples) / rate
-    return Recording(
-        time, {"command": np.arange(float(samples)), "current_a": np.arange(float(samples)) ** 2},
-        units={"command": "rad"}, labels={"run": "1"}, source="a.csv",
-        provenance={"changed": ["something else"]},
-    )  # fmt: skip
 
 
 def test_fast_currents_are_averaged_to_those_of_a_slower_simulation() -> None:

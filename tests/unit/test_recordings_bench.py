@@ -1,6 +1,5 @@
 """Whole files of each kind, as benches write them: several rates, holes, names, units, memory."""
 
-import subprocess
 import sys
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from nptdms import ChannelObject, TdmsWriter
 
 import ematwin
 from bench_files import write_mdf
+from commands import fresh
 from ematwin.errors import EmatwinError, FileError, InputError, MissingExtraError, RecordError
 from ematwin.models.bldc.channels import phase_currents
 from ematwin.recordings.formats.base import known_suffixes, open_file
@@ -183,11 +183,9 @@ def test_damaged_mdf_files_leave_nothing_on_stderr(tmp_path: Path) -> None:
         "try: ematwin.read(sys.argv[1])\n"
         "except ematwin.EmatwinError as error: print(error)\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=True
-    )
-    assert done.stderr == ""
-    assert "may be truncated" in done.stdout
+    done = fresh(code, path)
+    assert done.err == ""
+    assert "may be truncated" in done.out
 
 
 def test_an_mdf_channel_outside_its_record_is_refused(tmp_path: Path) -> None:
@@ -247,10 +245,7 @@ def test_ten_seconds_at_100_khz_stay_well_under_500_mb(tmp_path: Path) -> None:
             file[name] = values
         for name in ("motor_position", "motor_speed", "output_position", "output_speed"):
             file[name] = channels["command"]
-    done = subprocess.run(
-        [sys.executable, "-c", PEAK, str(path)], capture_output=True, text=True, check=True
-    )
-    assert float(done.stdout) < 350.0  # MB
+    assert float(fresh(PEAK, path).out) < 350.0  # MB
 
 
 def test_what_is_no_file_of_a_known_format_is_refused(tmp_path: Path) -> None:

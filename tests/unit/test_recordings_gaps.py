@@ -5,6 +5,8 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 import ematwin
@@ -117,3 +119,13 @@ def test_a_declared_full_scale_is_believed() -> None:
     clipped = np.clip(SINE, -4.0, 4.0)
     assert saturated(clipped, full_scale=10.0) == 0
     assert saturated(clipped, full_scale=4.0) == (np.abs(SINE) >= 0.999 * 4.0).sum()
+
+
+def test_nulls_of_a_parquet_file_are_holes(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    time, missing = np.arange(100_000) / 1e4, rng.random(100_000) < 0.01
+    columns = {"time": time, "command": time, "current": pa.array(time, mask=missing)}
+    pq.write_table(pa.table(columns), tmp_path / "run.parquet", row_group_size=777)
+    record = ematwin.read(tmp_path / "run.parquet", gaps="mask")
+    np.testing.assert_allclose(record.current, time, atol=1e-9)  # filled by straight lines
+    assert len(record.provenance["masked_s"]) > 500

@@ -2,17 +2,12 @@
 
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pandas as pd
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
-import scipy.io
-from nptdms import ChannelObject, TdmsWriter
 
-import bench_files
 import ematwin
+from bench_files import write_mdf
 from ematwin.errors import RecordError
 from ematwin.models.proposing import propose_map
 from ematwin.recordings.proposal import Proposal
@@ -138,54 +133,10 @@ def test_other_quantities_are_not_taken_for_what_they_resemble(tmp_path: Path) -
     assert any("current" in sentence for sentence in needed)
 
 
-def write_parquet(path: Path) -> None:
-    units = {"Time": ("ms", 1e3 * TIME), "Setpoint": ("deg", DEGREES), "iU": ("A", A),
-             "iV": ("A", B)}  # fmt: skip
-    fields = [pa.field(name, pa.float64(), metadata={"unit": unit})
-              for name, (unit, _) in units.items()]  # fmt: skip
-    columns = [pa.array(values) for _, values in units.values()]
-    pq.write_table(pa.table(columns, schema=pa.schema(fields)), path)
-
-
-def write_mdf(path: Path) -> None:
+def test_units_that_a_file_states_are_surveyed_and_mapped(tmp_path: Path) -> None:
+    path = tmp_path / "run.mf4"
     signals = {"Setpoint": (DEGREES, "deg"), "Phase A": (A, "A"), "Phase B": (B, "A")}
-    bench_files.write_mdf(path, (TIME, signals))
-
-
-def write_tdms(path: Path) -> None:
-    wave = {"wf_increment": 5e-5, "wf_start_offset": 0.0}
-    with TdmsWriter(path) as writer:
-        signals = {"SetPoint": (DEGREES, "deg"), "Current L1": (A, "A"), "Current L2": (B, "A")}
-        writer.write_segment([
-            ChannelObject("bench", name, x, {**wave, "unit_string": unit})
-            for name, (x, unit) in signals.items()
-        ])  # fmt: skip
-
-
-def write_mat(path: Path) -> None:
-    scipy.io.savemat(
-        path, {"run": {"t_ms": 1e3 * TIME, "phi_soll_deg": DEGREES, "i_a": A, "i_b": B}}
-    )
-
-
-def write_hdf5(path: Path) -> None:
-    with h5py.File(path, "w") as file:
-        for name, x, unit in [("time", TIME, "s"), ("demand", DEGREES, "deg"),
-                              ("current 1", A, "A"), ("current 2", B, "A")]:  # fmt: skip
-            file[f"run/{name}"] = x
-            file[f"run/{name}"].attrs["unit"] = unit
-
-
-@pytest.mark.parametrize(
-    ("ending", "write"),
-    [
-        ("parquet", write_parquet), ("mf4", write_mdf), ("tdms", write_tdms), ("mat", write_mat),
-        ("h5", write_hdf5),
-    ],
-)  # fmt: skip
-def test_every_format_is_surveyed_and_mapped(tmp_path, ending, write):
-    path = tmp_path / f"run.{ending}"
-    write(path)
+    write_mdf(path, (TIME, signals))
     found = survey(path)
     proposal = propose_map(path, found=found)
     assert {"command", "current_a", "current_b"} <= set(proposal.columns())

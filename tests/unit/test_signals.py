@@ -120,9 +120,6 @@ def test_low_pass_is_the_explicit_recursion(signal, cutoff):
     np.testing.assert_allclose(LowPass(cutoff).apply(signal, RATE), expected, atol=1e-8)
 
 
-# Low-pass
-
-
 # Misfit
 
 

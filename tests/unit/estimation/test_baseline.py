@@ -9,12 +9,7 @@ import tomli_w
 
 from ematwin import BldcActuator, simulate
 from ematwin.errors import ParameterError
-from ematwin.estimation.baseline import (
-    Baseline,
-    ClosedLoop,
-    baseline_of,
-    with_all_free,
-)
+from ematwin.estimation.baseline import Baseline, ClosedLoop, baseline_of, with_all_free
 from ematwin.estimation.prior import Prior
 from ematwin.estimation.problem import Problem
 from ematwin.models.registry import model_of

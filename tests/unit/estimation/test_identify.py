@@ -1,4 +1,3 @@
-import json
 import math
 import signal
 import threading
@@ -10,7 +9,6 @@ import pytest
 import ematwin
 from bldc_inputs import HALF
 from ematwin import Faults, Noise, identify, simulate
-from ematwin.errors import RecordError
 from ematwin.estimation.identification import Identification
 from ematwin.models.bldc.faults import PAPER_CASES, error_percent_wrapped
 
@@ -41,6 +39,9 @@ def test_three_faults_are_found_through_noise(found: Identification) -> None:
     assert error(found, THREE) < 0.5
     assert found.stopped == "good fit"
     assert found.evaluations < 1000
+    for name in ("friction", "short_b", "eccentricity", "eccentricity_phase"):
+        miss = abs(getattr(found.faults, name) - getattr(THREE, name))
+        assert miss < 3.0 * found.standard_error[name] + 1e-4
 
 
 def test_same_seed_gives_the_same_answer_bit_for_bit(record, found):
@@ -64,14 +65,6 @@ def test_only_the_named_faults_are_searched(record: ematwin.Recording) -> None:
     assert list(found.standard_error) == ["friction"]
 
 
-def test_default_method_keeps_within_its_budget(short: ematwin.Recording) -> None:
-    for budget in (64, 500):
-        found = identify(short, budget=budget)
-        assert found.evaluations <= budget
-        assert found.stopped == "budget"
-        assert math.isfinite(found.cost)
-
-
 def test_actuator_that_cannot_move_is_reported_as_undetermined() -> None:
     stuck = simulate("reference", HALF, {"short_b": 1.0, "short_c": 0.97, "friction": 0.2})
     found = identify(stuck)
@@ -86,20 +79,7 @@ def test_twin_that_does_not_fit_is_doubted_aloud() -> None:
     assert "standard deviations off what is known of it" in found.verdict.reason
 
 
-def test_answer_is_plain_json(found: Identification) -> None:
-    answer = json.loads(json.dumps(found.as_dict(), allow_nan=False))
-    needed = {"faults", "cost", "evaluations", "seconds", "algorithm", "seed", "stopped"}
-    assert needed <= set(answer)
-    assert answer["physical"]["friction"]["value"] == pytest.approx(0.048, rel=0.01)
-
-
-def test_standard_errors_cover_the_errors(found: Identification) -> None:
-    for name in ("friction", "short_b", "eccentricity", "eccentricity_phase"):
-        miss = abs(getattr(found.faults, name) - getattr(THREE, name))
-        assert miss < 3.0 * found.standard_error[name] + 1e-4
-
-
-@pytest.mark.parametrize("algorithm", ["multistart", "pso"])
+@pytest.mark.parametrize("algorithm", ["multistart", "pso", "scipy-trf"])
 def test_interruption_keeps_the_best_so_far(short: ematwin.Recording, algorithm: str) -> None:
     calls = 0
 
@@ -128,14 +108,6 @@ def test_interrupted_population_run_goes_on_from_its_checkpoint(short, tmp_path)
     rest = identify(short, algorithm="gwo", budget=1500, seed=2, checkpoint=state)
     assert rest.cost == whole.cost
     assert (rest.faults.vector == whole.faults.vector).all()
-
-
-def test_record_without_motion_is_refused() -> None:
-    still = simulate(
-        "monitor", ematwin.Scenario(duration=0.5, command=[{"type": "step", "value": 0.0}])
-    )
-    with pytest.raises(RecordError):
-        identify(still)
 
 
 def test_a_recording_in_degrees_is_told_from_one_that_the_twin_cannot_explain(tmp_path: Path):

@@ -2,7 +2,6 @@
 
 import contextlib
 import signal
-import threading
 import time
 import traceback
 
@@ -23,22 +22,6 @@ def test_an_interrupt_that_was_swallowed_is_raised_at_the_next_check() -> None:
         with pytest.raises(KeyboardInterrupt):
             interrupts.check()
         interrupts.check()
-
-
-def test_other_threads_search_without_signals() -> None:
-    errors: list[BaseException] = []
-
-    def work() -> None:
-        try:
-            with noting_interrupts() as interrupts:
-                interrupts.check()
-        except BaseException as error:
-            errors.append(error)
-
-    thread = threading.Thread(target=work)
-    thread.start()
-    thread.join()
-    assert errors == []
 
 
 def test_the_best_so_far_comes_within_two_seconds_on_a_long_record() -> None:

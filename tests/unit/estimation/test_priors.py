@@ -6,7 +6,7 @@ import pytest
 from ematwin.estimation.prior import Prior
 from ematwin.estimation.problem import Problem
 from ematwin.models.unknown import Unknown
-from naive.toy import OneChannel
+from naive.toy import Line
 
 SLOPE = Unknown("slope", "A/s", "", 0.0, -5.0, 5.0)
 OFFSET = Unknown("offset", "A", "", 0.0, -2.0, 2.0, role="nuisance", spread=0.5)
@@ -15,21 +15,6 @@ NAMES = ("slope", "mass", "offset")
 MEAN = np.array([0.4, np.log(2.5), -0.1])
 COVARIANCE = np.array([[0.5, 0.12, 0.3], [0.12, 0.2, -0.05], [0.3, -0.05, 0.4]])
 PRIOR = Prior(NAMES, MEAN, COVARIANCE)
-
-
-class Line(OneChannel):
-    """y = mass (slope t + offset)."""
-
-    def __init__(self, size: float) -> None:
-        self.t = np.linspace(0.0, 1.0, 30)
-        super().__init__(size * self.t, noise=0.1)
-
-    def responses(self, candidates, count):
-        slope, offset, mass = (
-            np.broadcast_to(candidates.get(name, 1.0), count)[:, None]
-            for name in ("slope", "offset", "mass")
-        )
-        return {"y": mass * (slope * self.t + offset)}
 
 
 def points_of(problem: Problem, count: int) -> np.ndarray:
@@ -48,7 +33,7 @@ def mahalanobis(away: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 
 
 def test_prior_rows_are_the_mahalanobis_distance_in_units_of_the_noise() -> None:
-    problem = Problem([Line(1.0)], [SLOPE, MASS, OFFSET], prior=PRIOR)
+    problem = Problem([Line(1.0, noise=0.1)], [SLOPE, MASS, OFFSET], prior=PRIOR)
     points = points_of(problem, 20)
     rows = problem.split(problem.residuals(points)).priors
     expected = mahalanobis(coordinates(points) - MEAN, COVARIANCE)
@@ -80,7 +65,9 @@ def test_a_condition_on_one_value_keeps_the_others_correlated() -> None:
 
 
 def test_holding_costs_what_the_full_problem_costs_there() -> None:
-    full = Problem([Line(1.0), Line(2.0)], [SLOPE, MASS, OFFSET], prior=PRIOR).with_noise(0.3)
+    full = Problem(
+        [Line(1.0, noise=0.1), Line(2.0, noise=0.1)], [SLOPE, MASS, OFFSET], prior=PRIOR
+    ).with_noise(0.3)
     held = {"mass": 3.0, "slope": -0.5}
     small = full.holding(held)
     assert small.names == ("offset",)

@@ -3,35 +3,14 @@
 import numpy as np
 import pytest
 
-from ematwin import BldcActuator, Faults, Noise, Problem, Recording, identify, simulate
+from ematwin import BldcActuator, Noise, Problem, identify, simulate
 from ematwin.errors import InputError, RecordError
-from ematwin.estimation.search import find, method, methods, named
+from ematwin.estimation.search import find, named
 from ematwin.models.unknown import Unknown
-from naive.toy import OneChannel
-
-FAULTY = Faults(friction=0.3, backlash=0.2)
-
-
-class Line(OneChannel):
-    """y = slope t + offset, measured on a recording that was made up."""
-
-    def __init__(self, slope: float, offset: float) -> None:
-        self.t = np.linspace(0.0, 1.0, 50)
-        super().__init__(slope * self.t + offset, noise=1.0)
-
-    def responses(self, candidates, count):
-        slope = np.broadcast_to(candidates["slope"], count)
-        offset = np.broadcast_to(candidates["offset"], count)
-        return {"y": slope[:, None] * self.t + offset[:, None]}
-
+from naive.toy import Line
 
 SLOPE = Unknown("slope", "A/s", "", 0.0, -5.0, 5.0)
 OFFSET = Unknown("offset", "A", "", 0.0, -2.0, 2.0, role="nuisance")
-
-
-@pytest.fixture(scope="module")
-def record() -> Recording:
-    return simulate("monitor", faults=FAULTY)
 
 
 @pytest.mark.parametrize(
@@ -89,13 +68,6 @@ def test_costs_are_the_sums_of_squared_residuals_priors_included() -> None:
     assert np.allclose(problem.residuals(points)[:, -1], np.log(points[:, 0]) / 0.2)
 
 
-def test_held_values_reach_the_twin(record: Recording) -> None:
-    free = Problem.of(record, "servo48")
-    held = Problem.of(record, "servo48", only=["friction"], held={"backlash": 0.2})
-    assert held.names == ("friction",)
-    assert held.costs(np.array([[0.3]]))[0] == free.costs(FAULTY.vector[None])[0]
-
-
 def test_a_parameter_is_searched_beside_the_faults() -> None:
     actuator = BldcActuator.load()
     warm = actuator.changed({"motor.emf_constant": 0.96 * actuator.motor.emf_constant})
@@ -109,25 +81,6 @@ def test_a_parameter_is_searched_beside_the_faults() -> None:
     assert found.faults.friction == pytest.approx(0.2, abs=0.02)
 
 
-def test_impossible_choices_are_refused(record: Recording) -> None:
-    for only, said in ((["fricton"], "Did you mean friction"), ([], "at least one")):
-        with pytest.raises(InputError, match=said):
-            Problem.of(record, "servo48", only=only)
-    with pytest.raises(InputError, match="received 2"):
-        Problem.of(record, "servo48", held={"friction": 2.0})
-
-
-def test_methods_are_listed_once_and_found_by_name_or_alias() -> None:
-    names = [one.name for one in methods()]
-    assert names[0] == "multistart"
-    assert len(set(names)) == len(names)
-    assert method("Levenberg_Marquardt") is method("descent")
-    assert method("lm").name == "levenberg-marquardt"
-    assert method("grey-wolf").name == "gwo"
-    with pytest.raises(InputError, match="pso"):
-        method("pzo")
-
-
 def test_least_squares_of_scipy_start_anew_until_the_budget_is_spent() -> None:
     problem = Problem([Line(2.0, -1.0)], [SLOPE, OFFSET])
     spent: list[int] = []
@@ -139,18 +92,6 @@ def test_least_squares_of_scipy_start_anew_until_the_budget_is_spent() -> None:
     assert np.array_equal(found.history, again.history)
     with pytest.raises(InputError, match="at least 3 evaluations, received 2"):
         search.run(problem, budget=2, seed=1, report=lambda n, cost: None)
-
-
-def test_least_squares_of_scipy_give_the_best_so_far_when_interrupted() -> None:
-    problem = Problem([Line(2.0, -1.0)], [SLOPE, OFFSET])
-
-    def report(spent: int, cost: float) -> None:
-        if spent > 20:
-            raise KeyboardInterrupt
-
-    found = named("scipy-trf").run(problem, budget=1000, seed=1, report=report)
-    assert found.stopped == "interrupted"
-    assert found.evaluations < 30
 
 
 def test_a_twin_that_diverges_everywhere_is_told() -> None:

@@ -8,12 +8,7 @@ import numpy as np
 import pytest
 
 from ematwin.estimation.mixed_effects import assessed_sets
-from ematwin.estimation.random_effects import (
-    effects_of,
-    errors_of_mean,
-    fit,
-    learn_effects,
-)
+from ematwin.estimation.random_effects import effects_of, errors_of_mean, fit, learn_effects
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet, Section, quantity
 from ematwin.models.unknown import Unknown

@@ -1,5 +1,6 @@
 """Laplace, profile and posterior where the right answer can be worked out by hand."""
 
+import sys
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -21,7 +22,7 @@ from ematwin.estimation.problem import Problem
 from ematwin.estimation.profile import Profiles
 from ematwin.estimation.spike_and_slab import fault_sets
 from ematwin.estimation.thresholds import thresholds_of
-from ematwin.estimation.uncertainty import LaplaceIntervals, Question, named
+from ematwin.estimation.uncertainty import LaplaceIntervals, Question
 from ematwin.models.unknown import Unknown
 from naive.toy import BASES, NOISE, SAMPLES, Toy, fault, stacked
 
@@ -306,19 +307,6 @@ def test_intervals_hold_the_truth_as_often_as_they_promise():
     assert ((counts - 12.0) ** 2 / 12.0).sum() < 16.3
 
 
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        ({"wear": 1.5}, r"threshold of wear must lie in its range \[0, 1\], received 1.5\."),
-        ({"tear": 0.5}, "no searched fault 'tear'.*name one of wear, gap"),
-        ({"wear": "much"}, "must be a number"),
-    ],
-)
-def test_thresholds_that_mean_nothing_are_refused(given, said):
-    with pytest.raises(InputError, match=said):
-        thresholds_of(given, LINEAR, None)  # type: ignore[arg-type]
-
-
 def test_of_parameters_alone_there_are_draws_and_no_profiles():
     size = Unknown("part.size", "m", "", 1.0, 0.2, 5.0, "nominal", logarithmic=True)
     toy = Toy(lambda v: stacked(np.log(v["part.size"])), **{"part.size": 1.2})
@@ -331,25 +319,19 @@ def test_of_parameters_alone_there_are_draws_and_no_profiles():
         run(Profiles(), case)
 
 
-def test_unknown_method_is_refused():
-    with pytest.raises(InputError, match="laplace, profile, posterior, received 'guess'"):
-        named("guess")
-
-
 def test_too_few_walkers_are_refused(asked):
     with pytest.raises(InputError, match="at least twice the 3 unknowns; received 4"):
         run(Posterior(walkers=4), asked)
 
 
-def test_arviz_is_asked_for_where_it_is_missing(by_posterior, monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "arviz", None)
+def test_chains_go_to_arviz_by_name_and_it_is_asked_for_where_it_is_missing(
+    by_posterior, monkeypatch
+):
+    monkeypatch.setitem(sys.modules, "arviz", None)
     with pytest.raises(MissingExtraError, match=r'pip install "ematwin\[arviz\]"'):
         by_posterior.to_arviz()
-
-
-def test_chains_go_to_arviz_by_name(by_posterior, monkeypatch):
     taken = SimpleNamespace(from_dict=lambda **groups: groups)
-    monkeypatch.setitem(__import__("sys").modules, "arviz", taken)
+    monkeypatch.setitem(sys.modules, "arviz", taken)
     groups = by_posterior.to_arviz()
     steps, walkers, _ = by_posterior.chains.shape
     assert groups["posterior"]["wear"].shape == (walkers, steps)

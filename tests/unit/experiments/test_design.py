@@ -13,8 +13,7 @@ from ematwin.estimation.corrected_problem import corrected_at
 from ematwin.estimation.noise import with_shown_noise
 from ematwin.experiments.candidates import candidates
 from ematwin.experiments.command_errors import expected_errors, fault_vectors, identified_errors
-from ematwin.experiments.experiment import Experiment, RefusedError
-from ematwin.models.scenario import Chirp, Scenario
+from ematwin.experiments.experiment import Experiment
 from ematwin.monitoring.identify import identify
 from ematwin.quantities import use_units
 from ematwin.report.experiments import price_table
@@ -82,15 +81,6 @@ def test_candidates_differ_and_ask_for_no_more_than_travel_and_load(actuator):
         assert 0.0 < np.abs(command).max() <= limits["travel"]
         assert np.abs(load).max() <= 8.0
         assert one.duration == given.duration
-
-
-def test_a_command_beyond_its_limits_or_within_the_gap_is_refused():
-    with pytest.raises(RefusedError, match="beyond its limits") as refused:
-        experiment().move(GIVEN, {"travel": 0.001})
-    assert refused.value.demands["travel"] == pytest.approx(0.001 * (1.0 + refused.value.excess))
-    still = Scenario(duration=0.5, command=[Chirp(amplitude=20e-6, f_start=5.0, f_end=9.0)])
-    with pytest.raises(RefusedError, match="turn"):
-        experiment().move(still)
 
 
 def test_the_design_is_never_worse_and_keeps_the_limits(found):

@@ -196,11 +196,7 @@ def test_a_bad_file_is_refused_with_a_sentence(file, tmp_path, old, new, sentenc
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
-        (
-            'unit = "m"',
-            'unit = "V"',
-            r"outputs.position must have .* such as 'm'.* received 'V'",
-        ),
+        ('unit = "m"', 'unit = "V"', r"outputs.position must have .* such as 'm'.* received 'V'"),
         ('unit = "g"', 'unit = "s"', "nominal.mass must have a unit such as 'kg'"),
         ("95154", "-5", "nominal.mass must be greater than or equal to"),
         ("upper = 3", "upper = 300", "upper bound of faults.friction is 300 .* FMU allows"),
@@ -237,11 +233,6 @@ def test_an_archive_that_cannot_run_here_is_refused(file, tmp_path, changed, sen
     path = shutil.copy(file, tmp_path)
     with pytest.raises(EmatwinError, match=sentence):
         load_actuator(path)
-
-
-def test_a_value_out_of_range_is_refused(file):
-    with pytest.raises(EmatwinError, match=r"Fault wear must lie in \[0.25, 4\], received 9"):
-        ematwin.simulate(actuator=file, faults={"wear": 9.0})
 
 
 def test_without_fmpy_the_command_is_named(file, monkeypatch):

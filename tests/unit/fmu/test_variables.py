@@ -54,19 +54,6 @@ def test_faults_of_a_kind_all_reach_its_constants():
         assert {one.name for one in model.faults(actuator)} <= tunable
 
 
-def test_selects_and_functions_are_followed():
-    def calculation(k):
-        return [np.where(k["a"] > 1.0, np.sqrt(k["a"]), -k["b"]), np.maximum(k["a"], 2.0) ** 2, 3.0]
-
-    function, used = followed(calculation, ["a", "b", "c"])
-    assert used == {"a", "b"}
-    for a, b in ((0.5, 2.0), (4.0, 1.0)):
-        c = np.zeros((3, 1))
-        function(np.array([[a], [b], [0.0]]), c)
-        expected = [float(x) for x in calculation({"a": a, "b": b})]
-        assert c[:, 0].tolist() == expected
-
-
 def test_a_branch_on_a_value_is_refused():
     with pytest.raises(InputError, match="without a branch on a value"):
         followed(lambda k: [1.0 if k["a"] > 0.0 else 2.0], ["a"])

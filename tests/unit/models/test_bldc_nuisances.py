@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
+from bldc_inputs import rms
 from ematwin import BldcActuator, Faults, Noise, Recording, simulate
 from ematwin.models.bldc.comparison import BldcComparison
 from ematwin.models.bldc.faults import FAULTS, aliases, nuisances
@@ -49,10 +50,6 @@ def late(record: Recording, names: tuple[str, ...], delay: float) -> Recording:
     return record.changed(
         **{name: np.interp(t - delay, t, record.channels[name]) for name in names}
     )
-
-
-def rms(x: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(x**2)))
 
 
 # The load

@@ -5,7 +5,6 @@ import pytest
 
 from ematwin import BldcActuator, Faults
 from ematwin.errors import InputError
-from ematwin.models.bldc.faults import fault
 from ematwin.models.registry import model_of
 from ematwin.models.unknown import Unknown
 
@@ -26,22 +25,6 @@ def test_the_laws_are_those_of_the_kernel() -> None:
     assert told["gain"] == pytest.approx(ACTUATOR.controller.position_gain * state.gain)
     angle = np.arctan2(state.zeta_sin, state.zeta_cos)
     assert told["eccentricity_phase"] == pytest.approx(np.degrees(angle))
-
-
-@pytest.mark.parametrize(
-    ("value", "said"),
-    [
-        (1.5, r"must lie in \[0, 1\], received 1.5\.$"),
-        (10**400, r"must lie in \[0, 1\], received one of more than 300 digits\.$"),
-        (25.0, r"received 25\. If this is a percentage, write 0\.25\.$"),
-        (-0.1, r"received -0\.1\.$"),
-        (float("nan"), "received nan"),
-        ("much", "must be a number in"),
-    ],
-)
-def test_a_value_outside_its_bounds_is_refused(value: object, said: str) -> None:
-    with pytest.raises(InputError, match=said):
-        fault("friction").check(value)
 
 
 def test_impossible_unknowns_are_refused() -> None:

@@ -13,10 +13,8 @@ from ematwin.monitoring.calibrate import calibrate
 from ematwin.monitoring.calibration import Basis, Calibration, CalibrationReport
 from ematwin.monitoring.identify import detect
 from ematwin.monitoring.runs import Group, Runs
-from made_up_rig import TRUTH, command, healthy_runs, motion, rig, run, template
+from made_up_rig import TRUTH, healthy_runs, motion, rig, run, template
 from refusals import refusal_of
-
-SET_POINT, INTERVAL = command()
 
 
 def refusal(motions, kind=RecordError, **options) -> str:
@@ -166,9 +164,6 @@ def test_left_out_bands_are_those_of_a_run_that_comes_later(three):
     assert abs(without - later) < 0.6 * abs(with_own - later)
 
 
-# All runs teach and test
-
-
 # Adding later runs
 
 
@@ -212,13 +207,6 @@ def test_runs_of_a_drifted_occasion_are_healthy_once_they_were_added():
     assert np.mean([v.grade == "healthy" for v in after]) >= 0.8
 
 
-def test_what_cannot_be_added_is_refused(three):
-    motions, first = healthy_runs(3, motions=1), three.calibration
-    assert "is among the healthy runs already" in refusal(motions[:2], add_to=first)
-    text = refusal(run(66, friction=1.5), add_to=first)
-    assert "is no healthy run by the calibration that it is to join (Fault: lubrication" in text
-
-
 def test_runs_of_the_same_name_from_another_file_are_told_apart(three):
     again = [m.changed(source="spring.csv") for m in run(41, motions=1)]
     again = [m.changed(labels={**m.labels, "run": "1"}) for m in again]
@@ -245,32 +233,11 @@ def test_fewer_than_three_runs_make_a_twin_but_no_population(tmp_path):
             detect(given, report)
 
 
-def test_eight_runs_show_a_third_more_friction():
-    one_load = [m for m in healthy_runs(8) if m.labels["weight"] == "light"]
-    report = calibrate(one_load)
-    faulty = [m for m in run(77, friction=1.35) if m.labels["weight"] == "light"]
-    (found,) = detect(faulty, report.calibration).runs
-    assert found.alarm
-    assert report.notes == ()
-
-
 def test_a_faulty_run_among_the_healthy_is_named():
     motions = [*healthy_runs(3), *run(66, roughness=0.4), *healthy_runs(1, 5)]
     text = refusal(motions)
     assert text.startswith("Run 66 is unlike the other 4 healthy runs")
     assert "leave it out" in text
-
-
-def test_a_motion_of_another_command_is_refused():
-    motions = healthy_runs(3, motions=1)
-    motions[4] = motions[4].changed(set_point=0.5 * SET_POINT)
-    text = refusal(motions)
-    assert "run 3, motion 1 follows another command" in text
-
-
-def test_a_recording_whose_rate_is_no_multiple_of_the_step_is_refused():
-    motions = [one.changed(time=0.825 * one.time) for one in healthy_runs(3, motions=1)]
-    assert "not a whole number of steps" in refusal(motions)
 
 
 def test_values_of_a_form_that_was_found_come_from_the_runs(tmp_path):

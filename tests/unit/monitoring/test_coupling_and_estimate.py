@@ -88,11 +88,6 @@ def fitted(*motions):
     return bench, bench.fit()
 
 
-def values(*motions, name: str) -> np.ndarray:
-    bench, fit = fitted(*motions)
-    return np.array([estimate[name] for estimate in bench.measured(fit).estimates])
-
-
 @pytest.mark.parametrize(
     "changed",
     [

@@ -30,10 +30,6 @@ def calibration(report):
     return report.calibration
 
 
-def value(verdict, name: str) -> float:
-    return next(m.value for m in verdict.magnitudes if m.name == name)
-
-
 # Files of earlier versions
 
 
@@ -105,15 +101,6 @@ def test_a_fault_raises_an_alarm_and_is_named_by_physics(calibration, name, faul
         scores = {m.name: m.score for m in verdict.magnitudes}
         raised = {"lubrication": "friction", "spalling": "roughness"}.get(name, name)
         assert max(scores, key=lambda key: scores[key]) == raised
-
-
-def test_magnitudes_of_a_fault_are_those_that_were_put_in(calibration):
-    verdicts = detect(
-        [*run(60, friction=1.3), *run(61, backlash=8e-4), *run(62, gain=0.85)], calibration
-    ).runs
-    assert value(verdicts[0], "friction") == pytest.approx(1.3, rel=0.06)
-    assert value(verdicts[2], "backlash") == pytest.approx(0.8, abs=0.08)
-    assert value(verdicts[4], "gain") == pytest.approx(0.85, rel=0.03)
 
 
 def test_a_change_that_wear_does_not_make_is_unnamed(calibration):
@@ -214,16 +201,6 @@ def _flat(table) -> list[float]:
     return [float(table)] if isinstance(table, int | float) else []
 
 
-def test_motions_of_one_run_are_judged_together_by_label(calibration):
-    found = detect(run(60), calibration)
-    assert [verdict.motions for verdict in found.runs] == [2, 2]
-    assert [v.name for v in found.runs] == [
-        "condition normal, weight light, run 60", "condition normal, weight heavy, run 60",
-    ]  # fmt: skip
-    assert "motion" not in found.runs[0].labels
-    assert len({v.name for v in found.motions}) == 4
-
-
 # Notes
 
 
@@ -261,18 +238,6 @@ def test_alike_notes_are_said_once(calibration):
     found = detect([motion(n, load=900.0) for n in range(3)], calibration)
     (note,) = gathered_notes(found.motions)
     assert note.endswith("3 of 3 are like this.")
-
-
-# What cannot be judged
-
-
-def test_one_motion_that_does_not_fit_is_refused_by_its_name(calibration):
-    motions = run(60)
-    motions[2] = motions[2].changed(set_point=0.5 * motions[2].set_point)
-    with pytest.raises(RecordError, match="follows another command") as caught:
-        detect(motions, calibration)
-    assert "weight heavy, run 60, motion 1" in str(caught.value)
-    assert "\n" not in str(caught.value)
 
 
 # Sensors

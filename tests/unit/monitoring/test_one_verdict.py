@@ -5,8 +5,6 @@ import threading
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-import pandas as pd
 import pytest
 
 import ematwin
@@ -17,7 +15,7 @@ from ematwin.monitoring import identify as identifying
 from ematwin.monitoring.calibration import CalibrationReport
 from ematwin.monitoring.detection import Detection, Diagnosis
 from ematwin.monitoring.population_calibration import PopulationCalibration
-from made_up_axis import TRUTH, axis, drifted, run
+from made_up_axis import drifted, run
 from made_up_rig import healthy_runs
 from made_up_rig import motion as ball_screw_motion
 from made_up_rig import run as rig_run
@@ -113,28 +111,6 @@ def test_an_interrupt_of_the_healthy_population_keeps_what_was_found(calibration
     assert found.values["friction"] == pytest.approx(1.3, abs=0.1)
 
 
-# Rows and pages
-
-
-def test_a_row_is_plain_json_and_a_line_of_a_table(found):
-    told = found.motions[2].as_dict()
-    assert set(told["magnitudes"]) == {
-        "friction", "backlash", "short_a", "short_b", "short_c", "eccentricity", "gain",
-    }  # fmt: skip
-    assert not {"load_N", "sensor_coupling", "distance"} & set(told)
-    assert np.isfinite([m["score"] for m in told["magnitudes"].values()]).all()
-    table = found.to_frame()
-    assert isinstance(table, pd.DataFrame)
-    assert table.iloc[-1]["fault"] == "friction, short_a"
-    assert (row := table.iloc[2])["friction_Nm_low"] < row["friction_Nm"] < row["friction_Nm_high"]
-
-
-def test_a_table_is_printed_with_a_line_for_each_recording(found):
-    first, *rest = str(found).splitlines()
-    assert first == found.sentence
-    assert rest == [f"{row.name}: {row.verdict.sentence}" for row in found.runs]
-
-
 # Several recordings
 
 
@@ -185,20 +161,6 @@ def test_an_interruption_leaves_the_rows_that_are_done(report):
 # Calibrating
 
 
-def test_what_the_current_tells_of_the_axis_is_found(report):
-    """Friction of motor and gear, which both are higher than in the template."""
-    found, true = report.calibration.actuator, axis()
-    # days rub by 0 to 8 % more than the axis itself; a current tells torques over its constant,
-    # and this motion, without a load, hardly on which side of the gear they rub
-    scale = found.motor.emf_constant / true.motor.emf_constant
-    rubbing, truly = (sum(one.value(place) for place in TRUTH) for one in (found, true))
-    assert rubbing / scale == pytest.approx(1.03 * truly, rel=0.05)
-    assert scale == pytest.approx(1.0, abs=0.1)
-    for place in ("motor.inertia", "transmission.output_inertia", "controller.position_gain"):
-        torque = 1.0 if place == "controller.position_gain" else scale
-        assert found.value(place) / torque == pytest.approx(true.value(place), rel=0.1), place
-
-
 def test_what_the_recordings_do_not_determine_stays_within_the_tolerance_of_the_template(report):
     undetermined = [p for p in report.parameters if not p.determined]
     assert undetermined
@@ -221,18 +183,6 @@ def test_what_is_of_a_population_is_refused():
 def test_runs_are_added_to_populations_only(report):
     with pytest.raises(InputError, match="calibrate anew with all healthy recordings"):
         ematwin.calibrate([run(9)], add_to=report.calibration)
-
-
-def test_a_saved_calibration_judges_alike_from_files(report, found, tmp_path):
-    report.save(tmp_path / "axis.toml")
-    again = ematwin.Calibration.load(tmp_path / "axis.toml")
-    assert again.actuator.fingerprint == report.calibration.actuator.fingerprint
-    ematwin.write(run(60, **FAULTS["friction"]), tmp_path / "today.parquet")
-    (row,) = ematwin.detect(tmp_path / "today.parquet", tmp_path / "axis.toml").motions
-    assert row.verdict == found.motions[2].verdict
-    # it is an actuator, for identification too
-    assert ematwin.load_actuator(tmp_path / "axis.toml") == again.actuator
-    assert again.actuator.name == "axis"
 
 
 def test_a_calibration_of_0_2_loads_without_its_population(tmp_path):

@@ -95,6 +95,3 @@ def test_noise_of_every_length_has_the_level_of_its_standard_deviation():
         levels = [band_levels(0.3 * random.normal(size=size)) for _ in range(400)]
         power = np.exp(2.0 * np.array(levels)).mean(0)
         np.testing.assert_allclose(np.sqrt(power[1:]), 0.3, rtol=0.1)
-
-
-# Features

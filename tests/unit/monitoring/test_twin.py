@@ -44,18 +44,12 @@ CASES = {
 }  # fmt: skip
 
 
-def batch(points, actuator=ACTUATOR, set_point=SET_POINT, interval=INTERVAL):
-    """Current and position error of candidates, each a mapping."""
-    columns = {name: np.array([{**HEALTHY, **one}[name] for one in points]) for name in HEALTHY}
-    inputs = Recording(np.arange(set_point.size) * interval, {"set_point": set_point})
-    found = MODEL.respond(actuator, inputs, columns, len(points))
-    return found["current"], found["position_error"]
-
-
 def traces(actuator=ACTUATOR, set_point=SET_POINT, interval=INTERVAL, **changed):
-    """Current and position error of one candidate."""
-    current, error = batch([changed], actuator, set_point, interval)
-    return current[0], error[0]
+    """Current and position error (S,) of one candidate."""
+    columns = {name: np.array([value]) for name, value in {**HEALTHY, **changed}.items()}
+    inputs = Recording(np.arange(set_point.size) * interval, {"set_point": set_point})
+    found = MODEL.respond(actuator, inputs, columns, 1)
+    return found["current"][0], found["position_error"][0]
 
 
 @pytest.mark.parametrize("changed", CASES.values(), ids=CASES)
@@ -75,29 +69,11 @@ def test_a_loop_slower_or_faster_than_the_recording_is_the_naive_version():
         np.testing.assert_allclose(error, slow[1], rtol=1e-9, atol=1e-12)
 
 
-# Parameters that differ from candidate to candidate
-
-INPUTS = Recording(np.arange(SET_POINT.size) * INTERVAL, {"set_point": SET_POINT})
-
-
-def test_several_parameters_may_differ_together_with_faults():
-    lead, friction = np.array([4e-3, 5e-3]), np.array([1200.0, 3000.0])
-    factor = np.array([1.0, 1.4])
-    candidates = {"screw.lead": lead, "screw.friction_force": friction, "friction": factor}
-    together = MODEL.respond(ACTUATOR, INPUTS, candidates, 2)
-    for n in range(2):
-        own = ACTUATOR.changed(
-            {"screw.lead": float(lead[n]), "screw.friction_force": float(friction[n])}
-        )
-        slow = naive.simulate(own, SET_POINT, INTERVAL, **{**HEALTHY, "friction": factor[n]})
-        np.testing.assert_allclose(together["current"][n], slow[0], rtol=1e-9, atol=1e-12)
-        np.testing.assert_allclose(together["position_error"][n], slow[1], rtol=1e-9, atol=1e-12)
-
-
 @pytest.mark.parametrize("place", FIXED)
 def test_what_sets_the_grid_of_steps_cannot_differ(place):
+    inputs = Recording(np.arange(SET_POINT.size) * INTERVAL, {"set_point": SET_POINT})
     with pytest.raises(InputError, match=f"{place} cannot be searched"):
-        MODEL.respond(ACTUATOR, INPUTS, {place: np.array([0.01, 0.02])}, 2)
+        MODEL.respond(ACTUATOR, inputs, {place: np.array([0.01, 0.02])}, 2)
 
 
 def test_halving_the_step_moves_the_answer_at_first_order():

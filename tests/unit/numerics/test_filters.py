@@ -1,7 +1,6 @@
 """Shifting by cubic convolution, beside its definition."""
 
 import numpy as np
-import pytest
 
 from ematwin.numerics.filters import advanced, compare
 from naive import signals
@@ -12,21 +11,6 @@ def test_rows_are_what_the_definition_gives():
     rows, shift = rng.standard_normal((6, 25)), np.array([0.0, 0.3, -4.7, 24.5, -70.0, 1e9])
     expected = [signals.advanced(row, s) for row, s in zip(rows, shift, strict=True)]
     assert np.allclose(advanced(rows, shift), expected, rtol=0.0, atol=1e-13)
-
-
-def test_rows_are_advanced_to_what_a_smooth_signal_is_there():
-    n = np.arange(400)
-    shift = np.array([0.0, 3.0, 0.37, -2.6, 4.999, -0.5])
-    rows = np.array([np.sin(0.05 * n + phase) for phase in range(len(shift))])
-    found = advanced(rows, shift)
-    exact = np.array([
-        np.sin(0.05 * (n + s) + phase) for phase, s in enumerate(shift)
-    ])  # fmt: skip
-    inside = slice(10, -10)
-    assert np.abs(found - exact)[:, inside].max() < 2e-5  # third order in a step of 0.05 rad
-    coarse = advanced(np.sin(0.1 * n)[None], np.array([0.37]))[0] - np.sin(0.1 * (n + 0.37))
-    fine = advanced(np.sin(0.05 * n)[None], np.array([0.37]))[0] - np.sin(0.05 * (n + 0.37))
-    assert np.abs(coarse[inside]).max() / np.abs(fine[inside]).max() == pytest.approx(8.0, rel=0.1)
 
 
 def test_rows_are_compared_with_what_was_recorded_earlier_and_with_nothing_else():

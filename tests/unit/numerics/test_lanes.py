@@ -3,12 +3,12 @@
 import os
 import platform
 import re
-import subprocess
-import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from commands import fresh
 from ematwin.models.linear_axis.twin import AxisState, axis_constants, axis_traces
 from ematwin.models.registry import load_actuator
 
@@ -37,12 +37,10 @@ def test_lanes_are_computed_in_vectors_and_answer_alike_on_another_processor(tmp
         "NUMBA_CPU_NAME": "haswell", "NUMBA_CPU_FEATURES": "+avx2,+fma",
         "NUMBA_CACHE_DIR": str(tmp_path),  # compiled anew: only then numba knows its code
     }  # fmt: skip
-    path = [os.path.dirname(__file__), os.environ.get("PYTHONPATH", "")]
-    done = subprocess.run(
-        [sys.executable, "-c", CODE], capture_output=True, text=True, check=True,
-        env={**os.environ, **other, "PYTHONPATH": os.pathsep.join(path)},
-    )  # fmt: skip
-    *same, widest = map(float, done.stdout.split())
+    here = Path(__file__).parent
+    path = os.pathsep.join([str(here), str(here.parents[1]), os.environ.get("PYTHONPATH", "")])
+    done = fresh(CODE, **other, PYTHONPATH=path)
+    *same, widest = map(float, done.out.split())
     assert widest == 4
     assert ends() == pytest.approx(same, rel=1e-9)
     assert same[0] == same[2] != 0.0

@@ -7,14 +7,7 @@ import numpy as np
 import pytest
 
 from ematwin.errors import InputError
-from ematwin.optimizers import (
-    Box,
-    DifferentialEvolution,
-    Dragonfly,
-    GreyWolf,
-    ParticleSwarm,
-    Whale,
-)
+from ematwin.optimizers import Box, DifferentialEvolution, Dragonfly, GreyWolf, ParticleSwarm, Whale
 from ematwin.optimizers.differential_evolution import bounced_back, others
 from ematwin.optimizers.genetic_algorithm import Polynomial, Roulette, SimulatedBinary, Tournament
 from ematwin.optimizers.particle_swarm import Coefficients, Global, GrowingRing, Ring
@@ -237,15 +230,11 @@ def test_polynomial_mutation_stays_in_the_box_and_moves_one_variable_on_average(
     [
         lambda: DifferentialEvolution(WIDE, F=0.0),
         lambda: DifferentialEvolution(WIDE, CR=1.5),
-        lambda: DifferentialEvolution(WIDE, population=4),
         lambda: ParticleSwarm(WIDE, coefficients=Coefficients(1, 1, 1, speed_limit=0.0)),
         lambda: Ring(0),
         lambda: GrowingRing(0.0),
         lambda: Tournament(0),
         lambda: SimulatedBinary(eta=-1.0),
-        lambda: GreyWolf(WIDE, population=0),
-        lambda: GreyWolf(WIDE, iterations=2.5),
-        lambda: GreyWolf(WIDE, seed=-1),
         lambda: GreyWolf(WIDE, start=0.0),
         lambda: Whale(WIDE, power=math.nan),
         lambda: Dragonfly(WIDE, step_limit=-1.0),

@@ -1,14 +1,11 @@
 """Names, presets, entry points, methods of others, missing libraries, and what importing costs."""
 
-import importlib.util
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 
 import ematwin
-from ematwin.errors import InputError, MissingExtraError
+from commands import fresh
+from ematwin.errors import InputError
 from ematwin.estimation.search import expanded, methods
 from ematwin.optimizers import Box, Optimizer, RandomSearch, Whale, algorithms, minimize, registry
 from ematwin.optimizers.differential_evolution import rand_1
@@ -61,14 +58,6 @@ def test_the_paper_preset_has_the_published_forms():
     assert isinstance(pso.topology, Global)
     assert pso.crazy == 0.0
     assert (de.strategy, de.F, de.CR) == (rand_1, 0.5, 0.9)
-
-
-def test_a_missing_library_names_the_command(monkeypatch):
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    assert not find("pygmo-de").installed
-    assert find("gwo").installed
-    with pytest.raises(MissingExtraError, match=r'pip install "ematwin\[bench\]"'):
-        made("pygmo-de")
 
 
 # Methods of others
@@ -171,5 +160,4 @@ def test_importing_the_optimisers_imports_no_other_library():
         "print([m for m in ('cma','pymoo','pygmo','nevergrad','scipy','pytest','numba') "
         "if m in sys.modules])"
     )
-    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert out.stdout.strip() == "[]"
+    assert fresh(code).out.strip() == "[]"

@@ -18,22 +18,17 @@ C = kernel_constants(BldcActuator.load())
 RATE, SUBSTEPS, SAMPLES = 20_000.0, 5, 1_201
 
 
-def scoring(
-    k, rectify=True, keep=True, target=None, c=C, by_candidate=None, power=None, limits=None
-):
-    """Costs, responses and the target of a batch, with weights of the misfit."""
+def scoring(k, rectify=True):
+    """Costs (B,), responses (B, S) and the target (S,) of a batch, with weights of the misfit."""
     command, load = history(SAMPLES - 1, 1.0 / RATE)
-    t = np.arange(SAMPLES) / RATE
-    target = 2.0 + np.sin(2.0 * math.pi * 80.0 * t) if target is None else target
+    target = 2.0 + np.sin(2.0 * math.pi * 80.0 * np.arange(SAMPLES) / RATE)
     weights = SlopeWeighting(500.0).weights(target, 1.0 / RATE)
-    low_pass = LowPass(500.0)
-    costs = np.empty((1, len(k)))
-    response = np.empty((1, len(k), SAMPLES if keep else 0))
+    taps = LowPass(500.0).taps(RATE, float(target[0]))[None]
+    costs, response = np.empty((1, len(k))), np.empty((1, len(k), SAMPLES))
     batch.monitor_scores(
-        k, command, load, np.zeros(1, dtype=np.int64), SAMPLES, np.zeros((1, 7)), c, by_candidate,
-        1.0 / (RATE * SUBSTEPS), SUBSTEPS, low_pass.taps(RATE, float(target[0]))[None], rectify,
-        target, weights, costs, response, power,
-        np.full(len(k), np.inf) if limits is None else limits, None,
+        k, command, load, np.zeros(1, dtype=np.int64), SAMPLES, np.zeros((1, 7)), C, None,
+        1.0 / (RATE * SUBSTEPS), SUBSTEPS, taps, rectify, target, weights, costs, response, None,
+        np.full(len(k), np.inf), None,
     )  # fmt: skip
     return costs[0], response[0], target
 
@@ -70,32 +65,3 @@ def test_a_diverged_candidate_costs_infinity_and_spoils_no_other():
     bad = np.isin(np.arange(len(k)), [5, next_block, next_block + 1])
     assert np.isposinf(costs[bad]).all()
     np.testing.assert_array_equal(costs[~bad], clean[~bad])
-
-
-# Limits
-
-
-@pytest.mark.parametrize("each", [False, True])
-def test_costs_within_their_limits_are_the_same_bit_for_bit_and_the_others_infinite(each):
-    """Ranks close many times, also where the load of each candidate is late by its own time."""
-    k = random_faults(3 * LANES)
-    constants = varied(len(k)) if each else None
-    if each:
-        constants[:, batch.LOAD_DELAY] = np.random.default_rng(5).uniform(0.0, 5e-3, len(k))
-    costs, _, _ = scoring(k, keep=False, by_candidate=constants)
-    limits = costs * np.random.default_rng(6).choice([0.0, 0.1, 0.5, 0.9, 1.0, 2.0], len(k))
-    within, _, _ = scoring(k, keep=False, by_candidate=constants, limits=limits)
-    np.testing.assert_array_equal(within, np.where(costs > limits, np.inf, costs))
-    unhurt = scoring(k, keep=False, by_candidate=constants, limits=np.full(len(k), 1e300))[0]
-    np.testing.assert_array_equal(unhurt, costs)  # in segments, and in one piece
-    np.testing.assert_array_equal(costs, scoring(k, keep=True, by_candidate=constants)[0])
-
-
-# Constants by candidate
-
-
-def varied(count, seed=3):
-    """(B, 32) constants of actuators that differ by up to a tenth; pole pairs are counted."""
-    scale = np.random.default_rng(seed).uniform(0.9, 1.1, (count, len(C)))
-    scale[:, C._fields.index("pole_pairs")] = 1.0
-    return scale * np.array(C)

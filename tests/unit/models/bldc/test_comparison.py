@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from ematwin import BldcActuator, Faults, Noise, Recording, simulate
-from ematwin.errors import InputError, RecordError
 from ematwin.models.bldc.comparison import BldcComparison
-from ematwin.models.bldc.faults import FAULTS, FIXED
+from ematwin.models.bldc.faults import FAULTS
 
 ACTUATOR = BldcActuator.load()
 FAULTY = Faults(friction=0.2, backlash=0.1, gain=0.6)
@@ -34,8 +33,11 @@ def twin_record() -> Recording:
     return simulate("monitor", faults=FAULTY)
 
 
-def test_costs_above_their_limits_are_infinite_on_any_number_of_threads(twin_record):
-    k = by_name(np.random.default_rng(1).random((37, len(FAULTS))))
+@pytest.mark.parametrize("places", [(), ("motor.inertia", "transmission.friction_torque")])
+def test_costs_above_their_limits_are_infinite_on_any_number_of_threads(twin_record, places):
+    random = np.random.default_rng(1)
+    k = by_name(random.random((37, len(FAULTS))))
+    k |= {place: ACTUATOR.value(place) * random.uniform(0.9, 1.1, 37) for place in places}
     costs = BldcComparison(twin_record, ACTUATOR, threads=1).costs(k, 37)
     limits = np.full(37, np.median(costs))
     for threads in (1, 2, 16):
@@ -75,37 +77,6 @@ def test_masked_stretches_count_for_nothing(twin_record: Recording) -> None:
     misfit = objective.relative_misfit(objective(FAULTY.vector[None])[0])
     blind = Misfit(torn, ACTUATOR)
     assert misfit < 0.2 * blind.relative_misfit(blind(FAULTY.vector[None])[0])
-
-
-def test_short_constant_and_slow_records_are_refused(twin_record: Recording) -> None:
-    with pytest.raises(RecordError, match="at least 100"):
-        Misfit(twin_record.between(0.0, 0.002), ACTUATOR)
-    flat = twin_record.changed(current=np.zeros(len(twin_record)))
-    with pytest.raises(RecordError, match="constant"):
-        Misfit(flat, ACTUATOR)
-    with pytest.raises(InputError, match="2000 Hz"):
-        Misfit(simulate("monitor", sample_rate=1000.0), ACTUATOR)
-
-
-def test_every_parameter_that_the_twin_uses_moves_the_answer_or_cannot_be_searched(twin_record):
-    comparison = BldcComparison(twin_record, ACTUATOR)
-    # current and travel limits are not reached here; the rest belongs to the reference model
-    idle = {
-        "drive.diode_drop", "drive.current_limit", "controller.speed_limit",
-        "transmission.contact_stiffness", "transmission.contact_damping",
-        "transmission.travel_low", "transmission.travel_high", "drive.supply_voltage",
-        "motor.resistance", "motor.inductance", "motor.leakage_share",
-    }  # fmt: skip
-    for place, value, *_ in ACTUATOR.parameters():
-        # less stiction changes nothing where the current breaks it loose at once
-        other = 1.5 if place == "transmission.static_ratio" else 0.7
-        pair = {place: np.array([value, other * value])}
-        if place in FIXED:
-            with pytest.raises(InputError, match="cannot be searched"):
-                comparison.costs(pair, 2)
-            continue
-        before, after = comparison.costs(pair, 2)
-        assert (before != after) or place in idle, place
 
 
 @pytest.mark.parametrize("white", [0.01, 0.05])

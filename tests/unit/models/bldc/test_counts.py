@@ -36,15 +36,6 @@ def test_other_positions_are_no_counts(position):
     assert step_of(position) == 0.0
 
 
-def test_a_smoothing_spline_passes_the_share_that_its_cutoff_says():
-    for frequency in (100.0, 500.0, 1000.0):
-        sine = np.sin(2.0 * np.pi * frequency * TIME)
-        inner = slice(1000, -1000)
-        passed = SmoothingSpline(TIME, sine, 500.0).values[inner] @ sine[inner]
-        passed /= sine[inner] @ sine[inner]
-        assert passed == pytest.approx(1.0 / (1.0 + (frequency / 500.0) ** 4), rel=1e-3)
-
-
 def test_a_smoothing_spline_is_that_of_scipy():
     from scipy.interpolate import make_smoothing_spline
 
@@ -54,14 +45,6 @@ def test_a_smoothing_spline_is_that_of_scipy():
     for order in (0, 1, 2):
         scale = np.abs(theirs(TIME, order)).max()
         np.testing.assert_allclose(ours(TIME, order), theirs(TIME, order), atol=1e-8 * scale)
-
-
-def test_speed_between_counts_errs_far_less_than_differences_of_counts():
-    size = 2.0 * np.pi / 2_000
-    counted = size * np.floor(ANGLE / size) + 0.5 * size
-    speed = np.gradient(ANGLE, TIME)
-    error = np.std(SmoothingSpline(TIME, counted, 500.0)(TIME, 1) - speed)
-    assert error < 0.1 * np.std(np.gradient(counted, TIME) - speed)
 
 
 def test_a_drive_records_its_counts_and_is_told_so():

@@ -17,45 +17,7 @@ from naive import reference as naive_reference
 
 ACTUATOR = BldcActuator.load()
 C = kernel_constants(ACTUATOR)
-angles = st.floats(-1e4, 1e4)
 terminal_voltages = plain(inverter.terminal_voltages)
-
-
-@given(angles)
-def test_commutation_drives_the_two_legs_whose_back_emf_is_on_its_flats(theta):
-    assume(abs((theta / (math.pi / 3.0) - 0.5) - round(theta / (math.pi / 3.0) - 0.5)) > 1e-6)
-    sector = motor.hall_sector(theta)
-    for sign in (1.0, -1.0):
-        gates = inverter.gate_signals(sector, sign)
-        assert list(gates) == naive_motor.gates(naive_motor.sector(theta), sign)
-        assert sorted(gates) == [-1.0, 0.0, 1.0]
-        for leg, gate in enumerate(gates):
-            shape = motor.trapezoid(theta - leg * 2.0 * math.pi / 3.0)
-            if gate:
-                assert shape * gate * sign == 1.0
-            else:
-                assert abs(shape) < 1.0
-
-
-@given(st.floats(-30.0, 30.0), st.floats(-30.0, 30.0), st.sampled_from([-1.0, 1.0]))
-def test_comparator_keeps_its_sign_within_the_band(i, i_ref, last):
-    sign = inverter.hysteresis(i, i_ref, 0.25, last)
-    if i > i_ref + 0.25:
-        assert sign == -1.0
-    elif i < i_ref - 0.25:
-        assert sign == 1.0
-    else:
-        assert sign == last
-
-
-@given(st.integers(0, 5), st.floats(-20.0, 20.0), st.floats(-20.0, 20.0))
-def test_regulator_sees_the_largest_phase_current_with_the_sign_of_its_pair(sector, i_a, i_b):
-    i = (i_a, i_b, -i_a - i_b)
-    seen = plain(inverter.pair_current)(float(sector), *i)
-    assert abs(seen) == pytest.approx(max(abs(x) for x in i))
-    first, second = naive_motor.PAIRS[sector]
-    if abs(i[first] - i[second]) > 1e-9:
-        assert seen * (i[first] - i[second]) >= 0.0
 
 
 @settings(max_examples=300)

@@ -26,15 +26,6 @@ def fault(**values):
     return constants.fault_state(Faults(**values).vector, C.half_gap)
 
 
-@given(angles)
-def test_trapezoid_is_a_clipped_triangle_odd_and_a_sixth_turn_periodic(theta):
-    f = motor.trapezoid(theta)
-    triangle = 6.0 / math.pi * math.asin(math.sin(theta))
-    assert f == pytest.approx(max(-1.0, min(1.0, triangle)), abs=1e-7)
-    assert motor.trapezoid(-theta) == pytest.approx(-f, abs=1e-9)
-    assert motor.trapezoid(theta + math.pi) == pytest.approx(-f, abs=1e-9)
-
-
 def test_sectors_are_six_of_sixty_degrees_from_thirty_on():
     for degrees in range(-720, 1081):
         expected = ((degrees - 30) % 360) // 60

@@ -92,14 +92,6 @@ def test_the_reference_leaves_the_same_without_the_fast_model_as_by_its_error(re
         assert off < (5e-3 if sensors else 1e-12)  # late commands are interpolated elsewhere
 
 
-def test_without_voltages_there_is_no_evidence(record) -> None:
-    subject = BldcComparison(without(record, *VOLTAGES, "bus_current"), ACTUATOR)
-    assert subject.with_evidence() is subject
-    assert subject.evidence == 0
-    # nor has this actuator an integral term
-    assert {"power_gain", "power_offset", "voltage_drop", "integral"} == subject.ignores
-
-
 def test_stretches_explain_the_power_as_the_whole_does(record) -> None:
     stretches = BldcComparison(record, ACTUATOR).restarted()
     assert stretches is not None
@@ -110,8 +102,6 @@ def test_stretches_explain_the_power_as_the_whole_does(record) -> None:
     np.testing.assert_allclose(
         rows[: -subject.evidence], stretches.residuals(TRUTH, 1)[0], rtol=0.0, atol=1e-12
     )
-    smooth = subject.smoothed()
-    assert smooth.residuals(TRUTH, 1).shape == (1, 2 * smooth.evidence)
 
 
 def residual_watts(subject: BldcComparison, **candidates: float) -> np.ndarray:

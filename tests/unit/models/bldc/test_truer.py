@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import ematwin
-from bldc_inputs import HALF, SEVERE, history
+from bldc_inputs import ALL_FORMS, ENCODER, FORMS, HALF, SEVERE, history
 from ematwin.errors import ParameterError
 from ematwin.models.bldc import batch
 from ematwin.models.bldc.constants import (
@@ -31,34 +31,6 @@ from naive import reference as naive_reference
 from naive import truer as naive
 
 PLAIN = BldcActuator.load()
-FORMS = {
-    "shorted_turns": {"shorted_turns.resistance": 0.1},
-    "eccentricity": {"eccentricity.turning_share": 0.3},
-    "emf": {"emf.rounding": 0.4, "emf.harmonic_5": 0.06, "emf.harmonic_7": -0.04},
-    "torque_ripple": {
-        "torque_ripple.share": 0.05, "torque_ripple.cycles": 6, "torque_ripple.phase": 0.4,
-    },
-    "presliding": {
-        "presliding.motor_stiffness": 100.0, "presliding.output_stiffness": 150.0,
-        "presliding.damping": 0.01, "presliding.stribeck_speed": 2.0,
-    },
-    "winding_heat": {"winding_heat.thermal_resistance": 2.0, "winding_heat.time_constant": 0.2},
-    "supply": {"supply.resistance": 1.0, "supply.capacitance": 0.001},
-    "cogging": {"cogging.torque": 0.003, "cogging.cycles": 12, "cogging.phase": 0.7},
-    "speed_loop": {
-        "speed_loop.integral_gain": 0.5,
-        "speed_loop.sample_time": 4e-5,
-        "speed_loop.delay": 1e-5,
-    },
-    "current_loop": {
-        "current_loop.proportional_gain": 5.0,
-        "current_loop.integral_gain": 9000.0,
-        "current_loop.sample_time": 3e-5,
-        "current_loop.delay": 1e-5,
-        "current_loop.lost_voltage": 1.5,
-    },
-    "compliance": {"compliance.stiffness": 5.0, "compliance.damping": 0.003},
-}  # fmt: skip
 LATE = {
     "speed_loop.integral_gain": 0.0, "speed_loop.sample_time": 5e-5, "speed_loop.delay": 0.0,
 }  # fmt: skip
@@ -67,11 +39,7 @@ SLOW = {
     "current_loop.sample_time": 1e-4, "current_loop.delay": 1e-4,
     "current_loop.lost_voltage": 0.0,
 }  # fmt: skip
-ENCODER = {
-    "encoder.motor_steps": 2_000, "encoder.output_steps": 400_000, "encoder.filter_time": 1e-4,
-}  # fmt: skip
-ALL = {place: value for form in (*FORMS.values(), ENCODER) for place, value in form.items()}
-TRUER = PLAIN.changed(ALL)
+TRUER = PLAIN.changed(ALL_FORMS)
 MODEL = model_of(PLAIN)
 
 
