@@ -72,7 +72,8 @@ def wait_for(where, count, process):
     """Wait until a study has stored so many runs."""
     end = time.monotonic() + 600.0
     while time.monotonic() < end:
-        assert process.poll() is None, "the study ended before it could be disturbed"
+        if process.poll() is not None:
+            raise AssertionError(f"it ended before it could be disturbed: {process.stderr.read()}")
         try:
             with open_store(where) as store:
                 if len(store.statuses()) >= count:
