@@ -27,6 +27,7 @@ PATIENCE = 60.0  # s for which workers that are gone are waited for: a busy mach
 _ENVIRONMENT = {
     f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA", "BLIS")
 } | {"VECLIB_MAXIMUM_THREADS": "1"}
+_STARTING = threading.Lock()  # loky starts processes of one thread
 _ENDING = threading.Lock()
 
 
@@ -178,21 +179,26 @@ class _Process:
     def start(self) -> None:
         """Start the process if there is none; what dies raises `BrokenExecutor`."""
         if self._pool is None:
-            from joblib.externals.loky import ProcessPoolExecutor
+            with _STARTING:
+                from joblib.externals.loky import ProcessPoolExecutor
 
-            self._pool = ProcessPoolExecutor(
-                max_workers=1, timeout=None, env=_ENVIRONMENT, initializer=_prepare_worker,
-                initargs=(os.getpid(), registered(), registered_models()),
-            )  # fmt: skip
-            self.do(warm_up)  # a run's clock starts when it is asked for: somebody must be there
+                self._pool = ProcessPoolExecutor(
+                    max_workers=1, timeout=None, env=_ENVIRONMENT, initializer=_prepare_worker,
+                    initargs=(os.getpid(), registered(), registered_models()),
+                )  # fmt: skip
+                # a run's clock starts when it is asked for: somebody must be there
+                ready = self._submitted(warm_up)
+            ready.result()
 
     def do(self, function: Any, *arguments: Any) -> Any:
         """Let the process do something, and give its answer."""
+        return self._submitted(function, *arguments).result()
+
+    def _submitted(self, function: Any, *arguments: Any) -> Any:
         try:
-            task = self._pool.submit(function, *arguments)
+            return self._pool.submit(function, *arguments)
         except (RuntimeError, OSError) as error:  # it died while it was idle
             raise BrokenExecutor(str(error)) from None
-        return task.result()
 
     def end(self) -> None:
         """End the process."""
