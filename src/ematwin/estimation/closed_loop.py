@@ -50,7 +50,7 @@ def closed_loop(
 
 
 class _Peak(NamedTuple):
-    """What the closed loop of one healthy recording shows."""
+    """Peak of one healthy recording in closed loop."""
 
     away: np.ndarray  # (d,) faults without directions, from healthy
     errors: np.ndarray  # (d,), standard

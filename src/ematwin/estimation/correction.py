@@ -14,9 +14,9 @@ Where R - f changes with x the rounds converge slowly, or not at all. Then the l
 combined to the point from which a round would lead nowhere, if rounds were linear (Anderson 1965,
 J. ACM 12, 547-560, with steps measured in standard errors). Behind loops that the fast model lacks
 its slopes may be wrong too. Where equations along the motion show every fault, the peak is theirs,
-and the reference only checks it. Else, where rounds end with more than noise leaves, R - f is
-regressed on steps that change the residuals as much as is left, rounds follow, and so on until no
-less is left; then on steps as wide as the peak.
+and the reference only checks it. Else, where rounds end with more than noise, R - f is
+regressed on steps whose effect is as large as the remaining residual, rounds follow, and so on
+until it falls no more; then on steps as wide as the peak.
 
 The truth lies elsewhere within the width of the minimum, where the error of the model differs:
 impacts, ripple and slopes change. With J the slopes of the residuals r, noise s and
@@ -162,12 +162,11 @@ def _by_regression(
 ) -> Corrected:
     """The peak by regressions of the reference, from where rounds ended.
 
-    A regression's steps change the residuals as much as is left of them: the unknowns may be off by
-    that, whatever noise alone would allow, and scatter of the reference hides the slopes over
-    shorter ones. Rounds lead from one regression to the next. They end where the reference leaves
-    no more than noise, or no less than before: costs scatter by a tenth from one answer to the
-    next. Over such steps slopes curve, which seems to tell alike unknowns apart: the peak and its
-    width are those of a last regression, as wide as the peak.
+    The effect of a step is as large as the remaining residual: so far off the unknowns may be, and
+    scatter of the reference hides slopes over shorter steps. Rounds lead from one regression to the
+    next. They end where the residual is noise, or falls no more: costs scatter by a tenth from one
+    answer to the next. Over such steps the reference curves, which seems to tell alike unknowns
+    apart. So a last regression, as wide as the peak, gives the peak and its width.
     """
     first, spent, asked = near.here, found.peak.evaluations, found.rounds
     peak = found.peak
