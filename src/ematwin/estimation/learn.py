@@ -156,6 +156,7 @@ def _learnt(
         scatter = healthy_bias(model, actuator, baseline, comparisons, beside)
     baseline = replace(baseline, scatter=scatter)
     if told := end.peak.problem.is_told:
+        progress(0.85)
         loop = closed_loop(model, actuator, baseline, comparisons)
         baseline = replace(baseline, closed_loop=loop)
         misfit = misfit if loop is None else loop.misfit
