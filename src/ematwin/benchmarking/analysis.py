@@ -204,10 +204,9 @@ def _runs(table: RunTable, cells: Any) -> list[str]:
 def _differences(ranks: RankComparison) -> list[str]:
     if not all(map(math.isfinite, ranks.average.values())):
         return list(ranks.notes)
-    listed = ", ".join(f"{name} {ranks.average[name]:.2f}" for name in ranks.order)
+    order = ", ".join(f"{name} {ranks.average[name]:.2f}" for name in ranks.order)
     sentences = [
-        f"Average rank by mean Err% over {counted(len(ranks.blocks), 'case')}, 1 the best: "
-        f"{listed}."
+        f"Average rank by mean Err% over {counted(len(ranks.blocks), 'case')}, 1 the best: {order}."
     ]
     if math.isfinite(ranks.friedman_p):
         test = f"Friedman test: chi-squared {ranks.friedman:.3g}, p = {ranks.friedman_p:.2g}"
@@ -275,8 +274,8 @@ def _limits(table: RunTable) -> list[str]:
     corner = (subject.healthy == subject.lower) | (subject.healthy == subject.upper)
     zero = subject.healthy == 0.0
     if box == "plain" and (corner | zero).any():
-        drawn = [name for name in table.algorithms if name.partition("-")[0] in _TO_ZERO]
-        favoured = [f"{', '.join(drawn)} (drawn to the origin)"] if drawn and zero.any() else []
+        pulled = [name for name in table.algorithms if name.partition("-")[0] in _TO_ZERO]
+        favoured = [f"{', '.join(pulled)} (drawn to the origin)"] if pulled and zero.any() else []
         favoured += ["every method that clips at the bounds"] if corner.any() else []
         special = int((corner | zero).sum())
         sentences.append(

@@ -6,7 +6,6 @@ reference, which takes a form that it lacks for faults. How far it does so shows
 recordings.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -19,6 +18,7 @@ from ematwin.estimation.constants import WORST
 from ematwin.estimation.correction import corrected, reweighed, with_model_error
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.free_unknowns import lowered
+from ematwin.estimation.healthy_fit import between_recordings
 from ematwin.estimation.problem import Problem
 from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison
@@ -31,9 +31,9 @@ def closed_loop(
 ) -> ClosedLoop | None:
     """Misfit and scatter of healthy recordings in closed loop; None without a reference's answer.
 
-    From the peak next to healthy of each recording. The misfit is the median one. Scatter is the
-    moment estimate, as of `healthy_bias`. A recording that the closed loop does not explain, as
-    near instability, would get no verdict, and counts only where there is no other.
+    From the peak next to healthy of each recording. The misfit is the median one. A recording that
+    the closed loop does not explain, as near instability, would get no verdict, and counts only
+    where there is no other.
     """
     now = replace(baseline, recordings=0)  # of one occasion: nothing has drifted since
     every = side_by_side(lambda one: _near_healthy(model, actuator, now, one), comparisons)
@@ -41,11 +41,12 @@ def closed_loop(
     if not found:
         return None
     found = [one for one in found if one.misfit <= WORST] or found
-    beyond = np.mean([one.away**2 - one.errors**2 for one in found], axis=0)
+    away, errors = (np.array(each) for each in list(zip(*found, strict=True))[:2])
+    scatter = np.sqrt(between_recordings(away, errors)).tolist()
     faults = [one for one in model.faults(actuator) if one.direction_of is None]
     return ClosedLoop(
         float(np.median([one.misfit for one in found])),
-        {one.name: math.sqrt(max(0.0, x)) for one, x in zip(faults, beyond, strict=True)},
+        {one.name: x for one, x in zip(faults, scatter, strict=True)},
     )
 
 

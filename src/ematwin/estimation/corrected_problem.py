@@ -6,9 +6,9 @@ whole loops, linearly with all. `ematwin.estimation.correction` looks for the mi
 
 Behind sampled loops the reference scatters: a small change moves a commutation past a sample, and
 the impacts after it. Differences over short steps are made of that. So the reference is asked over
-wide steps, and its difference from the fast model is regressed on
-them (statistical linear regression; Lefebvre, Bruyninckx and De Schutter 2002, IEEE Trans. Autom.
-Control 47(8), 1406-1408). What scatter alone would make of the slopes is left out.
+wide steps, and its difference from the fast model is regressed on them (statistical linear
+regression; Lefebvre, Bruyninckx and De Schutter 2002, IEEE Trans. Autom. Control 47(8), 1406-1408).
+What scatter alone would make of the slopes is left out.
 """
 
 import math

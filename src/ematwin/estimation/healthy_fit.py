@@ -274,10 +274,9 @@ def healthy_bias(
 ) -> dict[str, float]:
     """Standard deviation by which a healthy recording may be found off healthy, by fault.
 
-    It is the larger of two. One is the root mean square of what `identify` finds, less the standard
-    errors that explain it: the moment estimate of a variance between recordings (DerSimonian and
-    Laird 1986, Control. Clin. Trials 7, 177-188). The other is estimated with the faults alone
-    free and all else as learnt: there the faults absorb the whole error of the twin.
+    It is the larger of two. One is of what `identify` finds (`between_recordings`). The other is
+    estimated with the faults alone free and all else as learnt: there the faults absorb the whole
+    error of the twin.
 
     ``baseline`` is without this; ``beside`` are load and sensors of each recording, as learnt.
     `RecordError` if one of them is unlike the others.
@@ -309,11 +308,20 @@ def healthy_bias(
         left.remove(n)
     values, errors = (np.array(each) for each in list(zip(*found, strict=True))[:2])
     healthy = np.array([one.healthy for one in faults])
-    beyond = np.maximum(np.mean((values - healthy) ** 2 - errors**2, axis=0), 0.0)
+    beyond = between_recordings(values - healthy, errors)
     if not all(one.is_told for one in found):  # else the closed loop tells nothing of faults
         ends = [_descended_to(one, faults, own) for one, own in zip(compared, beside, strict=True)]
         beyond = np.maximum(beyond, np.mean((np.array(ends) - healthy) ** 2, axis=0))
     return {one.name: float(x) for one, x in zip(faults, np.sqrt(beyond), strict=True)}
+
+
+def between_recordings(away: np.ndarray, errors: np.ndarray) -> np.ndarray:
+    """Variance (d,) between recordings, of estimates (n, d) less healthy with standard errors.
+
+    The mean square less what standard errors explain: the moment estimate (DerSimonian and Laird
+    1986, Control. Clin. Trials 7, 177-188).
+    """
+    return np.asarray(np.maximum(np.mean(away**2 - errors**2, axis=0), 0.0))
 
 
 def _descended_to(
