@@ -193,8 +193,7 @@ def _selected(known: FoundForms, equations: Equations) -> tuple[FoundForms, Equa
             after=known.after + fit.cost,
         )
     # what noise does not explain is a discrepancy, alike throughout
-    beyond = max(0.0, fit.cost - _least(fit))
-    return told, replace(fit, alike=fit.equations.alike(fit.actuator) + beyond)
+    return told, replace(fit, alike=fit.equations.alike(fit.actuator) + _beyond_noise(fit))
 
 
 def _with_more(
@@ -217,12 +216,12 @@ def _with_more(
 
 
 def _matters(more: EquationFit, fit: EquationFit) -> bool:
-    """Whether forms explain a tenth of the residual beyond noise, and held-back data better.
+    """Whether forms leave a tenth less beyond noise, and held-back data are explained better.
 
-    And more than the equation's own error, which may resemble a form.
+    And they explain more than the equation's own error, which may resemble a form.
     """
-    noise = min(_least(more), more.cost)
-    if more.cost - noise >= 0.9 * (fit.cost - noise) or not more.beats(fit):
+    # each beyond its own noise: ripple of a comparator may resemble a loop, which makes less
+    if _beyond_noise(more) >= 0.9 * _beyond_noise(fit) or not more.beats(fit):
         return False
     own = more.equations.alike(more.actuator)
     return fit.cost - more.cost > DECIDES * (more.weight + own)
@@ -277,3 +276,8 @@ def _with_sections(known: ParameterSet, fit: EquationFit, found: Sequence[Form])
 def _least(fit: EquationFit) -> float:
     """Energy that noise and the errors of its equations leave."""
     return fit.equations.least(fit.actuator)
+
+
+def _beyond_noise(fit: EquationFit) -> float:
+    """Energy that is left beyond that."""
+    return max(0.0, fit.cost - _least(fit))
