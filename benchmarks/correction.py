@@ -193,11 +193,11 @@ def forms_of(actuator: BldcActuator) -> set[str]:
 
 
 def of_unstated(
-    name: str, seed: int, mixtures: int, without: tuple[str, ...] = ()
+    name: str, seed: int, mixtures: int, without: tuple[str, ...] = (), healthy_too: bool = False
 ) -> dict[str, Any]:
     """What calibration finds of a drive whose file states no form, and what follows.
 
-    Judged recordings are ``without`` some channels.
+    Judged recordings are ``without`` some channels, and healthy ones too if so asked.
     """
     from naive import another_actuator as other
 
@@ -213,9 +213,12 @@ def of_unstated(
         parameters = other.parameters_of(truth)
         begins = np.random.default_rng([seed, number, 43]).uniform()  # among the samples
         now = replace(structure, sampling_phase=float(begins))
-        return other.simulate(
+        found = other.simulate(
             parameters, grid, *scenario.histories(grid), faults, now, seed=seed + number
         )
+        lacks = without if faults or healthy_too else ()
+        left = {name: x for name, x in found.channels.items() if name not in lacks}
+        return Recording(found.time, left, units=found.units)
 
     found: dict[str, Any] = {"name": name, "seed": seed, "judged": []}
     healthy = [record(one, {}, n) for n, one in enumerate(("default", REVERSALS, "ramp"))]
@@ -237,8 +240,6 @@ def of_unstated(
     for n in range(mixtures):
         values = mixture(seed + n)
         judged = record("default", values, 100 + n)
-        left = {k: x for k, x in judged.channels.items() if k not in without}
-        judged = Recording(judged.time, left, units=judged.units)
         seen = identify(judged, report.calibration, threads=1)
         err = MODEL.study.error_percent(MODEL.faults(truth), seen.values, values, wrapped=True)
         outside = {
@@ -294,6 +295,7 @@ def main() -> None:
     parser.add_argument("--unstated", type=int, default=0, help="drives whose file has no form")
     parser.add_argument("--only", help="the row of this name alone")
     parser.add_argument("--without", default="", help="channels that judged recordings lack")
+    parser.add_argument("--healthy-too", action="store_true", help="healthy ones lack them as well")
     parser.add_argument("--workers", type=int, default=2)
     asked = parser.parse_args()
     if asked.unstated:
@@ -308,7 +310,8 @@ def main() -> None:
             if asked.only in (None, name):
                 seeds = [asked.first + 1000 * (1 + n) for n in range(asked.unstated)]
                 found = Parallel(asked.workers)(
-                    delayed(of_unstated)(name, seed, asked.mixtures, without) for seed in seeds
+                    delayed(of_unstated)(name, seed, asked.mixtures, without, asked.healthy_too)
+                    for seed in seeds
                 )
                 for one in found:
                     print(one, file=sys.stderr)

@@ -1,14 +1,14 @@
-"""Currents and torques along a given motion in plain Python, written from docs/models.md.
+"""Currents along a given motion, and an output that follows it, in plain Python.
 
-Loops of `truer` answer, each phase is a line of the linear system of `reference`; a modulated
-voltage stands across the pair by its mean.
+Written from docs/models.md. Loops of `truer` answer, each phase is a line of the linear system of
+`reference`; a modulated voltage stands across the pair by its mean.
 """
 
 import math
 
 import numpy as np
 
-from . import motor, reference, truer
+from . import mechanics, motor, reference, truer
 
 
 def currents(actuator, faults, command, motion, dt):
@@ -58,3 +58,31 @@ def currents(actuator, faults, command, motion, dt):
             now, left = after, left - part if blocked else 0
         rows.append(charge / dt)
     return np.array(rows)
+
+
+def output(actuator, faults, start, motion, load, dt):
+    """Angles (S + 1,) of an output that friction holds, beside a motor.
+
+    ``start`` are its angle and speed, ``motion`` (2, S) those of the motor in the middle of each
+    step, ``load`` (S,) the torque there; all on the motor shaft.
+    """
+    gear = actuator.transmission
+    worn = 1 + 2 * faults.friction
+    half_gap = gear.backlash / 2 * (1 + 99 * faults.backlash)
+    angle, speed = start
+    found = [angle]
+    for motor_angle, motor_speed, pushes in zip(*motion, load, strict=True):
+        active = mechanics.contact_torque(
+            motor_angle, motor_speed, angle, speed, half_gap, gear.contact_stiffness,
+            gear.contact_damping,
+        ) - pushes  # fmt: skip
+        dynamic = worn * mechanics.loaded_dynamic_torque(
+            speed if speed != 0 else active, -pushes, gear.friction_torque,
+            gear.efficiency_opposing, gear.efficiency_aiding,
+        )  # fmt: skip
+        speed = mechanics.next_speed(
+            speed, active, gear.output_inertia, gear.static_ratio * dynamic, dynamic, dt
+        )
+        angle += dt * speed
+        found.append(angle)
+    return np.array(found)

@@ -12,7 +12,7 @@ the equations show every fault it takes the place of the closed loop.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from functools import partial
 
 import numpy as np
@@ -96,9 +96,19 @@ def informed(
         return None
     aliases = partial(model.aliases, actuator)
     rests, begun = {along.equation.rests for along in every}, z
-    if first := [along for along in every if along.equation.name in rests]:
-        z = MotionFit(actuator, problem, first, remainders, aliases).descended(z, most, rough=True)
-        values = values_at(problem, z)
+    named = {along.equation.name for along in every}
+    first = named & rests
+    stages = [first] if first else []
+    if any(along.equation.at for along in every if along.equation.name in first):
+        # what others rest on rests on them as well: in turn, then together until all agree
+        stages += [named - first, named, named]
+    told: Collection[str] = ()
+    for names in stages:
+        some = [along for along in every if along.equation.name in names]
+        held = () if names & first else told
+        fit = MotionFit(actuator, problem, some, remainders, aliases, held)
+        z = fit.descended(z, most, rough=True)
+        told, values = fit.free, values_at(problem, z)
         every = [along.at(values[along.recording]) for along in every]
     every = [along for along in every if along.equation.size > 0.0]
     fit = MotionFit(actuator, problem, every, remainders, aliases)

@@ -5,7 +5,7 @@ By Gauss-Newton steps within bounds, whose slopes follow the residuals between f
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +24,7 @@ from ematwin.models.parameter_set import ParameterSet
 from ematwin.numerics.linear_algebra import bounded_squares
 from ematwin.numerics.side_by_side import side_by_side
 
-_STEP = 1e-3  # of a coordinate: most equations are smooth
+_STEP = 1e-3  # of a coordinate: priors are smooth
 # shares of a step and its dampings that are tried, one after the other
 _TRIES = ((1.0, 0.0), (0.3, 0.0), (1.0, 1e-3), (1.0, 0.1))
 _SLOWER = 0.5  # of the gain before: by less than that secants no longer agree with the equations
@@ -66,6 +66,7 @@ class MotionFit:
         every: Sequence[Along],
         known: Mapping[tuple[int, str], Remainder],
         aliases: Aliases,
+        held: Collection[str] = (),
     ) -> None:
         self._actuator, self._problem, self._every = actuator, problem, every
         self._aliases = aliases
@@ -85,9 +86,12 @@ class MotionFit:
         ]
         self._scales = [1.0 / one.deviation(one.norm) for one in self._remainders]
         # of a coordinate: ripple is another at each value, and slopes have to stand out from it
-        self._steps = [max(_STEP, 3.0 * share) for share in alike]
-        matters = {n for places in self._matters for n in places.values()}
-        self._free = np.array(sorted(matters), dtype=int)
+        self._steps = [
+            max(one.equation.step, 3.0 * share) for one, share in zip(every, alike, strict=True)
+        ]
+        matters = {name: n for places in self._matters for name, n in places.items()}
+        self.free = matters.keys() - {*held}
+        self._free = np.array(sorted({matters[name] for name in self.free}), dtype=int)
         self._last: tuple[np.ndarray, np.ndarray] | None = None
         self._fresh = False
 
@@ -158,7 +162,7 @@ class MotionFit:
         # of recorded currents: in the gap few samples of small angles count
         unexplained = max(
             left.norm / one.equation.size
-            if left.norm > WORSE * left.least and not one.equation.rests
+            if left.norm > WORSE * left.least and one.equation.judged
             else 0.0
             for left, one in zip(self._remainders, self._every, strict=True)
         )
@@ -230,7 +234,11 @@ class MotionFit:
         chart, free = self._problem.chart, self._free
         known = directions(self._problem, chart.to_values(z)[0], self._aliases)
         same = [
-            {one.pivot: one for one in known if {one.pivot, *one.others} <= {*places.values()}}
+            {
+                one.pivot: one
+                for one in known
+                if {one.pivot, *one.others} <= {*places.values()} & {*free.tolist()}
+            }
             for places in self._matters
         ]
         asked = [

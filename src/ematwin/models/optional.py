@@ -126,6 +126,8 @@ class Equation(NamedTuple):
     forms: tuple[Form, ...]  # that are looked for
     unknowns: tuple[str, ...] = ()  # names of faults, load and sensors that matter to it
     rests: str = ""  # name of the equation on whose estimates it rests
+    judged: bool = True  # whether a verdict needs it to be explained
+    step: float = 0.001  # of a coordinate, that is differenced for its slope
     at: Callable[[Values], "Equation"] | None = None  # it, for values of these unknowns
     # values by place of one form after the other, some with `FIRST_SAMPLE`, to be chosen together,
     # as times of two loops may pass for one another; tried while more than noise is left

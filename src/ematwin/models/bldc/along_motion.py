@@ -23,13 +23,14 @@ from ematwin.models.bldc.counts import (
     step_by_noise,
     steps_of,
 )
-from ematwin.models.bldc.faults import HELD, UNKNOWNS
+from ematwin.models.bldc.faults import HELD, UNKNOWNS, ZERO
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import balanced
 from ematwin.models.bldc.reference_step import (
     ReferenceState,
     all_emf_constants,
     drive,
+    move_masses,
     started,
 )
 from ematwin.models.bldc.simulate import INPUT_INTERVAL, TimeGrid, phases_of
@@ -43,6 +44,8 @@ from ematwin.recordings.recording import Recording
 
 _INSTANT = 1e-10  # s: what is so near is now
 RECENT = 32  # answers that are kept: many of the next differ by a sensor or a mass alone
+_GEAR = ("transmission", "presliding", "compliance")  # sections
+_OF_OUTPUT = {"load_gain": 1.0, "load_offset": 0.0, ZERO: 0.0}  # that follows the motor
 LEAST = 0.001  # of the recorded current: what simulators of other make differ by
 _, read_more, _ = columns(TruerState)
 
@@ -127,16 +130,49 @@ def currents_along(k, command, motion, spacing, interval, c, longest, samples, t
     return found
 
 
+@loop
+def output_along(k, motion, load, spacing, substeps, c, truer):  # type: ignore[no-untyped-def]
+    """Angles and speeds (2, G) of an output that a motor pushes which moves as it was recorded.
+
+    Parameters
+    ----------
+    k : (8,) array, fault vector
+    motion : (2, G) array, angle and speed of the motor; the output begins beside it, at its speed
+    load : (G,) array, N m on the motor shaft
+    spacing, substeps : s, of these points, and steps between them
+    c, truer : as of `batch.reference_trace`
+    """
+    fault = fault_state(k, c.half_gap)
+    found = np.empty((2, load.size))
+    theta_o, w_o, bent_o, dt = motion[0, 0], motion[1, 0], 0.0, spacing / substeps
+    for g in range(load.size):
+        found[0, g], found[1, g] = theta_o, w_o
+        for n in range(substeps if g < load.size - 1 else 0):
+            s = (n + 0.5) / substeps
+            now = ReferenceState(
+                0.0, 0.0, 0.0, between(motion[1], g, s), between(motion[0], g, s), w_o, theta_o,
+                1.0, 0.0, 0.0, 0.0, 0.0, bent_o,
+            )  # fmt: skip
+            pushes = between(load, g, s)
+            _, _, w_o, theta_o, _, bent_o = move_masses(now, 0.0, pushes, fault, c, truer, dt)
+    return found
+
+
 def has_motion(recording: Recording) -> bool:
-    """Whether phase currents and both positions were recorded."""
-    wanted = {"motor_position", "output_position"}
-    return phase_currents(recording) is not None and wanted <= recording.channels.keys()
+    """Whether phase currents, the motor's position and that of the output, or its load, are there.
+
+    Motor and load tell how an output moves that was not recorded.
+    """
+    channels = recording.channels.keys()
+    tells = "motor_position" in channels and bool({"output_position", "load"} & channels)
+    return tells and phase_currents(recording) is not None
 
 
 class Motion:
     """The motion of a recording, all on the motor shaft.
 
-    ``motor`` and ``output`` are splines of the angles, ``recorded`` the angles as they came.
+    ``motor`` and ``output`` are splines of the angles, ``recorded`` the angles as they came. An
+    output that was not recorded has no spline: it follows the motor (`followed`).
     """
 
     def __init__(self, recording: Recording, actuator: BldcActuator) -> None:
@@ -151,9 +187,12 @@ class Motion:
         self.currents: Any = phase_currents(recording)
         self.sheet = actuator
         motor = recording.channels["motor_position"]
-        output = recording.channels["output_position"] * ratio
+        output = recording.channels.get("output_position", motor / ratio) * ratio
+        self.follows = "output_position" not in recording.channels
         # steps of encoders, rad, 0 without; and of counts as noisy as the positions
         self.counts = steps_of(recording, actuator)
+        if self.follows:
+            self.counts = self.counts[0], self.counts[0]
         self.steps = tuple(
             counts or step_by_noise(position)
             for counts, position in zip(self.counts, (motor, output), strict=True)
@@ -171,6 +210,24 @@ class Motion:
         electrical = self.sheet.motor.pole_pairs * self.motor(self.time - 0.5 / self.rate)
         self.trapezoids = trapezoid_shape(electrical[:, None] - THIRD_TURN * np.arange(3))
 
+    def followed(self, time: np.ndarray, actuator: Any, values: Values | None = None) -> np.ndarray:
+        """Angles and speeds (2, T) of an output that follows the motor, at uniform times, s."""
+        # faster wiggles of counts would shake the output off the face that pushes it
+        motor, given = self.smoother(500.0).motor, values or {}  # Hz
+        if places := {name: x for name, x in given.items() if "." in name}:
+            actuator = actuator.changed(places)
+        spacing, ratio = float(time[1] - time[0]), actuator.transmission.ratio
+        inner = math.ceil(spacing / INPUT_INTERVAL - 1e-9)
+        fine = time[0] + spacing / inner * np.arange(inner * (time.size - 1) + 1)
+        load = given.get("load_gain", 1.0) * np.interp(fine, self.time, self.load)
+        found = output_along(
+            fault_vector(given), np.array([motor(fine), motor(fine, 1)]),
+            load + given.get("load_offset", 0.0) / ratio, spacing / inner,
+            math.ceil(spacing / inner / actuator.steps.reference - 1e-9),
+            kernel_constants(actuator), truer_constants(actuator),
+        )  # fmt: skip
+        return np.asarray(found[:, ::inner])
+
     def twist(self) -> np.ndarray:
         """Angle (S,) by which the motor is ahead of the output."""
         return self.motor.values - self.output.values
@@ -182,8 +239,10 @@ class Motion:
             return None
         other, splines = copy.copy(self), (self.motor, self.output)
         motor, output = (
-            recorded_anew(spline.values, size, counts > 0.0)
-            for spline, size, counts in zip(splines, self.steps, self.counts, strict=True)
+            recorded_anew(spline.values, position, size, counts > 0.0)
+            for spline, position, size, counts in zip(
+                splines, self.recorded, self.steps, self.counts, strict=True
+            )
         )
         other._move(motor, output, self.cutoff)
         return other
@@ -205,9 +264,10 @@ class Controller:
     """The current that controller and windings make along a motion, beside the recorded one."""
 
     def __init__(self, motion: Motion, low_pass: LowPass) -> None:
-        self._motion, self._low_pass = motion, low_pass
+        self.motion, self._low_pass = motion, low_pass
         # sensors change an answer, and not the simulation
         self._answer = lru_cache(maxsize=RECENT)(self._simulated)
+        self._output = lru_cache(maxsize=RECENT)(self._followed)  # nor do loops and windings
         self._known: tuple[Any, np.ndarray] | None = None  # EMF along the motion
         rate = motion.rate
         count = min(len(motion.time), int(0.4 * rate) + 1)  # 0.4 s are simulated
@@ -222,9 +282,9 @@ class Controller:
 
     def _equivalent(self, currents: np.ndarray) -> np.ndarray:
         """The filtered equivalent current (S - 1,), A."""
-        shapes = self._motion.trapezoids[1 : len(currents) + 1]
+        shapes = self.motion.trapezoids[1 : len(currents) + 1]
         signed = 0.5 * np.einsum("sk,sk->s", currents, shapes)
-        return self._low_pass.apply(signed, self._motion.rate)
+        return self._low_pass.apply(signed, self.motion.rate)
 
     def left(
         self, actuator: Any, values: Values | None = None, *, faster: float = 1.0,
@@ -237,18 +297,19 @@ class Controller:
         of any beginning.
         """
         given = values or {}
-        first, skew = given.get(FIRST_SAMPLE, self._motion.first_sample), given.get("skew", 0.0)
+        first, skew = given.get(FIRST_SAMPLE, self.motion.first_sample), given.get("skew", 0.0)
         faults, held = tuple(fault_vector(given).tolist()), given.get(HELD, 0.0)
-        current = self._answer(actuator, faults, skew, first, held, faster, counts)
+        output = tuple(given.get(name, usual) for name, usual in _OF_OUTPUT.items())
+        current = self._answer(actuator, faults, output, skew, first, held, faster, counts)
         gain, offset = given.get("current_gain", 1.0), given.get("current_offset", 0.0)
         return gain * current + offset - self._seen
 
     def _simulated(
-        self, actuator: Any, faults: tuple[float, ...], skew: float, first: float, held: float,
-        faster: float, counts: bool,
+        self, actuator: Any, faults: tuple[float, ...], output: tuple[float, ...], skew: float,
+        first: float, held: float, faster: float, counts: bool,
     ) -> np.ndarray:  # fmt: skip
         """Simulated equivalent current (S - 1,), A; arguments as of `left`."""
-        grid, motion = self._grid, self._motion
+        grid, motion = self._grid, self.motion
         command = np.interp(grid.time + skew, motion.time, motion.command)
         if actuator.current_loop is None:  # a comparator overshoots by the change in a step
             dt = grid.step / max(1, round(faster * grid.step / actuator.steps.reference))
@@ -265,27 +326,42 @@ class Controller:
         if known is None or known[0] != key:  # most candidates have the windings of the last one
             emf = emf_along(k, self._states[0], c._replace(k_e=1.0), truer)
             self._known = known = key, np.vstack([self._states, emf])
+        along = known[1]
+        if motion.follows:
+            sections = tuple(getattr(actuator, key) for key in _GEAR)
+            along = along.copy()
+            along[2] = self._output(sections, (*faults[:2], *output[:2])) + output[2]
         loops = started(truer, actuator.motor, self._begins, angle, speed, first, held)
         currents = currents_along(
-            k, command, known[1], grid.time[1], 1.0 / motion.rate, c, dt,
+            k, command, along, grid.time[1], 1.0 / motion.rate, c, dt,
             self._seen.size, truer,
             np.array(phases_of(self._begins, actuator.motor.pole_pairs * angle)), np.array(loops),
         )  # fmt: skip
         return self._equivalent(currents)
 
+    def _followed(self, sections: tuple[Any, ...], values: tuple[float, ...]) -> np.ndarray:
+        """Angle (G,) of an output that follows the motor, of a gear with such sections."""
+        actuator = self.motion.sheet.model_copy(update=dict(zip(_GEAR, sections, strict=True)))
+        names = ("friction", "backlash", *_OF_OUTPUT)
+        given = dict(zip(names, values, strict=False))
+        return np.asarray(self.motion.followed(self._grid.time, actuator, given)[0])
+
     def changes(self, actuator: Any) -> dict[str, np.ndarray]:
         """How the residual (S - 1,), A, changes with what may pass for a form."""
         # A skew (s) may pass for a lag, and a current that an integral held at first (A) hides
         # it. As if the current followed its demand: ripple of a comparator drowns such a change.
-        motion, own, count = self._motion, actuator.controller, self._seen.size + 1
+        motion, own, count = self.motion, actuator.controller, self._seen.size + 1
         demand = own.position_gain * own.speed_gain / (2.0 * actuator.motor.emf_constant)
         pace = np.gradient(motion.command[:count], motion.time[:count])[1:]
         late = demand * self._low_pass.apply(pace, motion.rate)
-        return {"skew": late, HELD: np.ones(late.size)}
+        found = {"skew": late, HELD: np.ones(late.size)}
+        if motion.follows:  # integrated by a term of usual time
+            found[ZERO] = demand * motion.time[1:count] / 0.03
+        return found
 
     def least(self, actuator: Any) -> float:
         """Share of the recorded current that noise and the error of the equation leave."""
-        noise = noise_of(self._signed, self._low_pass, self._motion.rate, self._seen.size)
+        noise = noise_of(self._signed, self._low_pass, self.motion.rate, self._seen.size)
         # counts of recorded positions, and in the loops
         others = [] if self._anew is None else [self._anew.left(actuator)]
         if actuator.encoder is not None:
@@ -296,7 +372,7 @@ class Controller:
 
     @cached_property
     def _anew(self) -> "Controller | None":
-        other = self._motion.recorded_anew()
+        other = self.motion.recorded_anew()
         return None if other is None else Controller(other, self._low_pass)
 
     def alike(self, actuator: Any) -> float:

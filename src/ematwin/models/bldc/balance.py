@@ -35,10 +35,17 @@ _OF_WINDINGS = ("emf", "torque_ripple", "eccentricity", "shorted_turns")  # sect
 class TorqueBalance:
     """The torque that a motion needs beside the torque of recorded currents; while both slide.
 
-    Samples count where both ``slides`` (S,); where ``moves_together`` no mass crosses the gap.
+    Samples count where both ``slides`` (S,); where ``moves_together`` no mass crosses the gap. An
+    output that follows the motor does so at faults, load and sensors ``values``.
     """
 
-    def __init__(self, motion: Motion, slides: np.ndarray | None = None) -> None:
+    def __init__(
+        self,
+        motion: Motion,
+        values: Values | None = None,
+        slides: np.ndarray | None = None,
+    ) -> None:
+        self._recorded, self._values = motion, values
         motion = motion.smoother(500.0)  # Hz, of counts: an acceleration's noise grows with f^2
         # below 200 Hz the acceleration of an encoder's position is known
         self.motion, self._low_pass = motion, LowPass(200.0)
@@ -47,6 +54,9 @@ class TorqueBalance:
         self._recorded_load = motion.alike(motion.load)
         self.w_m, self._dw_m = motion.motor(middle, 1), motion.motor(middle, 2)
         self.w_o, self._dw_o = motion.output(middle, 1), motion.output(middle, 2)
+        if motion.follows:
+            self.w_o = motion.followed(middle, motion.sheet, values)[1]
+            self._dw_o = np.gradient(self.w_o, middle)
         # impacts and reversals are left out until the low-pass has forgotten them
         stands = np.abs(self.w_m) < _STANDS * np.abs(self.w_m).max()
         stands |= np.abs(self.w_o) < _STANDS * np.abs(self.w_o).max()
@@ -65,6 +75,7 @@ class TorqueBalance:
                 of_output / (of_motor + of_output), motion.share,
             )  # fmt: skip
             self._dw_m = self._dw_o = share * self._dw_m + (1.0 - share) * self._dw_o
+        if any(motion.steps) or motion.follows:
             stands |= ~together
         settles = np.ones(int(0.01 * motion.rate))  # s, for the low-pass
         self.slides = np.convolve(stands, settles)[: len(stands)] == 0
@@ -156,7 +167,11 @@ class TorqueBalance:
     @cached_property
     def _anew(self) -> "TorqueBalance | None":
         other = self.motion.recorded_anew()
-        return None if other is None else TorqueBalance(other, self.slides)
+        return None if other is None else TorqueBalance(other, self._values, self.slides)
+
+    def at(self, values: Values) -> "TorqueBalance":
+        """The same motion, with an output that follows the motor at other values."""
+        return TorqueBalance(self._recorded, values)
 
     def left(self, actuator: Any, values: Values | None = None) -> np.ndarray:
         """Needed less made torque, as recorded current (K,), A, where both slide.

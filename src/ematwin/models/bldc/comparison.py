@@ -87,8 +87,12 @@ class BldcComparison(Comparison):
             for place, *_ in actuator.parameters()
             if place.partition(".")[0] in table.REFERENCE_ALONE
         }
-        self.unseen = frozenset(unseen | {table.HELD} if actuator.integrates else unseen)
-        self.ignores = frozenset(table.POWER) | ({table.HELD} - self.unseen)
+        if actuator.integrates:
+            unseen |= {table.HELD}
+        if unseen and recording.motor_position is not None and recording.output_position is None:
+            unseen |= {table.ZERO}
+        self.unseen = frozenset(unseen)
+        self.ignores = frozenset(table.POWER) | ({table.HELD, table.ZERO} - self.unseen)
         self.threads = threads or cores()
         self._filter(low_pass or LowPass())
 

@@ -117,12 +117,15 @@ def comparable_cutoff(size: float) -> float:
     return LowPass().cutoff * min(1.0, (usual / max(size, _FINEST)) ** (2.0 / 3.0))
 
 
-def recorded_anew(motion: np.ndarray, size: float, counts: bool) -> np.ndarray:
-    """Positions (S,) in counts that begin elsewhere; without ``counts`` with as much noise."""
+def recorded_anew(
+    motion: np.ndarray, recorded: np.ndarray, size: float, counts: bool
+) -> np.ndarray:
+    """Positions (S,) of a motion in counts that begin elsewhere; without ``counts`` as noisy."""
     if size == 0.0:
         return motion
     if not counts:
         noise = np.random.default_rng(0).standard_normal(motion.size)
         return np.asarray(motion + size / math.sqrt(12.0) * noise)
-    begin = 0.5 * (math.sqrt(5.0) - 1.0)  # of a step
-    return np.asarray(size * (np.floor(motion / size + begin) + 0.5 - begin))
+    # a smoothed motion keeps near its own counts: those a little beside would hardly differ
+    beside = recorded[0] + size / math.sqrt(12.0)  # root mean square of any
+    return np.asarray(beside + size * np.round((motion - beside) / size))

@@ -14,7 +14,7 @@ from typing import Any
 from ematwin.models.bldc.along_motion import LEAST, Controller, Motion, has_motion
 from ematwin.models.bldc.balance import Contact, Crossing, TorqueBalance
 from ematwin.models.bldc.counts import comparable_cutoff
-from ematwin.models.bldc.faults import HELD, LOAD
+from ematwin.models.bldc.faults import HELD, LOAD, ZERO
 from ematwin.models.optional import FIRST_SAMPLE, Equation, Form, Values
 from ematwin.models.servo import possible_coggings
 from ematwin.numerics.signals import LowPass
@@ -225,29 +225,24 @@ def _digital(steps: tuple[float, float], ratio: float) -> tuple[Form, Form]:
 
 
 def equations(recording: Recording, actuator: Any, values: Values | None) -> tuple[Equation, ...]:
-    """Controller of a recording with both positions; mechanics where the load is known."""
+    """Controller of a recording with the motor's position; mechanics where the load is known.
+
+    An output that was not recorded follows the motor, at these values of its friction and load.
+    """
     # currents in shorted turns brake, and are not recorded
     brakes = values is not None and actuator.shorted_turns is not None
     if not has_motion(recording) or brakes:
         return ()
-    motion = Motion(recording, actuator)
-    controller = Controller(motion, LowPass(comparable_cutoff(motion.steps[0])))
-    counted = motion.counts[0] > 0.0
-    # a sampled speed loop that is late would take in the lag of a filter
-    ratio = actuator.transmission.ratio
-    sampled = _digital(motion.counts, ratio) if counted else (SAMPLED, CURRENT_LOOP)
-    given = values or {}
-    of_controller = _controller(controller, (INTEGRAL, *sampled), actuator, given)
+    motion, given = Motion(recording, actuator), values or {}
+    of_controller = _controller(
+        Controller(motion, LowPass(comparable_cutoff(motion.steps[0]))), actuator, given
+    )
     if "load" not in recording.channels:
         return (of_controller,)
-    balance = TorqueBalance(motion)
-    of_mechanics = Equation(
-        "mechanics", balance.left, balance.size, balance.least,
-        ("motor.emf_constant", "motor.inertia", "transmission.output_inertia",
-         "motor.viscous_damping", "motor.friction_torque", *_FRICTION),
-        (COGGING, ROUNDED, FADING),
-        ("friction", *_WINDINGS, *LOAD, *_SENSOR),
-    )  # fmt: skip
+    balance = TorqueBalance(motion, given)
+    of_mechanics = _mechanics(balance)
+    if motion.follows:
+        return of_controller, of_mechanics
     return (
         of_controller,
         _alone(balance, actuator, True, given),
@@ -257,9 +252,7 @@ def equations(recording: Recording, actuator: Any, values: Values | None) -> tup
     )
 
 
-def _controller(
-    controller: Controller, forms: tuple[Form, ...], actuator: Any, values: Values
-) -> Equation:
+def _controller(controller: Controller, actuator: Any, values: Values) -> Equation:
     """Controller and windings, at these values of the windings' faults.
 
     Faults of a winding show in how the current dips when it commutates, which depends on how the
@@ -267,6 +260,14 @@ def _controller(
     (modular inference; Plummer 2015, Stat. Comput. 25, 37-43).
     """
     windings = {name: values[name] for name in _WINDINGS if name in values}
+    motion = controller.motion
+    # through the position of an output that follows the motor
+    places = ("transmission.backlash", *_OF_OUTPUT) if motion.follows else ()
+    others = ("friction", "backlash", *LOAD, ZERO) if motion.follows else ()
+    counted = motion.counts[0] > 0.0
+    # a sampled speed loop that is late would take in the lag of a filter
+    ratio = actuator.transmission.ratio
+    sampled = _digital(motion.counts, ratio) if counted else (SAMPLED, CURRENT_LOOP)
     return Equation(
         "controller",
         lambda actuator, values: controller.left(actuator, {**values, **windings}),
@@ -274,10 +275,12 @@ def _controller(
         controller.least,
         # torques are told by currents: gains come with the torque constant
         ("controller.position_gain", "controller.speed_gain", "motor.emf_constant",
-         "motor.resistance"),
-        forms,
-        ("gain", "skew", HELD, *_SENSOR),
-        at=partial(_controller, controller, forms, actuator),
+         "motor.resistance", *places),
+        (INTEGRAL, *sampled),
+        ("gain", "skew", HELD, *_SENSOR, *others),
+        rests="mechanics" if motion.follows else "", at=partial(_controller, controller, actuator),
+        # an output that bounces in a wide gap makes it rough
+        step=0.01 if motion.follows else 0.001,
         # how soon a loop answers hardly matters at a wrong sample time
         together=tuple(
             (partial(_current_times, times, (1.0,)), partial(_current_times, None, (0.0, 1.0)),
@@ -290,6 +293,18 @@ def _controller(
     )  # fmt: skip
 
 
+def _mechanics(balance: TorqueBalance) -> Equation:
+    """The torques along the motion."""
+    return Equation(
+        "mechanics", balance.left, balance.size, balance.least,
+        ("motor.emf_constant", "motor.inertia", "transmission.output_inertia",
+         "motor.viscous_damping", "motor.friction_torque", *_FRICTION),
+        (COGGING, ROUNDED, FADING),
+        ("friction", *_WINDINGS, *LOAD, *_SENSOR),
+        at=(lambda values: _mechanics(balance.at(values))) if balance.motion.follows else None,
+    )  # fmt: skip
+
+
 def _contact(balance: TorqueBalance, actuator: Any, values: Values) -> Equation:
     """The twist of the gear, on the faces that push at these values."""
     contact = Contact(balance, actuator, values)
@@ -297,7 +312,7 @@ def _contact(balance: TorqueBalance, actuator: Any, values: Values) -> Equation:
         "contact", contact.left, contact.size, contact.least,
         ("transmission.backlash", "transmission.output_inertia", *_FRICTION), (COMPLIANT,),
         ("friction", "backlash", *LOAD),
-        rests="mechanics", at=partial(_contact, balance, actuator),
+        rests="mechanics", judged=False, at=partial(_contact, balance, actuator),
         alike=lambda actuator: LEAST,
     )  # fmt: skip
 
@@ -310,7 +325,8 @@ def _alone(balance: TorqueBalance, actuator: Any, of_motor: bool, values: Values
         f"{'motor' if of_motor else 'output'} in the gap", mass.left, mass.size, mass.least,
         _OF_MOTOR if of_motor else _OF_OUTPUT, (),
         ("friction", *_WINDINGS, *_SENSOR) if of_motor else ("friction", *LOAD),
-        rests="mechanics", at=partial(_alone, balance, actuator, of_motor),
+        # few samples of small angles
+        rests="mechanics", judged=False, at=partial(_alone, balance, actuator, of_motor),
         # friction of a motor that has just turned round bends bristles first
         alike=lambda actuator: 0.01 if of_motor else LEAST,
     )  # fmt: skip

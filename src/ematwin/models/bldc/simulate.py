@@ -20,7 +20,7 @@ from ematwin.models.bldc.constants import (
     kernel_constants,
     truer_constants,
 )
-from ematwin.models.bldc.faults import FAULTS, FIXED, HELD, UNKNOWNS
+from ematwin.models.bldc.faults import FAULTS, FIXED, HELD, UNKNOWNS, ZERO
 from ematwin.models.bldc.inverter import gate_signals
 from ematwin.models.bldc.monitor_step import (
     MonitorState,
@@ -170,9 +170,9 @@ def reference_answer(
     load = np.interp(grid.time - values.get("skew", 0.0), time, load)
     load = values.get("load_gain", 1.0) * load + values.get("load_offset", 0.0)
     faults = np.array([values.get(one.name, one.healthy) for one in UNKNOWNS])
-    command = np.interp(grid.time, time, recording.command)
+    command = np.interp(grid.time, time, recording.command) * ratio - values.get(ZERO, 0.0)
     columns = simulated(
-        "reference", faults, command * ratio, load / ratio, start, actuator, grid,
+        "reference", faults, command, load / ratio, start, actuator, grid,
         count_offset=drawn, first_sample=recording.first_sample,
         integral=values.get(HELD, 0.0),
     )  # fmt: skip

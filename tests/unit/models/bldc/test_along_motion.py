@@ -52,6 +52,20 @@ def test_currents_along_a_motion_are_those_of_the_naive_loop(actuator):
     np.testing.assert_allclose(fast, slow, atol=1e-8)
 
 
+def test_an_output_along_the_motion_of_a_motor_is_the_naive_one():
+    dt, count = 1e-6, 20_000
+    time = dt * np.arange(count)
+    motion = np.array([0.05 * np.sin(800.0 * time), 40.0 * np.cos(800.0 * time)])
+    load, faults = np.where(time > 0.01, 0.02, 0.0), Faults.of({"friction": 0.3, "backlash": 0.1})
+    fast = along_motion.output_along(
+        faults.vector, motion, load, dt, 1, kernel_constants(PLAIN), truer_constants(PLAIN)
+    )
+    middle, pushes = (0.5 * (x[..., 1:] + x[..., :-1]) for x in (motion, load))
+    slow = naive.output(PLAIN, faults, motion[:, 0], middle, pushes, dt)
+    assert np.ptp(fast[0] - motion[0]) > 0.05  # it crosses the gap
+    np.testing.assert_allclose(fast[0], slow, atol=1e-9)
+
+
 def recorded(structure, actuator, duration=0.4, faults=None, noise=0.0):
     """A recording of the simulator of other make, without rounding."""
     time = np.arange(0.0, duration, 5e-5)
@@ -134,6 +148,33 @@ def test_all_equations_hold_along_the_motion_of_a_simulator_of_other_make(lines,
         )
         assert share < (2.0 * least if lines else 0.006)
         assert max(0.015, share) < without
+
+
+def without_output(record):
+    channels = {name: x for name, x in record.channels.items() if name != "output_position"}
+    return type(record)(record.time, channels, units=record.units)
+
+
+@pytest.mark.parametrize("lines", [0, 10_000, 2_000])
+@pytest.mark.parametrize("faults", [{}, FAULTS], ids=["healthy", "worn"])
+def test_an_output_that_was_not_recorded_follows_the_motor(lines, faults):
+    """Of a simulator of other make, to a share of its gap or of a count."""
+    structure, actuator = as_built(lines)
+    record = recorded(structure, actuator, faults=faults)
+    known = along_motion.Motion(record, actuator)
+    motion = along_motion.Motion(without_output(record), actuator)
+    gap = actuator.transmission.backlash * (1.0 + 99.0 * faults.get("backlash", 0.0))
+    away = motion.followed(motion.time, actuator, faults)[0] - known.output(motion.time)
+    print(f"{away.std():.2g} rad of {gap:.3g} rad, counts of {known.steps[0]:.2g} rad")
+    assert away.std() < 0.02 * gap + 0.2 * known.steps[0]
+    for one in (along_motion.Controller(motion, LowPass()), TorqueBalance(motion, faults)):
+        share, without = (
+            np.linalg.norm(one.left(actuator, {**faults, **given})) / one.size
+            for given in ({"output_zero": float(-away.mean())}, {"friction": 0.1, "backlash": 0.03})
+        )
+        print(f"{type(one).__name__}: {100 * share:.2f} %, other faults {100 * without:.1f} %")
+        assert share < (2.0 * one.least(actuator) if lines else 0.008)
+        assert share < without
 
 
 def test_motor_and_output_keep_their_momentum_where_counts_are_coarse():
