@@ -14,7 +14,6 @@ import ematwin
 from commands import inside
 from ematwin.cli import main
 from ematwin.errors import EmatwinError
-from ematwin.models.fmu.archive import _read
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.numerics.side_by_side import cores
 from reference_fmus import EXAMPLE, FILE, van_der_pol
@@ -236,7 +235,6 @@ def test_an_archive_that_cannot_run_here_is_refused(file, tmp_path, changed, sen
 
 
 def test_without_fmpy_the_command_is_named(file, monkeypatch):
-    _read.cache_clear()
     monkeypatch.setitem(sys.modules, "fmpy", None)
     with pytest.raises(ImportError, match=r'pip install "ematwin\[fmi\]"'):
         load_actuator(file)

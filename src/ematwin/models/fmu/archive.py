@@ -1,4 +1,4 @@
-"""An FMU as an archive: what its modelDescription.xml says, and whether it can run here."""
+"""An FMU as an archive: what it says of its variables, and whether it can run here."""
 
 import hashlib
 import math
@@ -12,58 +12,26 @@ from ematwin.errors import FileError, MissingExtraError, ParameterError
 from ematwin.quantities import QUANTITIES, base_units, spelled_out, to_si
 
 
-class Unit(NamedTuple):
-    """A unit of an FMU: SI = factor value + offset, and powers of the SI base units."""
-
-    powers: dict[str, int]
-    factor: float = 1.0
-    offset: float = 0.0
-
-
-class Variable(NamedTuple):
-    """A scalar variable of an FMU; bounds and start are in its unit."""
-
-    reference: int
-    causality: str
-    is_real: bool
-    unit: str
-    meaning: str
-    lower: float
-    upper: float
-    start: float | None
-
-
 class Archive(NamedTuple):
-    """An FMU for co-simulation. Equal ``path`` and ``digest`` are equal archives."""
+    """An FMU for co-simulation."""
 
     path: Path
     digest: str
-    is_2: bool
-    guid: str
-    identifier: str
-    interpolates: bool
-    step_size: float | None  # s, of its default experiment
-    variables: dict[str, Variable]  # by name
-    units: dict[str, Unit]
+    described: Any  # `fmpy.model_description.ModelDescription`
+    variables: dict[str, Any]  # `fmpy.model_description.ModelVariable` by name
 
 
 def archive_at(path: Path) -> Archive:
     """Read an FMU; `FileError` if it is none, or has no binary for this platform."""
-    try:
-        stat = path.stat()
-    except OSError as error:
-        raise FileError(f"Cannot read the FMU {path}: {error.strerror}.") from None
-    return _read(path, stat.st_mtime_ns, stat.st_size)
-
-
-@cache
-def _read(path: Path, changed: int, size: int) -> Archive:
     try:
         from fmpy import platform, platform_tuple, read_model_description
     except ImportError:
         raise MissingExtraError("fmpy", "fmi", "An FMU as an actuator") from None
     try:
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise FileError(f"Cannot read the FMU {path}: {error.strerror}.") from None
+    try:
         with zipfile.ZipFile(path) as archive:
             names = archive.namelist()
         found = read_model_description(str(path), validate=False)
@@ -84,47 +52,12 @@ def _read(path: Path, changed: int, size: int) -> Archive:
             f"{path} runs on {', '.join(sorted(here)) or 'no platform (it has no binaries)'}, and "
             f"this is {own}; export it for this platform."
         )
-    experiment = found.defaultExperiment
-    return Archive(
-        path=path,
-        digest=digest,
-        is_2=found.fmiVersion == "2.0",
-        guid=found.guid,
-        identifier=found.coSimulation.modelIdentifier,
-        interpolates=bool(found.coSimulation.canInterpolateInputs),
-        step_size=_number(experiment.stepSize) if experiment else None,
-        variables={one.name: _variable(one) for one in found.modelVariables},
-        units={one.name: _unit(one.baseUnit) for one in found.unitDefinitions},
-    )
+    return Archive(path, digest, found, {one.name: one for one in found.modelVariables})
 
 
-def _number(text: Any, missing: Any = None) -> Any:
-    try:
-        return float(text)
-    except (TypeError, ValueError):
-        return missing
-
-
-def _variable(given: Any) -> Variable:
-    kind = given.declaredType
-    return Variable(
-        reference=given.valueReference,
-        causality=given.causality or "local",
-        is_real=given.type in ("Real", "Float64") and not given.dimensions,
-        unit=given.unit or getattr(kind, "unit", None) or "",
-        meaning=given.description or given.name,
-        lower=_number(given.min or getattr(kind, "min", None), -math.inf),
-        upper=_number(given.max or getattr(kind, "max", None), math.inf),
-        start=_number(given.start),
-    )
-
-
-def _unit(base: Any) -> Unit:
-    if base is None:
-        return Unit({})
-    powers = {x: int(getattr(base, x)) for x in ("kg", "m", "s", "A", "K", "mol", "cd", "rad")}
-    powers = {name: power for name, power in powers.items() if power}
-    return Unit(powers, float(base.factor), float(base.offset))
+def stated(variable: Any, attribute: str) -> Any:
+    """Unit or bound of a variable, of its type where it states none itself; else None."""
+    return getattr(variable, attribute) or getattr(variable.declaredType, attribute, None)
 
 
 class Scale(NamedTuple):
@@ -143,22 +76,27 @@ class Scale(NamedTuple):
         return (value - self.offset) / self.factor
 
 
-def scale_of(archive: Archive, variable: Variable, written: str | None, what: str) -> Scale:
+def scale_of(archive: Archive, variable: Any, written: str | None, what: str) -> Scale:
     """How a variable is scaled; ``written`` is the unit that the TOML file gives, or None.
 
     A variable to which the FMU gives no unit is in the SI unit of ``written``. `ParameterError` if
     the FMU's unit measures something else, or there is no such unit.
     """
-    known = archive.units.get(variable.unit)
-    if known is None:
+    unit = stated(variable, "unit")
+    known = [one for one in archive.described.unitDefinitions if one.name == unit]
+    if not known:
         return Scale(_si_unit(_powers(written or "", what), written))
-    powers = known.powers if written is None else _powers(written, what)
-    if {**powers, "rad": 0} != {**known.powers, "rad": 0}:  # exporters need not count the radian
+    base = known[0].baseUnit
+    own = {x: int(getattr(base, x, 0)) for x in ("kg", "m", "s", "A", "K", "mol", "cd", "rad")}
+    own = {name: power for name, power in own.items() if power}
+    powers = own if written is None else _powers(written, what)
+    if {**powers, "rad": 0} != {**own, "rad": 0}:  # exporters need not count the radian
         raise ParameterError(
-            f"{what} must have a unit such as {variable.unit!r}, which the FMU gives it; "
-            f"received {written!r}. Correct the unit."
+            f"{what} must have a unit such as {unit!r}, which the FMU gives it; received "
+            f"{written!r}. Correct the unit."
         )
-    return Scale(_si_unit(powers, written), known.factor, known.offset)
+    scale = (1.0, 0.0) if base is None else (float(base.factor), float(base.offset))
+    return Scale(_si_unit(powers, written), *scale)
 
 
 def _powers(unit: str, what: str) -> dict[str, int]:
@@ -184,3 +122,19 @@ def _si_unit(powers: dict[str, int], written: str | None) -> str:
         if written is not None and to_si(1.0, written, base, "it") == 1.0:
             return spelled_out(written)
     return _usual().get(key) or base
+
+
+def number(text: Any, missing: Any = None) -> Any:
+    """A number of a model description, which are texts."""
+    try:
+        return float(text)
+    except (TypeError, ValueError):
+        return missing
+
+
+def bounds_of(variable: Any, scale: Scale) -> tuple[float, float]:
+    """Bounds of a variable, SI."""
+    return (
+        scale.to_si(number(stated(variable, "min"), -math.inf)),
+        scale.to_si(number(stated(variable, "max"), math.inf)),
+    )

@@ -3,14 +3,14 @@
 import difflib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from ematwin.errors import FileError, ParameterError
-from ematwin.models.fmu.archive import Archive, Scale, Variable, archive_at, scale_of
+from ematwin.errors import ParameterError
+from ematwin.models.fmu.archive import Archive, Scale, bounds_of, number, scale_of
 from ematwin.models.scenario import Finite, Hertz, Seconds
 from ematwin.models.unknown import Times, Unknown
 from ematwin.quantities import parse_quantity, to_si
@@ -95,25 +95,32 @@ class Declared(Table):
     faults: dict[str, Free] = Field(min_length=1)
     nuisances: dict[str, Free] = {}
 
-    def as_text(self) -> str:
+    def as_text(self, **left_out: Any) -> str:
         """The tables as JSON, equal for equal ones."""
-        return json.dumps(self.model_dump(exclude_none=True), sort_keys=True)
+        return json.dumps(self.model_dump(exclude_none=True, exclude=left_out), sort_keys=True)
 
     def simulated(self) -> str:
         """What of them a simulation depends on, as JSON."""
-        left_out: Any = {
-            "fmu": {"file", "sha256", "time_limit"},
-            "nominal": {"__all__": {"unit", "lower", "upper", "drift"}},
-        }
-        return json.dumps(self.model_dump(exclude_none=True, exclude=left_out), sort_keys=True)
+        return self.as_text(
+            fmu={"file", "sha256", "time_limit"},
+            nominal={"__all__": {"unit", "lower", "upper", "drift"}},
+        )
 
-
-class Used(NamedTuple):
-    """A variable of the FMU that the file names, and how its unit is scaled."""
-
-    name: str
-    variable: Variable
-    scale: Scale
+    def named(self) -> Iterator[tuple[str, Any, tuple[str, ...]]]:
+        """Place of each variable, its entry, and the causality that it may have."""
+        yield "inputs.command", self.inputs.command, ("input", "independent")
+        if self.inputs.load is not None:
+            yield "inputs.load", self.inputs.load, ("input",)
+        for name, output in self.outputs.items():
+            yield f"outputs.{name}", output, ("output", "local")
+            if output.start is not None:
+                start = Signal(variable=output.start)
+                yield f"outputs.{name}.start", start, ("parameter", "output", "local")
+        tables: Any = {"nominal": self.nominal, "faults": self.faults, "nuisances": self.nuisances}
+        for table, entries in tables.items():
+            for name, entry in entries.items():
+                if entry.variable is not None:
+                    yield f"{table}.{name}", entry, ("parameter", "input")
 
 
 def declared_in(table: Mapping[str, Any], what: str) -> Declared:
@@ -129,151 +136,137 @@ def declared_in(table: Mapping[str, Any], what: str) -> Declared:
             raise ParameterError(
                 f"{what}: {name!r} must be a name of letters, digits and underscores; correct it."
             )
-    twice = [name for name in named if named.count(name) > 1]
-    if twice or {"time", "command", "load"} & {*found.outputs, *named}:
+    if len({*named}) < len(named) or {"time", "command", "load"} & {*found.outputs, *named}:
         raise ParameterError(
             f"{what}: faults and nuisances must have different names, and time, command and load "
             f"are no names for them or for outputs, received {', '.join([*found.outputs, *named])}."
         )
-    file = Path(what).parent / found.fmu.file
-    return found.model_copy(
-        update={"fmu": found.fmu.model_copy(update={"file": str(file.absolute())})}
-    )
+    file = (Path(what).parent / found.fmu.file).absolute()
+    return found.model_copy(update={"fmu": found.fmu.model_copy(update={"file": str(file)})})
 
 
-class Described:
-    """The declared variables as the FMU has them: references, scales, bounds."""
+class Used(NamedTuple):
+    """A variable of the FMU that the file names, how its unit is scaled, and bounds, SI."""
 
-    def __init__(self, declared: Declared, what: str) -> None:
-        self._what = what
-        self.archive: Archive = archive_at(Path(declared.fmu.file))
-        if declared.fmu.sha256 not in (None, self.archive.digest):
-            raise FileError(
-                f"{self.archive.path} is not the FMU for which {what} was written: it has changed "
-                "since. Calibrate anew, or remove sha256 from the file."
-            )
-        self._places: dict[str, str] = {}  # by variable
-        self.channels: dict[str, Used] = {}  # inputs first
-        for name, one in declared.inputs:
-            if one is not None:
-                causes = ("input", "independent") if name == "command" else ("input",)
-                self.channels[name] = self._found(one, f"inputs.{name}", causes)
-        self.starts: dict[str, Used] = {}  # by output, what sets its first value
-        self.noise: dict[str, float] = {}  # by output, standard deviation of its sensor, SI
-        for name, output in declared.outputs.items():
-            place = f"outputs.{name}"
-            self.channels[name] = self._found(output, place, ("output", "local"))
-            if output.start is not None:
-                self.starts[name] = self._found(
-                    Signal(variable=output.start), f"{place}.start",
-                    ("parameter", "output", "local"), shared=True,
-                )  # fmt: skip
-            if output.noise is not None:
-                unit = self.channels[name].scale.unit
-                self.noise[name] = _deviation(output.noise, unit, f"{what}: {place}.noise")
-        # by place of a parameter or name of an unknown, the variables that a candidate sets
-        self.settings: dict[str, Used] = {}
-        self.bounds: dict[str, tuple[float, float]] = {}  # of each parameter, SI
-        for name, parameter in declared.nominal.items():
-            place = f"nominal.{name}"
-            self.settings[place] = self._found(parameter, place, ("parameter", "input"))
-            self.bounds[name] = self._bounds(parameter, self.settings[place], place)
-        # of each parameter, the faults that multiply it
-        self.factors: dict[str, list[str]] = {name: [] for name in declared.nominal}
-        self.unknowns = tuple(
-            (self._variable if free.times is None else self._factor)(name, free, role)
-            for role, group in (("fault", declared.faults), ("nuisance", declared.nuisances))
-            for name, free in group.items()
-        )
+    variable: Any  # of FMPy
+    scale: Scale
+    meaning: str
+    lower: float
+    upper: float
 
-    def _found(
-        self, one: Signal, place: str, causes: tuple[str, ...], shared: bool = False
-    ) -> Used:
-        """A variable of the FMU and its scale."""
-        what = f"{self._what}: {place}"
-        found = self.archive.variables.get(one.variable)
-        if found is None:
-            close = difflib.get_close_matches(one.variable, self.archive.variables, n=1)
+
+def used_by(declared: Declared, archive: Archive, what: str) -> dict[str, Used]:
+    """The variables that a file names, by their place in it.
+
+    `ParameterError` if the FMU has no such variable, or its unit or bounds are others.
+    """
+    found: dict[str, Used] = {}
+    places: dict[str, str] = {}  # by variable
+    for place, entry, causes in declared.named():
+        name = entry.variable
+        variable = archive.variables.get(name)
+        if variable is None:
+            close = difflib.get_close_matches(name, archive.variables, n=1)
             hint = f" Did you mean {close[0]}?" if close else ""
             raise ParameterError(
-                f"{what} names a variable {one.variable!r}, which {self.archive.path.name} does "
-                f"not have.{hint}"
+                f"{what}: {place} names a variable {name!r}, which {archive.path.name} does not "
+                f"have.{hint}"
             )
-        if found.causality not in causes or not found.is_real:
+        is_real = variable.type in ("Real", "Float64") and not variable.dimensions
+        causality = variable.causality or "local"
+        if causality not in causes or not is_real:
             raise ParameterError(
-                f"{what} must be a real {' or '.join(causes)} of the FMU, and {one.variable} is "
-                f"{'a' if found.is_real else 'no real'} {found.causality}; name another variable."
+                f"{what}: {place} must be a real {' or '.join(causes)} of the FMU, and {name} is "
+                f"{'a' if is_real else 'no real'} {causality}; name another variable."
             )
-        if not shared and self._places.setdefault(one.variable, place) != place:
+        if not place.endswith(".start") and places.setdefault(name, place) != place:
             raise ParameterError(
-                f"{what} and {self._places[one.variable]} are one variable, {one.variable}; a "
-                'fault that changes a parameter is stated by times = "parameter".'
+                f"{what}: {place} and {places[name]} are one variable, {name}; a fault that "
+                'changes a parameter is stated by times = "parameter".'
             )
-        return Used(one.variable, found, scale_of(self.archive, found, one.unit, what))
+        scale = scale_of(archive, variable, entry.unit, f"{what}: {place}")
+        bounds = _bounds(entry, bounds_of(variable, scale), scale.unit, place, what)
+        meaning = entry.meaning or variable.description or name
+        found[place] = Used(variable, scale, meaning, *bounds)
+    return found
 
-    def _bounds(self, one: Any, used: Used, place: str) -> tuple[float, float]:
-        """Bounds of a parameter or unknown, SI; from the FMU if the file gives none."""
-        (_, variable, scale), found = used, []
-        for side, sign in (("lower", -1.0), ("upper", 1.0)):
-            own, limit = getattr(one, side), scale.to_si(getattr(variable, side))
-            value = limit if own is None else to_si(own, one.unit or scale.unit, scale.unit, place)
-            if sign * (value - limit) > 1e-9 * abs(limit):  # units are converted
+
+def _bounds(
+    entry: Any, limits: tuple[float, float], si_unit: str, place: str, what: str
+) -> tuple[float, float]:
+    """Bounds of an entry, SI: those of the FMU (``limits``) if it gives none."""
+    found = []
+    for side, limit, sign in zip(("lower", "upper"), limits, (-1.0, 1.0), strict=True):
+        own = getattr(entry, side, None)
+        value = limit if own is None else to_si(own, entry.unit or si_unit, si_unit, place)
+        if sign * (value - limit) > 1e-9 * abs(limit):  # units are converted
+            raise ParameterError(
+                f"{what}: the {side} bound of {place} is {in_unit(f'{value:g}', si_unit)} and the "
+                f"FMU allows {in_unit(f'{limit:g}', si_unit)}; bring it within."
+            )
+        found.append(value)
+    return found[0], found[1]
+
+
+def unknowns_of(declared: Declared, used: Mapping[str, Used], what: str) -> tuple[Unknown, ...]:
+    """Faults and nuisances of a file, in its order."""
+    found = []
+    for role, entries in (("fault", declared.faults), ("nuisance", declared.nuisances)):
+        for name, entry in entries.items():
+            place = f"{role}s.{name}"
+            if entry.times is not None:
+                found.append(_factor(name, entry, role, declared, used, f"{what}: {place}"))
+            elif entry.variable is not None:
+                found.append(_variable(name, entry, role, used[place], f"{what}: {place}"))
+            else:
                 raise ParameterError(
-                    f"{self._what}: the {side} bound of {place} is "
-                    f"{in_unit(f'{value:g}', scale.unit)} and the FMU allows "
-                    f"{in_unit(f'{limit:g}', scale.unit)}; bring it within."
+                    f'{what}: {place} needs variable = "..." of the FMU, or times = "..." of a '
+                    "parameter; give one of them."
                 )
-            found.append(value)
-        return found[0], found[1]
-
-    def _factor(self, name: str, one: Free, role: Any) -> Unknown:
-        """A factor on a parameter."""
-        if one.times not in self.factors or one.unit or one.variable:
-            raise ParameterError(
-                f"{self._what}: {role}s.{name} must multiply one of the parameters "
-                f"{', '.join(self.factors)}, and has no unit and no variable; correct it."
-            )
-        self.factors[one.times].append(name)
-        return Unknown(
-            name, "", one.meaning or f"factor on {one.times}",
-            1.0 if one.healthy is None else one.healthy, 0.25 if one.lower is None else one.lower,
-            4.0 if one.upper is None else one.upper, role, spread=one.spread,
-            logarithmic=one.logarithmic is not False,
-            physical_unit=self.settings[f"nominal.{one.times}"].scale.unit,
-            physical=Times(f"nominal.{one.times}"),
-        )  # fmt: skip
-
-    def _variable(self, name: str, one: Free, role: Any) -> Unknown:
-        """A variable of the FMU."""
-        place = f"{role}s.{name}"
-        if one.variable is None:
-            raise ParameterError(
-                f'{self._what}: {place} needs variable = "..." of the FMU, or times = "..." of a '
-                "parameter; give one of them."
-            )
-        signal = Signal(variable=one.variable, unit=one.unit)
-        used = self.settings[name] = self._found(signal, place, ("parameter", "input"))
-        variable, scale = used.variable, used.scale
-        lower, upper = self._bounds(one, used, place)
-        if not (lower < upper and math.isfinite(upper - lower)):
-            raise ParameterError(
-                f"{self._what}: {place} needs a finite range, received [{lower:g}, {upper:g}] "
-                f"{scale.unit}; state lower and upper."
-            )
-        if one.healthy is not None:
-            healthy = to_si(one.healthy, one.unit or scale.unit, scale.unit, place)
-        else:
-            healthy = 0.0 if variable.start is None else scale.to_si(variable.start)
-        spread = None
-        if one.spread is not None:
-            spread = _deviation(f"{one.spread} {one.unit or scale.unit}", scale.unit, place)
-        return Unknown(
-            name, scale.unit, one.meaning or variable.meaning, healthy, lower, upper, role,
-            spread=spread, logarithmic=bool(one.logarithmic),
-        )  # fmt: skip
+    return tuple(found)
 
 
-def _deviation(given: float | str, unit: str, what: str) -> float:
+def _factor(
+    name: str, one: Free, role: Any, declared: Declared, used: Mapping[str, Used], what: str
+) -> Unknown:
+    if one.times not in declared.nominal or one.unit or one.variable:
+        raise ParameterError(
+            f"{what} must multiply one of the parameters {', '.join(declared.nominal)}, and has no "
+            "unit and no variable; correct it."
+        )
+    place = f"nominal.{one.times}"
+    healthy, lower, upper = (
+        usual if value is None else value
+        for value, usual in ((one.healthy, 1.0), (one.lower, 0.25), (one.upper, 4.0))
+    )
+    return Unknown(
+        name, "", one.meaning or f"factor on {one.times}", healthy, lower, upper, role,
+        spread=one.spread, logarithmic=one.logarithmic is not False,
+        physical_unit=used[place].scale.unit, physical=Times(place),
+    )  # fmt: skip
+
+
+def _variable(name: str, one: Free, role: Any, used: Used, what: str) -> Unknown:
+    _, scale, meaning, lower, upper = used
+    own = one.unit or scale.unit
+    if not (lower < upper and math.isfinite(upper - lower)):
+        raise ParameterError(
+            f"{what} needs a finite range, received [{lower:g}, {upper:g}] {scale.unit}; state "
+            "lower and upper."
+        )
+    if one.healthy is not None:
+        healthy = to_si(one.healthy, own, scale.unit, what)
+    else:
+        start = number(used.variable.start)
+        healthy = 0.0 if start is None else scale.to_si(start)
+    spread = None if one.spread is None else deviation(f"{one.spread} {own}", scale.unit, what)
+    return Unknown(
+        name, scale.unit, meaning, healthy, lower, upper, role, spread=spread,
+        logarithmic=bool(one.logarithmic),
+    )  # fmt: skip
+
+
+def deviation(given: float | str, unit: str, what: str) -> float:
     """A standard deviation in SI, of whichever unit: 1 degC is 1 K."""
     if isinstance(given, str):
         own = given.strip().partition(" ")[2]

@@ -6,6 +6,7 @@ docs/fmu-import.md shows the file. One instance of `FmuModel` stands for one suc
 import hashlib
 import json
 import math
+import os
 from collections.abc import Mapping
 from functools import cache, cached_property
 from pathlib import Path
@@ -14,11 +15,20 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import create_model
 
-from ematwin.errors import DivergedError, ParameterError
+from ematwin.errors import DivergedError, FileError, ParameterError
 from ematwin.models.base import Model, Values
 from ematwin.models.comparison import Candidates
-from ematwin.models.fmu.declared import ENTRY, TABLES, Declared, Described, declared_in
-from ematwin.models.fmu.pool import pool_of
+from ematwin.models.fmu.archive import archive_at, number
+from ematwin.models.fmu.declared import (
+    ENTRY,
+    TABLES,
+    Declared,
+    declared_in,
+    deviation,
+    unknowns_of,
+    used_by,
+)
+from ematwin.models.fmu.pool import Pool, pool_of
 from ematwin.models.parameter_set import ParameterSet, Section, quantity
 from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import Alias, Unknown
@@ -38,39 +48,32 @@ class FmuActuator(ParameterSet):
     @classmethod
     def from_dict(cls, table: dict[str, Any], what: str = "actuator") -> Any:
         """An actuator from the content of a parameter file."""
-        entries = table.get("nominal", {})
         plain = {
             name: {key: one for key, one in entry.items() if key in ENTRY}
-            for name, entry in entries.items()
+            for name, entry in table.get("nominal", {}).items()
         }
         return super().from_dict({**table, "nominal": plain}, what)
-
-    @classmethod
-    def shipped(cls) -> dict[str, Path]:
-        """None: each file states another kind."""
-        return {}
 
     def as_table(self, sources: Mapping[str, str] | None = None) -> dict[str, Any]:
         """Contents of its parameter file; the path of the FMU is absolute."""
         table, own = super().as_table(sources), type(self).own_model
         stated = own.declared.model_dump(exclude_none=True, exclude_unset=True)
         for name, parameter in stated.pop("nominal").items():
-            bounds = zip(("lower", "upper"), own.described.bounds[name], strict=True)
-            in_si = {side: value for side, value in bounds if side in parameter}
+            used = own.used[f"nominal.{name}"]
+            in_si = {side: getattr(used, side) for side in ("lower", "upper") if side in parameter}
             table["nominal"][name] = {**parameter, **in_si, **table["nominal"][name]}
-        stated["fmu"] |= {"sha256": own.described.archive.digest}
+        stated["fmu"] |= {"sha256": own.archive.digest}
         return table | stated
 
     @cached_property
     def fingerprint(self) -> str:
         """Hash of the values, of the file's declaration of the FMU, and of the FMU."""
         own = type(self).own_model
-        stated = own.declared.simulated()
-        parts = super().fingerprint, stated, own.described.archive.digest
+        parts = super().fingerprint, own.declared.simulated(), own.archive.digest
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
 
     def __reduce__(self) -> Any:
-        return _actuator, (*type(self).own_model.identity, self.as_table())
+        return _actuator, (type(self).own_model, self.as_table())
 
 
 class FmuModel(Model):
@@ -85,15 +88,33 @@ class FmuModel(Model):
     def __init__(self, declared: Declared | None = None, what: str = "") -> None:
         if declared is None:
             return
-        self.declared, self.described = declared, Described(declared, what)
-        archive = self.described.archive
-        self.identity = declared.as_text(), archive.digest
+        self.declared, self.archive = declared, archive_at(Path(declared.fmu.file))
+        if declared.fmu.sha256 not in (None, self.archive.digest):
+            raise FileError(
+                f"{self.archive.path} is not the FMU for which {what} was written: it has changed "
+                "since. Calibrate anew, or remove sha256 from the file."
+            )
+        self.identity = declared.as_text(), self.archive.digest, what
+        self.used = used_by(declared, self.archive, what)
+        self._unknowns = unknowns_of(declared, self.used, what)
+        self._noise = {
+            name: deviation(one.noise, self.used[f"outputs.{name}"].scale.unit, f"{what}: {name}")
+            for name, one in declared.outputs.items()
+            if one.noise is not None
+        }
+        self._signals = {  # inputs and outputs by channel
+            place.partition(".")[2]: one
+            for place, one in self.used.items()
+            if place.startswith(("inputs.", "outputs.")) and not place.endswith(".start")
+        }
+        experiment = self.archive.described.defaultExperiment
+        usual = number(getattr(experiment, "stepSize", None)) or 1e-3  # s
         own: dict[str, Any] = {  # of this file, where a kind in Python has them in its class
-            "title": f"FMU {archive.path.name}",
-            "channels": tuple(self._channel(name) for name in self.described.channels),
+            "title": f"FMU {self.archive.path.name}",
+            "channels": tuple(map(self._channel, self._signals)),
             "load": None if declared.inputs.load is None else "load",
-            "sample_rate": declared.fmu.sample_rate or 1.0 / (archive.step_size or 1e-3),
-            "parameters": _class_of(self),
+            "sample_rate": declared.fmu.sample_rate or 1.0 / usual,
+            "parameters": self._parameters(),
         }
         vars(self).update(own)
 
@@ -103,140 +124,152 @@ class FmuModel(Model):
     def of_file(self, table: Mapping[str, Any], what: str) -> "FmuModel":
         """The model of a parameter file."""
         declared = declared_in(table, what)
-        found = Described(declared, what)
-        return _model(declared.as_text(), found.archive.digest)
+        return _model(declared.as_text(), archive_at(Path(declared.fmu.file)).digest, what)
 
     def _channel(self, name: str) -> Channel:
-        _, variable, scale = self.described.channels[name]
-        stated = getattr(self.declared.inputs, name, None) or self.declared.outputs[name]
-        meaning = stated.meaning or variable.meaning
-        if variable.causality == "independent":  # an FMU that moves by itself
+        used = self._signals[name]
+        if used.variable.causality == "independent":  # an FMU that moves by itself
             of_time = Derivation("time", ("time",), lambda time: time - time[0])
-            return Channel(name, "s", meaning, derived=of_time)
-        return Channel(name, scale.unit, meaning)
+            return Channel(name, "s", used.meaning, derived=of_time)
+        return Channel(name, used.scale.unit, used.meaning)
+
+    def _parameters(self) -> type[FmuActuator]:
+        """The class of the parameter sets of this file."""
+        fields: dict[str, Any] = {}
+        for name, stated in self.declared.nominal.items():
+            used = self.used[f"nominal.{name}"]
+            drift = None if stated.drift is None else parse_share(stated.drift, f"drift of {name}")
+            bounds = {"ge": used.lower, "le": used.upper}
+            limits: Any = {rule: value for rule, value in bounds.items() if math.isfinite(value)}
+            fields[name] = float, quantity(used.scale.unit, used.meaning, drift=drift, **limits)
+        section = create_model("Nominal", __base__=Section, __doc__="Parameters.", **fields)
+        made: type[FmuActuator] = create_model(
+            "FmuActuator", __base__=FmuActuator, nominal=(section, ...)
+        )
+        made.own_model = self
+        return made
 
     def unknowns(self, actuator: Any) -> tuple[Unknown, ...]:
         """Faults and nuisances of the file."""
-        return self.described.unknowns
+        return self._unknowns
+
+    def _factors(self, parameter: str) -> list[str]:
+        """Names of the unknowns that multiply a parameter."""
+        free = {**self.declared.faults, **self.declared.nuisances}
+        return [name for name, one in free.items() if one.times == parameter]
 
     def aliases(self, actuator: Any, values: Values) -> list[Alias]:
         """Faults that multiply a parameter: exact where both are searched by logarithms."""
-        logarithmic = {one.name for one in self.described.unknowns if one.logarithmic}
+        logarithmic = {one.name for one in self._unknowns if one.logarithmic}
+        factors = {f"nominal.{name}": self._factors(name) for name in self.declared.nominal}
         return [
-            Alias(f"nominal.{name}", dict.fromkeys(faults, 1.0))
-            for name, faults in self.described.factors.items()
-            if faults and logarithmic >= set(faults) and actuator.value(f"nominal.{name}") > 0.0
+            Alias(place, dict.fromkeys(names, 1.0))
+            for place, names in factors.items()
+            if names and logarithmic >= set(names) and actuator.value(place) > 0.0
         ]
 
     def noise(self, actuator: Any, recording: Recording) -> dict[str, float]:
         """Noise stated in the file, SI; else a twentieth of the RMS of the channel."""
         usual = super().noise(actuator, recording)
-        return {name: self.described.noise.get(name, value) for name, value in usual.items()}
+        return {name: self._noise.get(name, value) for name, value in usual.items()}
 
     def scenarios(self) -> dict[str, Path]:
         """Those in the folder ``scenarios`` beside the FMU."""
-        if not hasattr(self, "described"):
+        if not hasattr(self, "archive"):
             return {}
-        folder = self.described.archive.path.parent / "scenarios"
+        folder = self.archive.path.parent / "scenarios"
         return {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
     def respond(
         self, actuator: Any, inputs: Recording, candidates: Candidates, count: int
     ) -> dict[str, np.ndarray]:
-        """Outputs of each candidate, (B, S) arrays, SI; NaN from where the FMU failed."""
-        described, declared = self.described, self.declared
-        settings = self._settings(actuator, candidates, count)
-        sound = np.isfinite(settings).all(axis=1)
-        samples = np.full((count, len(inputs), len(declared.outputs)), np.nan)
-        if sound.any():
-            pool, limit = pool_of(described.archive), declared.fmu.time_limit
-            samples[sound] = pool.run(self._drive(inputs), settings[sound], limit)
+        """Outputs of each candidate, (B, S) arrays, SI; NaN from where the FMU ended or failed."""
+        settings = self._settings(actuator, inputs, candidates, count)
+        used = [self.used[place] for place in settings]
+        values = np.stack(
+            [one.scale.from_si(x) for one, x in zip(used, settings.values(), strict=True)]
+        )
+        sound = np.flatnonzero(np.isfinite(values).all(axis=0))
+        found = np.full((count, len(inputs), len(self.declared.outputs)), np.nan)
+        if sound.size:
+            task = {"settings": [one.variable.valueReference for one in used], **self._task(inputs)}
+            tasks = [{**task, "values": values[:, n].tolist()} for n in sound]
+            names = [one.variable.name for one in used]
+            found[sound] = self._pool().run(tasks, names, self.declared.fmu.time_limit)
         return {
-            name: described.channels[name].scale.to_si(samples[:, :, n])
-            for n, name in enumerate(declared.outputs)
+            name: self._signals[name].scale.to_si(found[:, :, n])
+            for n, name in enumerate(self.declared.outputs)
         }
 
     def simulate(
         self, actuator: Any, scenario: Scenario, values: Values, **options: Any
     ) -> Recording:
         """The response to a scenario; a failure cites the message of the FMU."""
-        pool = pool_of(self.described.archive)
+        pool = self._pool()
         pool.said = ""
         try:
             return super().simulate(actuator, scenario, values, **options)
         except DivergedError as error:
             raise DivergedError(f"{error} The FMU says: {pool.said or 'nothing'}.") from None
 
-    def _settings(self, actuator: Any, candidates: Candidates, count: int) -> np.ndarray:
-        """Values (B, P) of all variables that are set, in the units of the FMU."""
-        values = {**self.healthy(actuator), **candidates}
-        varied = actuator.varied(candidates)
-        found = []
-        for name, one in self.described.settings.items():
-            head, _, parameter = name.partition(".")
-            value: Any = getattr(varied.nominal, parameter) if parameter else values[head]
-            for factor in self.described.factors.get(parameter, ()):
-                value = value * values[factor]
-            found.append(np.broadcast_to(one.scale.from_si(np.asarray(value, float)), count))
-        return np.stack(found, axis=1)
+    def _pool(self) -> Pool:
+        return pool_of(self.archive.path, self.archive.digest, os.getpid())
 
-    def _drive(self, inputs: Recording) -> dict[str, Any]:
-        """The drive by which a worker follows a recording (`worker.Instance.run`)."""
-        channels, settings = self.described.channels, self.described.settings
-        driven = [
-            (name, channels[name])
-            for name in ("command", "load")
-            if name in channels and channels[name].variable.causality == "input"
-        ]
-        starts = [(n, one) for n, one in self.described.starts.items() if n in inputs.channels]
-        step = self.declared.fmu.step or math.inf
+    def _settings(
+        self, actuator: Any, inputs: Recording, candidates: Candidates, count: int
+    ) -> dict[str, np.ndarray]:
+        """Values (B,), SI, of all that is set before a run, by place."""
+        values: dict[str, Any] = {**self.healthy(actuator), **candidates}
+        varied, found = actuator.varied(candidates), {}
+        for place in self.used:
+            table, name, *start = place.split(".")
+            if table == "nominal":
+                value = getattr(varied.nominal, name)
+                for factor in self._factors(name):
+                    value = value * values[factor]
+            elif table in ("faults", "nuisances"):
+                value = values[name]
+            elif start and name in inputs.channels:
+                value = inputs.channels[name][0]
+            else:
+                continue
+            found[place] = np.broadcast_to(np.asarray(value, float), count)
+        return found
+
+    def _task(self, inputs: Recording) -> dict[str, Any]:
+        """How a worker follows a recording (`worker.follow`)."""
+        driven = {
+            name: one
+            for name, one in self._signals.items()
+            if name in ("command", "load") and one.variable.causality == "input"
+        }
         given = np.empty((len(inputs), len(driven)))
-        for n, (name, one) in enumerate(driven):
+        for n, (name, one) in enumerate(driven.items()):
             recorded = inputs.channels.get(name, np.zeros(len(inputs)))  # a load may be missing
             given[:, n] = one.scale.from_si(recorded)
+        longest = self.declared.fmu.step or math.inf
         return {
-            "names": [one.name for one in settings.values()],
-            "settings": [one.variable.reference for one in settings.values()],
-            "starts": [one.variable.reference for _, one in starts],
-            "start_values": [one.scale.from_si(inputs.channels[n][0]) for n, one in starts],
-            "inputs": [one.variable.reference for _, one in driven],
-            "given": given,
-            "outputs": [channels[name].variable.reference for name in self.declared.outputs],
+            "inputs": [one.variable.valueReference for one in driven.values()], "given": given,
+            "outputs": [
+                self._signals[name].variable.valueReference for name in self.declared.outputs
+            ],
             "interval": inputs.interval,
-            "substeps": max(1, math.ceil(inputs.interval / step - 1e-9)),
-        }
+            "substeps": max(1, math.ceil(inputs.interval / longest - 1e-9)),
+        }  # fmt: skip
 
 
 @cache
-def _model(text: str, digest: str) -> FmuModel:
+def _model(text: str, digest: str, what: str) -> FmuModel:
     """The model of a file and an FMU, one in each process."""
     declared = Declared.model_validate(json.loads(text))
-    found = FmuModel(declared, f"the file of {Path(declared.fmu.file).name}")
-    if found.described.archive.digest != digest:
+    found = FmuModel(declared, what)
+    if found.archive.digest != digest:
         raise ParameterError(f"{declared.fmu.file} has changed; load the actuator again.")
     return found
 
 
-def _actuator(text: str, digest: str, table: dict[str, Any]) -> Any:
-    return _model(text, digest).parameters.from_dict(table)
-
-
-def _class_of(model: FmuModel) -> type[FmuActuator]:
-    """The class of the parameter sets of one file."""
-    fields: dict[str, Any] = {}
-    for name, limits in model.described.bounds.items():
-        stated = model.declared.nominal[name]
-        _, variable, scale = model.described.settings[f"nominal.{name}"]
-        drift = None if stated.drift is None else parse_share(stated.drift, f"drift of {name}")
-        more: Any = {k: x for k, x in zip(("ge", "le"), limits, strict=True) if math.isfinite(x)}
-        meaning = stated.meaning or variable.meaning
-        fields[name] = float, quantity(scale.unit, meaning, drift=drift, **more)
-    section = create_model("Nominal", __base__=Section, __doc__="Parameters.", **fields)
-    made: type[FmuActuator] = create_model(
-        "FmuActuator", __base__=FmuActuator, nominal=(section, ...)
-    )
-    made.own_model = model
-    return made
+def _actuator(model: FmuModel, table: dict[str, Any]) -> Any:
+    return model.parameters.from_dict(table)
 
 
 MODEL = FmuModel()

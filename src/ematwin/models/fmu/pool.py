@@ -3,7 +3,6 @@
 A worker that crashes or hangs is ended and replaced; its run costs an error of one sentence.
 """
 
-import atexit
 import os
 import pickle
 import queue
@@ -12,150 +11,108 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
+import weakref
 from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ematwin.errors import EmatwinError
-from ematwin.models.fmu.archive import Archive
 from ematwin.numerics.side_by_side import cores, side_by_side
 
 _PROGRAM = Path(__file__).with_name("worker.py")
-
-
-class Worker:
-    """A process with one instance of an FMU; started where it is needed."""
-
-    def __init__(self, setup: dict[str, Any], name: str) -> None:
-        self._setup, self._name = setup, name
-        self._process: subprocess.Popen[bytes] | None = None
-
-    def run(
-        self, drive: dict[str, Any], settings: np.ndarray, limit: float
-    ) -> tuple[np.ndarray, str]:
-        """Outputs (S, K) of one candidate, and the FMU's message where it failed."""
-        if self._process is None:
-            self._process = subprocess.Popen(
-                [sys.executable, "-P", str(_PROGRAM)],
-                stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-            )  # fmt: skip
-            self._ask(self._setup, 60.0)  # s: licences and large libraries take their time
-        return self._ask((drive, settings), limit)
-
-    def _ask(self, task: Any, limit: float) -> Any:
-        process: Any = self._process
-        late = threading.Event()
-
-        def end() -> None:
-            late.set()
-            process.kill()
-
-        timer = threading.Timer(limit, end)
-        timer.daemon = True
-        timer.start()
-        try:
-            pickle.dump(task, process.stdin)
-            process.stdin.flush()
-            answer = pickle.load(process.stdout)
-        except (EOFError, OSError, pickle.UnpicklingError):
-            code = self.end(wait=1.0)
-            reason = f"crashed (signal {-code})" if code < 0 else (
-                f"ended its process (status {code})"
-            )  # fmt: skip
-            if late.is_set():
-                reason = f"did not answer within {limit:g} s"
-            raise EmatwinError(f"{self._name} {reason}") from None
-        except BaseException:  # an interrupt leaves an answer in the pipe
-            self.end()
-            raise
-        finally:
-            timer.cancel()
-        if isinstance(answer, str):
-            self.end()
-            raise EmatwinError(f"{self._name} failed: {answer}")
-        return answer
-
-    def end(self, wait: float = 0.0) -> int:
-        """End the process, at once or after ``wait`` s; its exit status."""
-        process: Any = self._process
-        self._process = None
-        if process is None:
-            return 0
-        with suppress(subprocess.TimeoutExpired):
-            process.wait(wait)
-        process.kill()
-        for pipe in (process.stdin, process.stdout):
-            with suppress(OSError):
-                pipe.close()
-        return int(process.wait())
+_NOTHING: Any = object()
 
 
 class Pool:
-    """As many workers as there are cores, for one FMU."""
+    """As many workers as there are cores, for one FMU; each is started where it is needed."""
 
-    def __init__(self, archive: Archive) -> None:
+    def __init__(self, path: Path) -> None:
         from fmpy import extract
 
-        self._folder = tempfile.mkdtemp(prefix="ematwin-fmu-")
-        self.archive, self.said = archive, ""  # last message of the FMU where a run failed
-        setup = {
-            "folder": str(extract(str(archive.path), self._folder)), "is_2": archive.is_2,
-            "guid": archive.guid, "identifier": archive.identifier,
-            "interpolates": archive.interpolates,
-        }  # fmt: skip
-        self._workers = [Worker(setup, archive.path.name) for _ in range(cores())]
-        self._free: queue.LifoQueue[Worker] = queue.LifoQueue()
-        for one in self._workers:
-            self._free.put(one)
-        self._process = os.getpid()
-        atexit.register(self.end)
+        self.said, self._name = "", path.name  # last message of the FMU where a run failed
+        self._folder = extract(str(path), tempfile.mkdtemp(prefix="ematwin-fmu-"))
+        self._running: set[subprocess.Popen[bytes]] = set()
+        self._free: queue.LifoQueue[Any] = queue.LifoQueue()
+        for _ in range(cores()):
+            self._free.put(None)
+        weakref.finalize(self, _end, self._running, self._folder, os.getpid())
 
-    def run(self, drive: dict[str, Any], settings: np.ndarray, limit: float) -> np.ndarray:
-        """Outputs (B, S, K) of candidates (B, P); NaN from the sample on at which one failed.
+    def run(self, tasks: list[dict[str, Any]], names: list[str], limit: float) -> list[np.ndarray]:
+        """Outputs (S, K) for arguments of `worker.follow`; NaN from where an FMU failed.
 
-        `EmatwinError` if the FMU cannot be loaded, crashes, or takes more than ``limit`` s for one.
+        `EmatwinError` if the FMU cannot be loaded, crashes, or takes more than ``limit`` s for one;
+        it has the ``names`` of the settings.
         """
+        return side_by_side(lambda task: self._answer(task, names, limit), tasks, cores())
 
-        def one(n: int) -> np.ndarray:
-            worker = self._free.get()
-            try:
-                rows, said = worker.run(drive, settings[n], limit)
-            except EmatwinError as error:
-                values = zip(drive["names"], settings[n], strict=True)
-                with_ = ", ".join(f"{name} = {value:.6g}" for name, value in values)
-                raise EmatwinError(
-                    f"{error} with {with_}. Repair the FMU, narrow the ranges in its file, or "
-                    "raise time_limit there."
-                ) from None
-            finally:
-                self._free.put(worker)
-            self.said = said or self.said
-            return rows
-
-        return np.stack(side_by_side(one, range(len(settings)), len(self._workers)))
-
-    def end(self) -> None:
-        """End all workers."""
-        if os.getpid() != self._process:  # a fork ends with what its parent still uses
-            return
-        for one in self._workers:
-            one.end()
-        shutil.rmtree(self._folder, ignore_errors=True)
-
-
-_pools: dict[tuple[Path, int], Pool] = {}  # by FMU and process: a fork has its own
-_making = threading.Lock()
+    def _answer(self, task: dict[str, Any], names: list[str], limit: float) -> np.ndarray:
+        worker = self._free.get()
+        try:
+            if worker is None:
+                worker = subprocess.Popen(
+                    [sys.executable, "-P", str(_PROGRAM), self._folder],
+                    stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+                )  # fmt: skip
+                self._running.add(worker)
+                _told(worker, _NOTHING, 60.0)  # s: licences and large libraries take their time
+            rows, said = _told(worker, task, limit)
+        except BaseException as error:  # an interrupt leaves an answer in the pipe
+            _end({worker})
+            self._running.discard(worker)
+            worker = None
+            if not isinstance(error, EmatwinError):
+                raise
+            values = zip(names, task["values"], strict=True)
+            with_ = ", ".join(f"{name} = {value:.6g}" for name, value in values)
+            raise EmatwinError(
+                f"{self._name} {error} with {with_}. Repair the FMU, narrow the ranges in its "
+                "file, or raise time_limit there."
+            ) from None
+        finally:
+            self._free.put(worker)
+        self.said = said or self.said
+        return np.asarray(rows)
 
 
-def pool_of(archive: Archive) -> Pool:
-    """The workers of an FMU in this process; workers of an FMU replaced on disk are ended."""
-    with _making:
-        key = archive.path, os.getpid()
-        found = _pools.get(key)
-        if found is None or found.archive.digest != archive.digest:
-            if found is not None:
-                found.end()
-            found = _pools[key] = Pool(archive)
-        return found
+def _told(worker: Any, task: Any, limit: float) -> Any:
+    """The answer of a worker to a task, or to nothing."""
+    begun, timer = time.monotonic(), threading.Timer(limit, worker.kill)
+    timer.daemon = True
+    timer.start()
+    try:
+        if task is not _NOTHING:
+            pickle.dump(task, worker.stdin)
+            worker.stdin.flush()
+        answer = pickle.load(worker.stdout)
+    except (EOFError, OSError, pickle.UnpicklingError):
+        code = worker.wait()
+        if time.monotonic() - begun >= limit:
+            raise EmatwinError(f"did not answer within {limit:g} s") from None
+        how = f"crashed (signal {-code})" if code < 0 else f"ended its process (status {code})"
+        raise EmatwinError(how) from None
+    finally:
+        timer.cancel()
+    if isinstance(answer, str):
+        raise EmatwinError(f"failed: {answer}")
+    return answer
+
+
+def _end(workers: set[Any], folder: str = "", process: int = 0) -> None:
+    """End some workers, and remove their folder; not those of a parent from which this forked."""
+    if process and os.getpid() != process:
+        return
+    for worker in workers:
+        with suppress(OSError), worker:
+            worker.kill()
+    if folder:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+@lru_cache(maxsize=8)
+def pool_of(path: Path, digest: str, process: int) -> Pool:
+    """The workers of an FMU in this process; those of an FMU replaced on disk end in time."""
+    return Pool(path)
