@@ -97,11 +97,11 @@ class FmuModel(Model):
         self.identity = declared.as_text(), self.archive.digest, what
         self.used = used_by(declared, self.archive, what)
         self._unknowns = unknowns_of(declared, self.used, what)
-        self._noise = {
-            name: deviation(one.noise, self.used[f"outputs.{name}"].scale.unit, f"{what}: {name}")
-            for name, one in declared.outputs.items()
-            if one.noise is not None
-        }
+        self._noise = {}
+        for name, output in declared.outputs.items():
+            if output.noise is not None:
+                unit, place = self.used[f"outputs.{name}"].scale.unit, f"outputs.{name}.noise"
+                self._noise[name] = deviation(output.noise, unit, f"{what}: {place}")
         self._signals = {  # inputs and outputs by channel
             place.partition(".")[2]: one
             for place, one in self.used.items()
