@@ -78,7 +78,9 @@ class MotionFit:
         ends = np.cumsum(self._counts).tolist()
         self._parts = [slice(a, b) for a, b in zip([0, *ends], ends, strict=False)]
         self._known = [known.get(one.name) for one in every]
-        alike = [one.equation.alike(actuator) for one in every]
+        # an error of the equations is the same in each recording: no mean of several makes it less
+        many = math.sqrt(len(problem.comparisons))
+        alike = [many * one.equation.alike(actuator) for one in every]
         # what noise and their own errors leave of equations, before a fit
         self._remainders = [
             before or Remainder(0.0, one.least(actuator) * one.size, share * one.size, 1.0)

@@ -89,7 +89,8 @@ class BldcComparison(Comparison):
         }
         if actuator.integrates:
             unseen |= {table.HELD}
-        if unseen and recording.motor_position is not None and recording.output_position is None:
+        shows_rotor = self.unplaced or recording.motor_position is not None
+        if unseen and shows_rotor and recording.output_position is None:
             unseen |= {table.ZERO}
         self.unseen = frozenset(unseen)
         self.ignores = frozenset(table.POWER) | ({table.HELD, table.ZERO} - self.unseen)

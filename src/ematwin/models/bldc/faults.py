@@ -78,7 +78,7 @@ UNKNOWNS = (
 FAULTS = tuple(one.name for one in UNKNOWNS)
 LOAD = ("load_gain", "load_offset")  # corrections of the recorded load
 HELD = "integral"  # A, of the speed loop's demand
-ZERO = "output_zero"  # rad on the motor shaft, of an output that was not recorded
+ZERO = "output_zero"  # rad on the motor shaft, of command and output beside the motor
 POWER = ("power_gain", "power_offset", "voltage_drop")  # of the recorded power
 SENSOR = ("skew", "current_gain", "current_offset", *POWER)  # what sensors make of the answer
 
@@ -107,7 +107,7 @@ def nuisances(actuator: Any) -> tuple[Unknown, ...]:
         nuisance("current_gain", "", "gain of the current sensor", 1.0, 0.1, 0.01),
         nuisance("current_offset", "A", "offset of the current sensor", 0.0, 20 * current, current),
         nuisance(HELD, "A", "of the speed loop's integral term at first", 0.0, limit, 0.5 * limit),
-        nuisance(ZERO, "rad", "angle of the output beside the motor at first", 0.0, 20 * gap, gap),
+        nuisance(ZERO, "rad", "zero of command and output beside the motor's", 0.0, 20 * gap, gap),
         nuisance("power_gain", "", "recorded over actual electrical power", 1.0, 0.2, 0.005),
         nuisance("power_offset", "W", "power beside that of the motor", 0.0, 20 * power, power),
         nuisance("voltage_drop", "V", "voltage lost in the drive", 0.0, 10.0, 1.0),

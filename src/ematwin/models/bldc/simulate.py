@@ -170,7 +170,10 @@ def reference_answer(
     load = np.interp(grid.time - values.get("skew", 0.0), time, load)
     load = values.get("load_gain", 1.0) * load + values.get("load_offset", 0.0)
     faults = np.array([values.get(one.name, one.healthy) for one in UNKNOWNS])
-    command = np.interp(grid.time, time, recording.command) * ratio - values.get(ZERO, 0.0)
+    zero = values.get(ZERO, 0.0)
+    command = np.interp(grid.time, time, recording.command) * ratio - zero
+    if recording.motor_position is None:  # it stands where the output is
+        start = start - zero * np.array([0.0, 0.0, 1.0, 0.0, 1.0])
     columns = simulated(
         "reference", faults, command, load / ratio, start, actuator, grid,
         count_offset=drawn, first_sample=recording.first_sample,
