@@ -6,6 +6,7 @@ from typing import Any
 
 import h5py
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -244,6 +245,15 @@ def test_clock_times_of_a_zone_keep_it(tmp_path: Path) -> None:
     rows = [f"2026-11-21T08:00:00.{n:03d}Z;{n};{n}" for n in range(1, 50)]
     (tmp_path / "run.csv").write_text("\n".join(["t;cmd;i", *rows, ""]))
     assert read(tmp_path / "run.csv").start == BEGAN.replace(tzinfo=UTC)
+
+
+def test_missing_clock_times_are_missing_times() -> None:
+    frame = pd.DataFrame({"t": pd.date_range("2026-11-21", periods=50, freq="ms"), "cmd": 0.0})
+    frame["i"] = np.arange(50.0)
+    assert read(frame).sample_rate == pytest.approx(1000.0)
+    frame.loc[[0, 7], "t"] = pd.NaT
+    with pytest.raises(RecordError, match="time is NaN or infinite in 2 samples"):
+        read(frame)
 
 
 def test_formats_with_a_start_state_it(tmp_path: Path) -> None:

@@ -135,6 +135,9 @@ def test_matlab_matrices_and_structures_in_lists(tmp_path: Path) -> None:
             "Soll": np.rint(1e5 * CHANNELS["command"]).astype(np.int16),
         },
     )
+    with open_file(path) as file:
+        columns = [f"out.signals.values[{n}]" for n in range(3)]
+        assert file.names == (*columns, "out.time", "Soll")
     table = {f"i_{k}": f"out.signals.values[{n}]" for n, k in enumerate("abc")}
     record = ematwin.read(path, {**table, "cmd": {"channel": "Soll", "scale": 1e-5}})
     np.testing.assert_array_equal(phase_currents(record), phases)

@@ -96,8 +96,8 @@ class RecordedFile:
         with refusing(self.path, self.kind):
             for done, name in enumerate(names, start=1):
                 found = np.asarray(self.values(name))
-                if found.dtype.kind == "M" and found.size:
-                    self.note_clock(name, found[0], self.zone)
+                if found.dtype.kind == "M":
+                    self.note_clock(name, first_known(found), self.zone)
                 columns[name] = as_float(found, name, self.path)
                 if progress is not None:
                     progress(done / len(names))
@@ -355,13 +355,19 @@ def as_float(values: Any, name: str, path: Path) -> np.ndarray:
     """
     array = np.asarray(values)
     if array.dtype.kind == "M":
-        array = array - array[:1]
+        array = array - first_known(array)
     if array.dtype.kind == "m":
-        array = array.astype("timedelta64[ns]").astype(np.int64) * 1e-9
+        since = array.astype("timedelta64[ns]")
+        array = np.where(np.isnat(since), np.nan, since.astype(np.int64) * 1e-9)
     if array.dtype.kind not in "biuf":
         said = f"Channel {name!r} of {path} must hold real numbers; it holds {array.dtype}"
         raise RecordError(f"{said}. Choose another channel or export it as numbers.")
     return np.array(array, dtype=np.float64, order="C").reshape(-1)
+
+
+def first_known(times: np.ndarray) -> Any:
+    """The first of some clock times (S,) that is not missing, if any."""
+    return next(iter(times[~np.isnat(times)]), np.datetime64("NaT"))
 
 
 def moment(stamp: np.datetime64, zone: tzinfo | None = None) -> datetime | None:

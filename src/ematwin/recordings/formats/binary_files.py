@@ -114,10 +114,10 @@ class Hdf5File(RecordedFile):
             known = ("unit", "units", "Unit", "Units", "unit_string")
             key = next((key for key in known if key in attributes), None)
             if key is not None and not self._heaps_checked:
-                self._heaps_checked = True
                 kind = attributes.get_id(key).get_type()
                 if hasattr(kind, "is_variable_str") and kind.is_variable_str():
                     _check_heaps(self.path)
+                    self._heaps_checked = True
             text = None if key is None else attributes[key]
         return text.decode(errors="replace") if isinstance(text, bytes) else text and str(text)
 
@@ -200,7 +200,7 @@ class MatFile(RecordedFile):
 
 def _flat(value: Any, name: str) -> Iterator[tuple[str, np.ndarray]]:
     if isinstance(value, Mapping):
-        for key, part in value.items():
+        for key, part in sorted(value.items()):  # pymatreader gives fields in an order of chance
             yield from _flat(part, f"{name}.{key}")
     elif isinstance(value, list):
         for n, part in enumerate(value):
