@@ -14,7 +14,6 @@ from ematwin.benchmarking.analysis import analyse
 from ematwin.benchmarking.convergence import TARGETS, evaluations_to_target
 from ematwin.benchmarking.plan import pack, unpack
 from ematwin.benchmarking.statistics import (
-    average_ranks,
     compare_ranks,
     diagnose,
     effect_sizes,
@@ -148,9 +147,10 @@ def test_the_least_corrected_p_is_met_where_one_always_wins(cases, methods, smal
 
 
 def test_average_ranks_share_ties_and_leave_out_rows_that_are_not_whole():
-    values = table_of(np.array([[1.0, math.inf, math.inf], [3.0, 2.0, 1.0], [1.0, np.nan, 2.0]]))
-    assert average_ranks(values) == {"a": 2.0, "b": 2.25, "c": 1.75}
-    assert all(math.isnan(rank) for rank in average_ranks(values.iloc[2:]).values())
+    values = table_of(np.array([[1.0, 9.0, 9.0], [3.0, 2.0, 1.0], [1.0, np.nan, 2.0]]))
+    assert compare_ranks(values, NO_EFFECTS).average == {"a": 2.0, "b": 2.25, "c": 1.75}
+    none = compare_ranks(values.iloc[2:], NO_EFFECTS)
+    assert all(math.isnan(rank) for rank in none.average.values())
 
 
 def test_effect_size_of_a_case_counts_pairs_of_its_runs():

@@ -17,7 +17,7 @@ import numpy as np
 
 from ematwin.benchmarking.statistics import RESAMPLES
 from ematwin.benchmarking.table import RunTable
-from ematwin.showing.results import frame_of_rows
+from ematwin.showing.results import frame, frame_of_rows
 
 TARGETS = np.geomspace(0.5, 0.003, 31)
 STATED_MISFITS = (0.1, 0.02, 0.005)
@@ -29,12 +29,15 @@ def bands(table: RunTable) -> Any:
     Infinite where a quarter of the runs (half, ...) had no cost yet; no rows where none had any.
     """
     evaluations = _grid(table)
-    costs = _costs_at(table, evaluations)
     parts = []
     for (case, algorithm), rows in table.cells.items():
-        known = costs[rows][np.isfinite(costs[rows]).any(axis=1)]
-        if len(known):
-            quartiles = np.quantile(known, [0.25, 0.5, 0.75], axis=0, method="inverted_cdf")
+        histories = [table.histories[n] for n in rows if len(table.histories[n][0])]
+        if histories:
+            costs = [
+                np.r_[np.inf, best][np.searchsorted(spent, evaluations, side="right")]
+                for spent, best in histories
+            ]
+            quartiles = np.quantile(costs, [0.25, 0.5, 0.75], axis=0, method="inverted_cdf")
             parts += [
                 {"case": case, "algorithm": algorithm, "evaluations": n,
                  "q1": q1, "median": median, "q3": q3}
@@ -56,75 +59,62 @@ def evaluations_to_target(
         running time (all evaluations spent over the number of runs that met it, infinite if none
         did), low_95, high_95. Intervals are NaN where a case has one run.
     """
-    evaluations, scales = _grid(table), _scales(table)
-    misfit = np.sqrt(_costs_at(table, evaluations) / scales[:, None])
-    misfit[np.isnan(misfit)] = np.inf  # no target is met where no run of the case has a scale
-    # targets fall: those before the first one below the run's own misfit are met
-    met = np.searchsorted(-TARGETS, -misfit, "right").astype(float)
-    each = np.hstack([met, *_to_misfits(table, scales, misfits)])  # a row for each run
-    curves: list[dict[str, Any]] = []
-    times: list[dict[str, Any]] = []
-    for a, algorithm in enumerate(table.algorithms):
-        rng = np.random.default_rng([seed, a])
-        parts = [rows for case in table.cases if len(rows := table.cells[case, algorithm])]
-        runs = sum(map(len, parts))
-        once = sum(each[rows].sum(axis=0) for rows in parts)
-        again = sum(_drawn_anew(each[rows], RESAMPLES, rng) for rows in parts)
-        (share, hits, spent), (shares, *others) = (
-            np.split(sums, [met.shape[1], -len(misfits)], axis=-1) for sums in (once, again)
-        )
-        pairs = runs * len(TARGETS)
-        low, high = _ends(shares / pairs)
-        curves += [
-            {"algorithm": algorithm, "evaluations": n, "share": s, "low_95": l, "high_95": h}
-            for n, s, l, h in zip(evaluations, share / pairs, low, high, strict=True)
-        ]
-        low, high = _ends(_running_time(*others))
-        times += [
-            {"algorithm": algorithm, "misfit": m, "reached": hit / runs, "expected": time,
-             "low_95": l, "high_95": h}
-            for m, hit, time, l, h in zip(
-                misfits, hits, _running_time(hits, spent), low, high, strict=True
-            )
-        ]  # fmt: skip
-    return frame_of_rows(curves), frame_of_rows(times)
-
-
-def _drawn_anew(values: np.ndarray, resamples: int, rng: np.random.Generator) -> np.ndarray:
-    """Sums over resamples of the rows (n, k), (B, k) array; NaN of a single row."""
-    count = len(values)
-    weights = rng.multinomial(count, np.full(count, 1.0 / count), size=resamples)
-    return weights @ values if count > 1 else np.full((resamples, values.shape[1]), np.nan)
-
-
-def _running_time(hits: np.ndarray, spent: np.ndarray) -> np.ndarray:
-    """All evaluations spent over the number of runs that met a target; infinite if none did."""
+    evaluations, first = _grid(table), _first_met(table, misfits)
+    whole = table.frame[["evaluations"]].to_numpy()
+    met = [np.searchsorted(one, evaluations, "right") for one in _first_met(table, TARGETS)]
+    hit = np.isfinite(first)
+    each = np.hstack([met, hit, np.where(hit, first, whole)])  # a row for each run
+    parts = [
+        [each[rows] for case in table.cases if len(rows := table.cells[case, algorithm])]
+        for algorithm in table.algorithms
+    ]
+    runs = np.array([sum(map(len, of)) for of in parts])[:, None, None]
+    draws = [np.random.default_rng([seed, a]) for a in range(len(parts))]
+    sums = np.array([
+        sum(_sums(part, rng) for part in of) for of, rng in zip(parts, draws, strict=True)
+    ])  # fmt: skip
+    share, hits, spent = np.split(sums, [len(evaluations), -len(misfits)], axis=2)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(hits == 0.0, np.inf, spent / hits)
+        expected = np.where(hits == 0.0, np.inf, spent / hits)
+    return (
+        _by_algorithm(table, "evaluations", evaluations, share=share / (runs * len(TARGETS))),
+        _by_algorithm(table, "misfit", misfits, reached=hits / runs, expected=expected),
+    )
 
 
-def _to_misfits(
-    table: RunTable, scales: np.ndarray, misfits: Sequence[float]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Whether each run met each misfit, and the evaluations until then or in all: (R, M) both."""
-    limits = np.square(misfits) * scales[:, None]
-    hits, spent = np.zeros((2, *limits.shape))
-    in_all = table.frame["evaluations"].to_numpy()
-    for n, (evaluations, cost) in enumerate(table.histories):
-        whole = float(evaluations[-1] if len(cost) else in_all[n])
-        # costs fall: the first one not above a limit
-        first = np.searchsorted(-cost, -limits[n], side="left")
-        hits[n] = first < len(cost)
-        spent[n] = np.append(evaluations, whole)[first]
-    return hits, spent
+def _by_algorithm(table: RunTable, label: str, labels: Any, **values: np.ndarray) -> Any:
+    """DataFrame of values (A, 1 + B, k) at labels (k,), with the interval of the last of them."""
+    columns = {name: of[:, 0] for name, of in values.items()}
+    drawn = values[list(values)[-1]][:, 1:]
+    ends = np.quantile(drawn, [0.025, 0.975], axis=1, method="inverted_cdf")
+    unknown = np.isnan(drawn).any(axis=1)
+    columns["low_95"], columns["high_95"] = np.where(unknown, np.nan, ends)
+    grid = np.meshgrid(table.algorithms, labels, indexing="ij")
+    columns = {"algorithm": grid[0], label: grid[1]} | columns
+    return frame({name: of.ravel() for name, of in columns.items()})
 
 
-def _costs_at(table: RunTable, evaluations: np.ndarray) -> np.ndarray:
-    """Best cost of each run after so many evaluations, (R, G), inf before its first."""
-    costs = np.full((len(table), len(evaluations)), np.inf)
+def _sums(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Sums over rows (n, k), then over rows drawn anew, (1 + B, k) array; these NaN of one row."""
+    count = len(values)
+    weights = rng.multinomial(count, np.full(count, 1.0 / count), size=RESAMPLES)
+    drawn = weights @ values if count > 1 else np.full((RESAMPLES, values.shape[1]), np.nan)
+    return np.vstack([values.sum(axis=0), drawn])
+
+
+def _first_met(table: RunTable, misfits: Sequence[float] | np.ndarray) -> np.ndarray:
+    """Evaluations after which each run met each misfit, (R, M); infinite where it did not."""
+    cost, misfit = table.frame["cost"], table.frame["relative_misfit"]
+    # cost of a twin that does not answer: equal within a case but for sensor noise; NaN where no
+    # run of the case gives it, and no misfit is met then
+    known = (cost / misfit**2).where(np.isfinite(cost) & (misfit > 0.0))
+    scales = known.groupby(table.frame["case"]).transform("median").to_numpy(dtype=float)
+    first = np.empty((len(table), len(misfits)))
     for n, (spent, best) in enumerate(table.histories):
-        costs[n] = np.r_[np.inf, best][np.searchsorted(spent, evaluations, side="right")]
-    return costs
+        # costs fall: the first one not above a limit
+        place = np.searchsorted(-best, -np.square(misfits) * scales[n])
+        first[n] = np.append(spent, np.inf)[place]
+    return first
 
 
 def _grid(table: RunTable) -> np.ndarray:
@@ -134,20 +124,3 @@ def _grid(table: RunTable) -> np.ndarray:
     if not len(spent):
         return np.empty(0)
     return np.unique(np.geomspace(spent.min(), spent.max(), 60).round())
-
-
-def _scales(table: RunTable) -> np.ndarray:
-    """Cost of a twin that does not answer, (R,), equal within a case but for sensor noise.
-
-    NaN where no run of the case gives it.
-    """
-    cost, misfit = table.frame["cost"], table.frame["relative_misfit"]
-    known = (cost / misfit**2).where(np.isfinite(cost) & (misfit > 0.0))
-    return np.asarray(known.groupby(table.frame["case"]).transform("median"), dtype=float)
-
-
-def _ends(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """2.5 and 97.5 % of the resamples (B, ...), some of them infinite; NaN of NaN."""
-    low, high = np.quantile(values, [0.025, 0.975], axis=0, method="inverted_cdf")
-    unknown = np.isnan(values).any(axis=0)
-    return np.where(unknown, np.nan, low), np.where(unknown, np.nan, high)

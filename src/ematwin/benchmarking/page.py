@@ -1,152 +1,100 @@
 """The report of a study: a page, and its tables as CSV and Parquet."""
 
 import math
-import os
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
-from ematwin.benchmarking.analysis import StudyAnalysis
+from ematwin.benchmarking.analysis import StudyAnalysis, prose
 from ematwin.benchmarking.statistics import ALPHA, RESAMPLES, matrix
-from ematwin.errors import FileError
-from ematwin.estimation.search import methods as all_methods
+from ematwin.estimation.search import methods
 from ematwin.files import folder_written_whole, write_text
 from ematwin.recordings.tables import no_formula
 from ematwin.report.page import Row, Section, Table, render
 from ematwin.report.study import MOST_CASES
-from ematwin.showing.text import counted, listed
+from ematwin.showing.text import listed
 
 MOST_ROWS = 600  # of a table on the page; the files hold all
 _NONE = "–"
 _INTERVAL = "95 % interval"
 
 
-def check_folder(folder: Path) -> None:
-    """Before long work: raise `FileError` unless the folder is there, or can be made."""
-    if folder.exists() and not folder.is_dir():
-        raise FileError(f"Cannot write the report to {folder}: it is a file. Name a folder.")
-    there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
-    if not os.access(there, os.W_OK | os.X_OK):
-        raise FileError(
-            f"Cannot write the report to {folder}: {there} is read-only. Choose a folder that is "
-            "yours."
-        )
-
-
 def write_report(analysis: StudyAnalysis, folder: str | Path) -> list[str]:
     """Write page and tables whole or not at all; give the names of the files."""
-    target = Path(folder)
-    check_folder(target)
+    runs = analysis.table.frame
     frames = {
-        "results": analysis.table.frame,
-        "cells": analysis.cells,
-        "effects": analysis.effects,
+        "results": runs, "cells": analysis.cells, "effects": analysis.effects,
         "targets": analysis.curves,
-    }
-    with folder_written_whole(target) as draft:
+    }  # fmt: skip
+    with folder_written_whole(folder) as draft:
         for name, frame in frames.items():
             frame.map(lambda value: no_formula(value) if isinstance(value, str) else value).to_csv(
                 draft / f"{name}.csv", index=False, lineterminator="\n"
             )
-        analysis.table.frame.to_parquet(draft / "results.parquet", index=False)
+        runs.to_parquet(draft / "results.parquet", index=False)
         write_text(draft / "index.html", study_page(analysis))
         return sorted(path.name for path in draft.iterdir())
 
 
 def study_page(analysis: StudyAnalysis) -> str:
     """Make the HTML page of a study."""
-    table = analysis.table
-    failed = len(analysis.failures)
-    lead = (
-        f"{len(table)} runs: {counted(len(table.algorithms), 'algorithm')} on "
-        f"{counted(len(table.cases), 'case')}. {int(table.done.sum())} ended well"
-        f"{f', {failed} did not' if failed else ''}. Every number here is computed from the store."
-    )
-    sections = [
-        Section("What can and cannot be concluded", text=lead, points=analysis.conclusions),
-        _methods(analysis),
-        *_figures(analysis),
-        *_coefficients(analysis),
-        _errors(analysis),
-        Section(
-            "Success rate",
-            "Share of all runs, failed ones included, that reached an Err%.",
-            table=success_table(analysis),
-        ),
-        _ranks(analysis),
-        _times(analysis),
-        _diagnosis(analysis),
-        _failures(analysis),
-        Section("How it was made", facts=_facts(analysis)),
-    ]
+    contents: dict[str, dict[str, Any]] = {
+        "What can and cannot be concluded": {"points": analysis.conclusions},
+        "The methods": {"table": _methods(analysis)},
+        **{heading: {"figure": figure} for heading, figure in analysis.plot().items()},
+        "Performance coefficient": {"table": _coefficients(analysis, "performance_coefficient")},
+        "Performance coefficient by evaluations": {
+            "table": _coefficients(analysis, "performance_coefficient_by_evaluations")
+        },
+        "Err% by case and algorithm": {"table": _errors(analysis)},
+        "Success rate": {"table": success_table(analysis)},
+        "Ranks and tests": {"table": _ranks(analysis)},
+        "Evaluations to a misfit": {"table": _times(analysis)},
+        "Diagnosis": {"table": diagnosis_table(analysis)},
+        "Failures": {"table": _failures(analysis)},
+        "How it was made": {"facts": _facts(analysis)},
+    }
+    texts = _texts(analysis)
+    sections = [Section(name, texts.get(name, ""), **what) for name, what in contents.items()]
     return render("Comparison of identification algorithms", analysis.lead, sections)
 
 
-def _methods(analysis: StudyAnalysis) -> Section:
-    known = {one.name: one for one in all_methods()}
-    rows = []
-    for name in analysis.table.algorithms:
-        one = known.get(name)
-        said = [one.title, one.source, one.departures, one.tuned_on] if one else [_NONE] * 4
-        rows.append(Row([name, *said]))
+def _texts(analysis: StudyAnalysis) -> dict[str, str]:
+    """Texts of the sections, by heading."""
+    table, cases = analysis.table, len(analysis.table.cases)
+    text = prose(
+        "page.j2", runs=len(table), done=int(table.done.sum()), cases=cases, most=MOST_ROWS,
+        algorithms=len(table.algorithms), cells=len(analysis.cells), ranks=analysis.ranks,
+        cut=f"The first {MOST_CASES} of {cases} cases are drawn." if cases > MOST_CASES else "",
+        directed=listed(names) if (names := _directed(analysis)) else "", alpha=ALPHA,
+        threshold=analysis.threshold, resamples=RESAMPLES,
+    )  # fmt: skip
+    parts = (part.partition("\n") for part in text.split("## ")[1:])
+    return {heading: " ".join(said.split()) for heading, _, said in parts}
+
+
+def _methods(analysis: StudyAnalysis) -> Table:
     header = ["algorithm", "form", "from", "departures", "tuned on"]
-    return Section(
-        "The methods",
-        text="Forms with settings as published stand beside improved ones; the last column "
-        "says what settings were chosen on, where a source does not give them.",
-        table=Table(header, rows, texts=tuple(range(len(header)))),
-    )
+    known = {one.name: (one.title, one.source, one.departures, one.tuned_on) for one in methods()}
+    rows = [Row([name, *known.get(name, [_NONE] * 4)]) for name in analysis.table.algorithms]
+    return Table(header, rows, texts=tuple(range(len(header))))
 
 
-def _figures(analysis: StudyAnalysis) -> Iterable[Section]:
-    texts = {
-        "Mean Err%": "Bars are means over the runs; whiskers are 95 % bootstrap intervals of the "
-        f"mean ({RESAMPLES} resamples): search spread, not measurement uncertainty.",
-        "Distribution of Err%": "Median and quartiles, and the runs where they are few.",
-        "Convergence": "Median and quartiles of the best misfit over the runs.",
-        "Evaluations to target": "A target is a misfit relative to a twin that does not answer: 31 "
-        "of them, evenly spaced in their logarithm from 50 % to 0.3 %, the same in every study. "
-        "The curve is the share of all pairs of run and target met, over all cases, with 95 % "
-        "bootstrap intervals. Where the twin itself is farther from the record than a target, "
-        "no algorithm meets it; and a small misfit need not mean a small Err%.",
-        "Average ranks": "A line joins algorithms of which none is shown to differ from another.",
-    }
-    count = len(analysis.table.cases)
-    cut = f" The first {MOST_CASES} of {count} cases are drawn." if count > MOST_CASES else ""
-    return [
-        Section(heading, text=texts.get(heading, "") + cut, figure=figure)
-        for heading, figure in analysis.plot().items()
-    ]
+def _coefficients(analysis: StudyAnalysis, name: str) -> Table:
+    """Cases by algorithms, with the means of the columns; empty where there is one algorithm."""
+    shares = matrix(analysis.cells, name) / 100.0
+    rows = [Row([str(case), *map(percent, row)]) for case, *row in shares.itertuples()]
+    rows.append(Row(["Average", *map(percent, shares.mean(skipna=False))], marked=True))
+    return Table(["case", *shares.columns], rows[:MOST_ROWS] if shares.shape[1] > 1 else [])
 
 
-def _coefficients(analysis: StudyAnalysis) -> list[Section]:
-    """A table of cases by algorithms, with the means of its columns, for each coefficient."""
-    if len(analysis.table.algorithms) < 2:
-        return []
-    texts = {
-        "performance_coefficient": "PC = 100 (1 - t err / sum of t err), t the mean seconds and "
-        "err the mean Err% of an algorithm on a case, the sum over all algorithms of the study: "
-        "100 % less the algorithm's share in time times error, so a number depends on who else "
-        "takes part.",
-        "performance_coefficient_by_evaluations": "The same with evaluations in place of seconds, "
-        "which no machine and no other work on it changes.",
-    }
-    found = []
-    for name, text in texts.items():
-        shares = matrix(analysis.cells, name) / 100.0
-        rows = [Row([str(case), *map(percent, row)]) for case, *row in shares.itertuples()]
-        rows.append(Row(["Average", *map(percent, shares.mean(skipna=False))], marked=True))
-        table = Table(["case", *shares.columns], rows[:MOST_ROWS])
-        found.append(Section(name.replace("_", " ").capitalize(), text=text, table=table))
-    return found
-
-
-def _errors(analysis: StudyAnalysis) -> Section:
+def _errors(analysis: StudyAnalysis) -> Table:
     """Err% and effort of each case and algorithm."""
-    names = _directed(analysis)
-    lowest = analysis.cells.groupby("case")["err_mean"].min()
+    directed, cells = bool(_directed(analysis)), analysis.cells
+    lowest = cells.groupby("case")["err_mean"].min()
     rows = []
-    for cell in analysis.cells.head(MOST_ROWS).itertuples():
+    for cell in cells.head(MOST_ROWS).itertuples():
         values = [
             cell.case, cell.algorithm, f"{cell.done} of {cell.runs}",
             number(cell.err_mean), between(cell.err_mean_low_95, cell.err_mean_high_95),
@@ -154,149 +102,91 @@ def _errors(analysis: StudyAnalysis) -> Section:
             between(cell.err_q1, cell.err_q3), whole(cell.evaluations_mean),
             number(cell.seconds_mean),
         ]  # fmt: skip
-        if names:
+        if directed:
             values += [number(cell.err_wrapped_mean), number(cell.err_wrapped_median)]
         rows.append(Row(values, marked=cell.err_mean == lowest[cell.case]))
     header = ["case", "algorithm", "done", "mean", _INTERVAL, "median", _INTERVAL, "quartiles",
               "evaluations", "wall s"]  # fmt: skip
-    text = "The lowest mean of a case stands out."
-    if names:
-        header += ["wrapped: mean", "wrapped: median"]
-        text += (
-            f" “Wrapped” takes the direction of the {listed(names)} as an angle, which the paper's "
-            "form does not."
-        )
-    count = len(analysis.cells)
-    cut = f" The first {MOST_ROWS} of {count} rows; cells.csv has all." if count > MOST_ROWS else ""
-    return Section("Err% by case and algorithm", text + cut, table=Table(header, rows, texts=(1,)))
+    header += ["wrapped: mean", "wrapped: median"] if directed else []
+    return Table(header, rows, texts=(1,))
 
 
 def success_table(analysis: StudyAnalysis) -> Table:
     """Give the share of all runs, failed ones included, that reached each target of Err%."""
-    prefix = "share_err_at_most_"
-    shares = [name for name in analysis.cells if name.startswith(prefix)]
-    reached = analysis.cells[shares].mul(analysis.cells["runs"], axis=0)
-    by = analysis.cells["algorithm"]
-    runs = analysis.cells["runs"].groupby(by, sort=False).sum()
-    shown = reached.groupby(by, sort=False).sum().div(runs, axis=0).map(percent)
+    prefix, cells = "share_err_at_most_", analysis.cells
+    shares = cells.filter(like=prefix)
+    sums = shares.mul(cells["runs"], axis=0).assign(runs=cells["runs"])
+    sums = sums.groupby(cells["algorithm"], sort=False).sum()
+    shown = sums[shares.columns].div(sums["runs"], axis=0).map(percent)
     header = ["algorithm", "runs", *(f"Err% ≤ {name.removeprefix(prefix)}" for name in shares)]
-    return Table(header, [Row([n, str(runs[n]), *row]) for n, *row in shown.itertuples()])
+    return Table(header, [Row([n, str(sums["runs"][n]), *row]) for n, *row in shown.itertuples()])
 
 
-def _ranks(analysis: StudyAnalysis) -> Section:
-    ranks = analysis.ranks
+def _ranks(analysis: StudyAnalysis) -> Table:
     rows = [
         Row([f"{one.first} and {one.second}", *(number(v, 2) for v in one[2:])],
             marked=one.p_holm < ALPHA)
-        for one in ranks.pairs
+        for one in analysis.ranks.pairs
     ]  # fmt: skip
-    return Section(
-        "Ranks and tests",
-        text="Blocks are cases, each with the mean Err% of an algorithm; runs of one case "
-        "share its fault and are not separate blocks. Wilcoxon's signed-rank test compares "
-        "two algorithms over the cases, Holm's correction allows for the number of pairs. A12 "
-        "is the chance that a run of the first has the lower Err% than one of the second on "
-        "the same case; 0.5 is no difference. Pairs that differ at "
-        f"{ALPHA:g} after correction stand out. With {counted(len(ranks.blocks), 'case')} and "
-        f"{counted(len(ranks.pairs), 'pair')} no corrected p can fall below "
-        f"{ranks.smallest_holm:.2g}. effects.csv has A12 of each case.",
-        table=Table(["pair", "p, Wilcoxon", "p, Holm", "A12"], rows),
-    )
+    return Table(["pair", "p, Wilcoxon", "p, Holm", "A12"], rows)
 
 
-def _times(analysis: StudyAnalysis) -> Section:
-    header = ["algorithm"]
+def _times(analysis: StudyAnalysis) -> Table:
+    header, rows = ["algorithm"], []
     for misfit in analysis.times["misfit"].unique():
         header += [f"{100.0 * misfit:g} %: met", "evaluations", _INTERVAL]
-    rows = []
     for algorithm, times in analysis.times.groupby("algorithm", sort=False):
         cells = [str(algorithm)]
         for one in times.itertuples():
             interval = between(one.low_95, one.high_95, whole)
             cells += [percent(one.reached), whole(one.expected), interval]
         rows.append(Row(cells))
-    return Section(
-        "Evaluations to a misfit",
-        text="Share of the runs that met a misfit, and evaluations to expect: all that were "
-        "spent over the number of runs that met it. Intervals by bootstrap over the runs "
-        "within each case; cases are not drawn anew.",
-        table=Table(header, rows),
-    )
-
-
-def _diagnosis(analysis: StudyAnalysis) -> Section:
-    at = analysis.threshold
-    text = (
-        f"A component counts as faulty from {at:g} of its range away from healthy. Missed: an "
-        "injected fault not named. False alarm: a healthy component named. Confused: a run that "
-        "missed a fault and named a healthy component instead."
-    )
-    if names := _directed(analysis):
-        text += (
-            f" The direction of the {listed(names)} counts only where there is one and it was "
-            f"found; it is wrong from {at:g} of a turn."
-        )
-    return Section("Diagnosis", text=text, table=diagnosis_table(analysis))
+    return Table(header, rows)
 
 
 def diagnosis_table(analysis: StudyAnalysis) -> Table:
     """Count missed, false and confused faults of each algorithm, with its mean Err%."""
-    turned = ["direction wrong"] if _directed(analysis) else []
-    frame = analysis.table.frame
+    frame, directed = analysis.table.frame, bool(_directed(analysis))
     means = frame["err"][analysis.table.done].groupby(frame["algorithm"]).mean()
 
     def of(part: int, whole: int) -> str:
         return f"{part} of {whole}" if whole else _NONE
 
-    rows = [
-        Row([
-            row.algorithm, number(means.get(row.algorithm, math.nan)),
-            of(row.exact, row.runs), of(row.missed, row.faults),
-            of(row.false_alarms, row.chances), of(row.confused, row.runs),
-            *(of(row.direction_wrong, row.directions) for _ in turned),
-            str(row.without),
-            "; ".join(f"{a} for {b} ({n})" for (b, a), n in list(row.confusions.items())[:2])
-            or _NONE,
-        ])
-        for row in analysis.diagnosis.itertuples()
-    ]  # fmt: skip
-    header = ["algorithm", "mean Err%", "exact", "missed", "false alarms", "confused runs", *turned,
-              "failed runs", "most often mistaken for another"]  # fmt: skip
+    rows = []
+    for one in analysis.diagnosis.itertuples():
+        mistaken = [f"{a} for {b} ({n})" for (b, a), n in one.confusions.items()]
+        rows.append(Row([
+            one.algorithm, number(means.get(one.algorithm, math.nan)), of(one.exact, one.runs),
+            of(one.missed, one.faults), of(one.false_alarms, one.chances),
+            of(one.confused, one.runs), *[of(one.direction_wrong, one.directions)] * directed,
+            str(one.without), "; ".join(mistaken[:2]) or _NONE,
+        ]))  # fmt: skip
+    header = ["algorithm", "mean Err%", "exact", "missed", "false alarms", "confused runs",
+              *["direction wrong"] * directed, "failed runs",
+              "most often mistaken for another"]  # fmt: skip
     return Table(header, rows, texts=(-1,))
 
 
-def _failures(analysis: StudyAnalysis) -> Section:
-    count = len(analysis.failures)
-    if not count:
-        return Section("Failures", text="None: every run ended well.")
-    text = f"{counted(count, 'run')} failed."
-    if count > MOST_ROWS:
-        text += f" The first {MOST_ROWS} are listed; results.csv has all."
+def _failures(analysis: StudyAnalysis) -> Table | None:
     shown = analysis.failures.drop(columns="id").astype(str).head(MOST_ROWS)
     rows = [Row(list(cells)) for cells in shown.itertuples(index=False)]
     header = ["case", "algorithm", "run", "status", "message"]
-    return Section("Failures", text, table=Table(header, rows, texts=(1, 3, -1)))
+    return Table(header, rows, texts=(1, 3, -1)) if rows else None
 
 
 def _facts(analysis: StudyAnalysis) -> dict[str, str]:
-    provenance = dict(analysis.table.provenance)
-    machines = provenance.pop("machine", Counter())
-    if "system" in provenance:  # the kernel's build tells nothing of the numbers
-        systems: Counter[str] = Counter()
-        for value, count in provenance["system"].items():
-            systems[value.split("-")[0]] += count
-        provenance["system"] = systems
-    made = {name: _counts(values) for name, values in provenance.items()}
-    # a report that is passed on does not name machines
-    return {**analysis.table.settings, **made, "machines": str(len(machines))}
-
-
-def _counts(values: "Counter[str]") -> str:
-    if len(values) == 1:
-        return next(iter(values))
-    most = values.most_common(5)
-    more = f" and {len(values) - 5} more" if len(values) > 5 else ""
-    return "; ".join(f"{value} ({count} runs)" for value, count in most) + more
+    """Settings and provenance; a report that is passed on does not name machines."""
+    facts = dict(analysis.table.settings)
+    for name, values in analysis.table.provenance.items():
+        shown: Counter[str] = Counter()
+        for value, count in values.items():
+            # the kernel's build tells nothing of the numbers
+            shown[value.split("-")[0] if name == "system" else value] += count
+        told = [f"{value} ({count} runs)" for value, count in shown.most_common(5)]
+        more = f" and {len(shown) - 5} more" if len(shown) > 5 else ""
+        facts[name] = "; ".join(told) + more if len(shown) > 1 else next(iter(shown))
+    facts.pop("machine", None)
+    return facts | {"machines": str(len(analysis.table.provenance.get("machine", ())))}
 
 
 def _directed(analysis: StudyAnalysis) -> list[str]:

@@ -19,12 +19,12 @@ error of ``threshold`` of a turn or more are counted separately.
 
 import math
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.stats import bootstrap, friedmanchisquare, rankdata, wilcoxon
+from scipy.stats import bootstrap, friedmanchisquare, wilcoxon
 
 from ematwin.benchmarking.table import RunTable
 from ematwin.showing.results import frame
@@ -47,29 +47,26 @@ def summarise(table: RunTable, targets: tuple[float, ...] = TARGETS, seed: int =
     share of all runs, failed ones included, that came to each target of Err%; and the performance
     coefficient by seconds and by evaluations (`performance_coefficients`).
     """
-    cells, done = table.cells, table.done
-    kept = [rows[done[rows]] for rows in cells.values()]
-    runs = np.array([len(rows) for rows in cells.values()])
-    good = np.array([len(rows) for rows in kept])
-    columns: dict[str, Any] = {
-        "case": [case for case, _ in cells],
-        "algorithm": [algorithm for _, algorithm in cells],
-        "runs": runs, "done": good, "failed": runs - good,
-    }  # fmt: skip
+    kept = [rows[table.done[rows]] for rows in table.cells.values()]
+    cells = frame({
+        "case": [case for case, _ in table.cells],
+        "algorithm": [algorithm for _, algorithm in table.cells],
+        "runs": [len(rows) for rows in table.cells.values()],
+        "done": [len(rows) for rows in kept],
+    })  # fmt: skip
+    cells["failed"] = cells["runs"] - cells["done"]
     for metric in METRICS:
         values = table.frame[metric].to_numpy(dtype=float)
-        found = spreads([values[rows] for rows in kept], seed)
-        columns |= {f"{metric}_{name}": found[:, n] for n, name in enumerate(_SPREAD)}
+        cells[[f"{metric}_{name}" for name in _SPREAD]] = spreads([values[r] for r in kept], seed)
     err = table.frame["err"].to_numpy(dtype=float)
     for target in targets:
-        reached = np.array([(err[rows] <= target).sum() for rows in kept])
-        columns[f"share_err_at_most_{target:g}"] = reached / np.where(runs > 0, runs, np.nan)
+        reached = [(err[rows] <= target).sum() for rows in kept]
+        cells[f"share_err_at_most_{target:g}"] = reached / cells["runs"].replace(0, np.nan)
     shape = len(table.cases), len(table.algorithms)
-    errors = columns["err_mean"].reshape(shape)
     for name, spent in (("", "seconds_mean"), ("_by_evaluations", "evaluations_mean")):
-        coefficients = performance_coefficients(columns[spent].reshape(shape), errors)
-        columns[f"performance_coefficient{name}"] = coefficients.ravel()
-    return frame(columns)
+        pair = (cells[column].to_numpy().reshape(shape) for column in (spent, "err_mean"))
+        cells[f"performance_coefficient{name}"] = performance_coefficients(*pair).ravel()
+    return cells
 
 
 def spreads(samples: list[np.ndarray], seed: int = 1) -> np.ndarray:
@@ -141,9 +138,8 @@ def vargha_delaney(x: np.ndarray, y: np.ndarray) -> float:
     """Give A12: chance that a value of ``x`` is lower than one of ``y``, ties counting half."""
     if not (len(x) and len(y)):
         return math.nan
-    ranks = rankdata(np.concatenate([x, y]))[: len(x)]
-    higher = (ranks.sum() - len(x) * (len(x) + 1) / 2.0) / (len(x) * len(y))
-    return float(1.0 - higher)
+    x = x[:, None]
+    return 1.0 - float(np.mean((x > y) + 0.5 * (x == y)))
 
 
 class Pair(NamedTuple):
@@ -168,13 +164,13 @@ class RankComparison:
     friedman: float  # statistic and p; NaN where the test could not be made
     friedman_p: float
     pairs: list[Pair]  # every two algorithms
-    smallest_holm: float = math.nan  # the least corrected p that so many cases and pairs allow
-    notes: list[str] = field(default_factory=list)  # what could not be computed, as sentences
+    smallest_holm: float  # the least corrected p that so many cases and pairs allow
+    notes: list[str]  # what could not be computed, as sentences
 
     @property
     def order(self) -> list[str]:
         """Algorithms by their average rank, the best first."""
-        return sorted(self.average, key=lambda name: self.average[name])
+        return sorted(self.average, key=self.average.__getitem__)
 
     @property
     def different(self) -> list[Pair]:
@@ -185,13 +181,17 @@ class RankComparison:
         """Whether two algorithms differ after correction."""
         return any({pair.first, pair.second} == {first, second} for pair in self.different)
 
+    def behind(self, better: str) -> list[str]:
+        """Algorithms of higher rank that differ from one after correction, in order."""
+        worse = self.order[self.order.index(better) + 1 :]
+        return [other for other in worse if self.differ(better, other)]
+
 
 def compare_ranks(means: Any, effects: Any) -> RankComparison:
     """Test whether algorithms differ, by mean Err% of cases by algorithms and `effect_sizes`."""
-    names = [str(name) for name in means.columns]
-    whole = means.notna().all(axis=1)
-    blocks = means[whole].to_numpy(dtype=float)
-    left_out = [str(case) for case in means.index[~whole]]
+    whole = means.dropna()
+    names, blocks = [str(name) for name in means], whole.to_numpy(dtype=float)
+    left_out = [str(case) for case in means.index if case not in whole.index]
     count, cases = len(names), len(blocks)
     notes = []
     if left_out:
@@ -210,9 +210,9 @@ def compare_ranks(means: Any, effects: Any) -> RankComparison:
             f"{count} and {cases}."
         )
     elif np.any(np.ptp(blocks, axis=1) > 0.0):
-        statistic, p = (float(value) for value in friedmanchisquare(*blocks.T))
-    pairs = list(combinations(range(count), 2)) if cases else []
-    plain = np.array([_wilcoxon(blocks[:, i], blocks[:, j]) for i, j in pairs])
+        statistic, p = map(float, friedmanchisquare(*blocks.T))
+    pairs = list(combinations(names, 2)) if cases else []
+    plain = np.array([_wilcoxon(whole[first], whole[second]) for first, second in pairs])
     # all differences of one sign is the least likely outcome: 2 of 2^n ways
     smallest = min(1.0, len(pairs) * 2.0 ** (1 - cases)) if pairs else math.nan
     if smallest >= ALPHA:
@@ -222,21 +222,17 @@ def compare_ranks(means: Any, effects: Any) -> RankComparison:
         )
     a12 = effects.groupby(["first", "second"], sort=False)["a12"].mean().to_dict()
     return RankComparison(
-        average_ranks(means), [str(case) for case in means.index[whole]], left_out, statistic, p,
+        {str(name): float(rank) for name, rank in whole.rank(axis=1).mean().items()},
+        [str(case) for case in whole.index], left_out, statistic, p,
         [
-            Pair(names[i], names[j], p, p_holm, a12.get((names[i], names[j]), math.nan))
-            for (i, j), p, p_holm in zip(pairs, plain.tolist(), holm(plain).tolist(), strict=True)
+            Pair(*pair, p, p_holm, a12.get(pair, math.nan))
+            for pair, p, p_holm in zip(pairs, plain.tolist(), holm(plain).tolist(), strict=True)
         ],
         smallest, notes,
     )  # fmt: skip
 
 
-def average_ranks(values: Any) -> dict[str, float]:
-    """Give mean ranks over the rows without NaN, 1 the lowest; equal values share theirs."""
-    return {str(name): float(rank) for name, rank in values.dropna().rank(axis=1).mean().items()}
-
-
-def _wilcoxon(x: np.ndarray, y: np.ndarray) -> float:
+def _wilcoxon(x: Any, y: Any) -> float:
     """Two-sided p-value, NaN with fewer than two pairs, 1 if all are equal."""
     if len(x) < 2:
         return math.nan
@@ -247,7 +243,7 @@ def holm(p: np.ndarray) -> np.ndarray:
     """Correct p-values by Holm's step-down method."""
     order = np.argsort(p, kind="stable")
     corrected = np.empty(p.shape)
-    corrected[order] = np.maximum.accumulate(p[order] * (len(p) - np.arange(len(p))))
+    corrected[order] = np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1))
     return np.minimum(corrected, 1.0)
 
 

@@ -4,7 +4,6 @@ A store may hold a hundred thousand runs, so each is dropped once its numbers an
 `HISTORY_POINTS` points of its history are taken.
 """
 
-import math
 import re
 from collections import Counter
 from collections.abc import Iterable
@@ -15,19 +14,18 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.benchmarking.plan import SHARED, Run, RunSpec, unpack
+from ematwin.benchmarking.plan import SHARED, Run, unpack
 from ematwin.benchmarking.subject import Subject
 from ematwin.errors import InputError, MissingExtraError
 from ematwin.estimation.search import methods
 from ematwin.showing.results import frame_of_rows
 
 HISTORY_POINTS = 100  # kept of a run: improvements, evenly thinned
-_INPUTS = ("run", "seed", "record_seed", "population", "iterations")
-_NUMBERS = (
-    "err", "err_wrapped", "cost", "relative_misfit", "evaluations", "seconds", "cpu_seconds",
+_INPUTS = ("case", "algorithm", "run", "seed", "record_seed", "population", "iterations")
+_OUTCOME = (
+    "status", "err", "err_wrapped", "cost", "relative_misfit", "evaluations", "seconds",
+    "cpu_seconds", "stopped",
 )  # fmt: skip
-
-History = tuple[np.ndarray, np.ndarray]
 
 
 def check_extra() -> None:
@@ -50,7 +48,7 @@ class RunTable:
     # injected_ and found_ of each unknown
     frame: Any
     # evaluations and best cost of each row, thinned; both empty if it kept none
-    histories: list[History]
+    histories: list[tuple[np.ndarray, np.ndarray]]
     settings: dict[str, str]  # of the study, in words
     provenance: dict[str, Counter[str]]  # how many runs have which value, by name
 
@@ -72,86 +70,65 @@ class RunTable:
 
 def collect(runs: Iterable[Run]) -> RunTable:
     """Gather runs of one study, in any order, into a table."""
-    first: RunSpec | None = None
     rows: list[dict[str, Any]] = []
-    histories: list[History] = []
     provenance: dict[str, Counter[str]] = {}
+    first = None
     for one in runs:
         spec = one.spec
         if first is None:
             first, subject = spec, Subject.stored(spec.actuator)
-            names = subject.names
         elif any(getattr(spec, name) != getattr(first, name) for name in SHARED):
             raise InputError("The runs are of different studies. Report them apart.")
-        done = one.status == "done" and math.isfinite(one.err)
-        rows.append(
-            {
-                "id": spec.id, "case": spec.case, "algorithm": spec.algorithm,
-                **{name: getattr(spec, name) for name in _INPUTS},
-                "status": "not finite" if one.status == "done" and not done else one.status,
-                **{name: getattr(one, name) for name in (*_NUMBERS, "stopped")},
-                **{f"injected_{name}": k for name, k in zip(names, spec.faults, strict=True)},
-                **{f"found_{name}": k for name, k in zip(names, one.faults, strict=False)},
-            }
-        )  # fmt: skip
-        histories.append(thinned(one.history))
+        row = {name: getattr(spec, name) for name in ("id", *_INPUTS)}
+        row |= {name: getattr(one, name) for name in _OUTCOME}
+        for which, vector in (("injected", spec.faults), ("found", one.faults)):
+            row |= {f"{which}_{name}": k for name, k in zip(subject.names, vector, strict=False)}
+        rows.append(row | {"history": thinned(one.history)})
         for name, value in one.provenance.items():
             provenance.setdefault(name, Counter())[str(value)] += 1
     if first is None:
         raise InputError("The store holds no runs: there is nothing to report.")
     cases = _in_order({row["case"] for row in rows}, subject.cases())
-    known = [method.name for method in methods()]
-    algorithms = _in_order({row["algorithm"] for row in rows}, known)
-    frame = frame_of_rows(rows)
-    keys = {
-        "case": frame["case"].map(cases.index),
-        "algorithm": frame["algorithm"].map(algorithms.index),
-    }
-    order = frame.assign(**keys).sort_values(["case", "algorithm", "run", "id"]).index
-    return RunTable(
-        subject, cases, algorithms, frame.loc[order].reset_index(drop=True),
-        [histories[n] for n in order], _settings(first, subject), provenance,
+    algorithms = _in_order({row["algorithm"] for row in rows}, [one.name for one in methods()])
+    rows.sort(
+        key=lambda row: (
+            cases.index(row["case"]), algorithms.index(row["algorithm"]), row["run"], row["id"]
+        )
     )  # fmt: skip
+    noise = "of a usual rig" if subject.model.study.noisy else "none"
+    settings = {
+        "population x iterations": f"{first.population} x {first.iterations}",
+        "search box": first.box,
+        "sensor noise": noise if first.noise is None else str(dict(sorted(first.noise.items()))),
+        "record made by": f"{first.model} model",
+        "actuator": str(first.actuator.get("name", "unnamed")),
+        "scenario": str(first.scenario.get("name", "unnamed")),
+    }
+    histories = [row.pop("history") for row in rows]
+    return RunTable(
+        subject, cases, algorithms, frame_of_rows(rows), histories, settings, provenance
+    )
 
 
-def thinned(packed: bytes, most: int = HISTORY_POINTS) -> History:
-    """Give the points where the best cost improved, and the last; at most ``most`` of them.
+def thinned(packed: bytes) -> tuple[np.ndarray, np.ndarray]:
+    """Give the points where the best cost improved, and the last; at most `HISTORY_POINTS`.
 
     A target may so seem to be met later than it was, by one kept step, and never earlier.
     """
     evaluations, cost = unpack(packed)
     known = np.isfinite(cost)
     evaluations, best = evaluations[known], np.minimum.accumulate(cost[known])
-    if not len(best):
-        return evaluations, best
-    keep = np.flatnonzero(np.r_[True, best[1:] < best[:-1]])
-    keep = np.union1d(keep, len(best) - 1)
-    if len(keep) > most:
-        keep = keep[np.linspace(0, len(keep) - 1, most).round().astype(int)]
+    improved = np.diff(best, prepend=np.inf) < 0.0
+    improved[-1:] = True
+    keep = np.flatnonzero(improved)
+    if len(keep) > HISTORY_POINTS:
+        keep = keep[np.linspace(0, len(keep) - 1, HISTORY_POINTS).round().astype(int)]
     return evaluations[keep], best[keep]
-
-
-def _settings(spec: RunSpec, subject: Subject) -> dict[str, str]:
-    noise = "of a usual rig" if subject.model.study.noisy else "none"
-    if spec.noise is not None:
-        noise = str(dict(sorted(spec.noise.items())))
-    return {
-        "population x iterations": f"{spec.population} x {spec.iterations}",
-        "search box": spec.box,
-        "sensor noise": noise,
-        "record made by": f"{spec.model} model",
-        "actuator": str(spec.actuator.get("name", "unnamed")),
-        "scenario": str(spec.scenario.get("name", "unnamed")),
-    }
 
 
 def _in_order(names: set[str], known: Iterable[str]) -> list[str]:
     """Known names in their order, then the others, numbers within them counting as numbers."""
     first = [name for name in known if name in names]
-    others = sorted(
-        names - set(first),
-        key=lambda name: [
-            (int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)
-        ],
+    return first + sorted(
+        names - set(first), key=lambda name: re.sub(r"\d+", lambda n: n[0].zfill(20), name)
     )
-    return first + others

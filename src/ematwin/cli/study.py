@@ -131,8 +131,6 @@ def report(
     if seed < 0:
         raise InputError(f"--seed must not be negative, received {seed}.")
     check_extra()
-    if out is not None:
-        page.check_folder(out)
     settings: dict[str, Any] = {"threshold": threshold, "seed": seed}
     settings["targets"] = tuple(sorted(set(target))) if target else TARGETS
     settings["misfits"] = tuple(sorted(set(misfit), reverse=True)) if misfit else STATED_MISFITS
