@@ -118,7 +118,7 @@ def test_friedman_and_wilcoxon_are_those_of_scipy_over_case_means():
     )
     by_hand = np.mean([[1 + sum(o < v for o in row) for v in row] for row in means], axis=0)
     assert list(found.average.values()) == pytest.approx(by_hand)
-    for pair in found.pairs:
+    for pair in found.pairs.itertuples():
         i, j = "abcd".index(pair.first), "abcd".index(pair.second)
         assert pair.p == pytest.approx(stats.wilcoxon(means[:, i], means[:, j]).pvalue)
 
@@ -128,7 +128,7 @@ def test_corrected_pairs_are_those_of_scikit_posthocs():
     means = np.random.default_rng(4).uniform(0, 1, (12, 4)) + np.array([0.0, 0.3, 0.4, 0.9])
     found = compare_ranks(table_of(means), NO_EFFECTS)
     theirs = posthocs.posthoc_wilcoxon(list(means.T), p_adjust="holm").to_numpy()
-    for pair in found.pairs:
+    for pair in found.pairs.itertuples():
         expected = theirs["abcd".index(pair.first), "abcd".index(pair.second)]
         assert pair.p_holm == pytest.approx(expected)
         assert found.differ(pair.second, pair.first) == (expected < 0.05)
@@ -142,7 +142,7 @@ def test_the_least_corrected_p_is_met_where_one_always_wins(cases, methods, smal
     means = np.arange(methods) * np.arange(1.0, cases + 1.0)[:, None]
     found = compare_ranks(table_of(means), NO_EFFECTS)
     assert found.smallest_holm == pytest.approx(smallest)
-    assert min(pair.p_holm for pair in found.pairs) == pytest.approx(found.smallest_holm)
+    assert found.pairs["p_holm"].min() == pytest.approx(found.smallest_holm)
     assert (smallest >= 0.05) == any("no corrected p" in note for note in found.notes)
 
 

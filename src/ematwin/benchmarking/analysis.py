@@ -44,12 +44,16 @@ class StudyAnalysis:
     @property
     def lead(self) -> str:
         """Which algorithm errs least, and whether that is more than chance."""
-        return _lead(self)
+        return self._paragraphs[0]
 
-    @cached_property
+    @property
     def conclusions(self) -> list[str]:
         """Plain sentences, most important first, each only where its numbers allow it."""
-        return _conclusions(self)
+        return self._paragraphs[1:]
+
+    @cached_property
+    def _paragraphs(self) -> list[str]:
+        return _concluded(self)
 
     @property
     def failures(self) -> Any:
@@ -89,31 +93,23 @@ class StudyAnalysis:
 
     def as_dict(self) -> dict[str, Any]:
         """Give all tables as plain values; None where a number could not be computed."""
-        table, ranks = self.table, self.ranks
+        table, ranks = self.table, vars(self.ranks)
+        names = ("cells", "effects", "curves", "times", "failures", "diagnosis")
+        rows = {name: getattr(self, name).to_dict("records") for name in names}
         return plain({
-            "runs": len(table),
-            "done": int(table.done.sum()),
-            "kind": table.subject.model.kind,
-            "unknowns": table.subject.names,
-            "cases": table.cases,
-            "algorithms": table.algorithms,
-            "settings": table.settings,
-            "provenance": table.provenance,
-            "cells": self.cells.to_dict("records"),
-            "effects": self.effects.to_dict("records"),
+            "runs": len(table), "done": int(table.done.sum()),
+            "kind": table.subject.model.kind, "unknowns": table.subject.names,
+            "cases": table.cases, "algorithms": table.algorithms,
+            "settings": table.settings, "provenance": table.provenance,
+            "cells": rows["cells"], "effects": rows["effects"],
             "ranks": {
-                **{k: v for k, v in vars(ranks).items() if k not in ("smallest_holm", "pairs")},
-                "pairs": [pair._asdict() for pair in ranks.pairs],
-                "smallest_p_holm": ranks.smallest_holm,
+                **{n: x for n, x in ranks.items() if n not in ("smallest_holm", "pairs")},
+                "pairs": ranks["pairs"].to_dict("records"),
+                "smallest_p_holm": ranks["smallest_holm"],
             },
-            "evaluations_to_target": self.curves.to_dict("records"),
-            "running_times": self.times.to_dict("records"),
-            "diagnosis": {
-                "threshold": self.threshold, "algorithms": self.diagnosis.to_dict("records")
-            },
-            "failures": self.failures.to_dict("records"),
-            "lead": self.lead,
-            "conclusions": self.conclusions,
+            "evaluations_to_target": rows["curves"], "running_times": rows["times"],
+            "diagnosis": {"threshold": self.threshold, "algorithms": rows["diagnosis"]},
+            "failures": rows["failures"], "lead": self.lead, "conclusions": self.conclusions,
         })  # fmt: skip
 
 
@@ -151,40 +147,19 @@ def prose(name: str, **values: Any) -> str:
     return Template(template, trim_blocks=True).render(counted=counted, **values)
 
 
-def _lead(study: StudyAnalysis) -> str:
-    table, ranks = study.table, study.ranks
-    whole = matrix(study.cells, "err_mean").dropna()
-    if not len(whole) or len(table.algorithms) < 2:
-        return f"{int(table.done.sum())} of {counted(len(table), 'run')} ended well."
-    wins = whole.idxmin(axis=1).value_counts()
-    cases = counted(len(whole), "case")
-    count = wins.max()
-    best, *tied = (str(name) for name in wins.index[wins == count])
-    if tied:
-        return (
-            f"{listed([best, *tied])} have the lowest mean Err% equally often, on {count} of "
-            f"{cases} each."
-        )
-    others = len(table.algorithms) - 1
-    surely = sum(
-        best in pair[:2] and (pair.a12 > 0.5) == (pair.first == best) for pair in ranks.different
-    )
-    sure = "no test tells that from chance"
-    if surely:
-        whom = "the other" if others == 1 else f"{surely} of the {others} others"
-        sure = f"it is better than {whom} by more than chance"
-    return f"{best} has the lowest mean Err% on {count} of {cases}; {sure}."
-
-
-def _conclusions(study: StudyAnalysis) -> list[str]:
+def _concluded(study: StudyAnalysis) -> list[str]:
     """The paragraphs of ``conclusions.j2``."""
     table, ranks, cells, subject = study.table, study.ranks, study.cells, study.table.subject
+    wins = matrix(cells, "err_mean").dropna().idxmin(axis=1).value_counts(sort=False)
+    best = [str(name) for name in wins.index[wins == wins.max()]]
+    different = ranks.pairs[ranks.different]
+    better = different["first"].where(different["a12"] > 0.5, different["second"])
+    before = {one: worse for one in ranks.order if ranks.blocks and (worse := ranks.behind(one))}
     corner = (subject.healthy == subject.lower) | (subject.healthy == subject.upper)
     zero = subject.healthy == 0.0
     pulled = [name for name in table.algorithms if name.partition("-")[0] in _TO_ZERO]
     favoured = [f"{', '.join(pulled)} (drawn to the origin)"] if pulled and zero.any() else []
     favoured += ["every method that clips at the bounds"] if corner.any() else []
-    behind = {better: ranks.behind(better) for better in ranks.order} if ranks.blocks else {}
     diagnosis = study.diagnosis.set_index("algorithm")
     named = (diagnosis["exact"] / diagnosis["runs"]).dropna()
     without = cells[cells["done"] == 0]
@@ -192,8 +167,9 @@ def _conclusions(study: StudyAnalysis) -> list[str]:
         "conclusions.j2", runs=len(table), done=int(table.done.sum()), enough=ENOUGH,
         missing=[f"{one.algorithm} on {one.case}" for one in without.itertuples()],
         fewest=int(cells["done"].min()), ranks=ranks, tested=math.isfinite(ranks.friedman_p),
-        significant=ranks.friedman_p < ALPHA,
-        before=[f"{one} before {', '.join(worse)}" for one, worse in behind.items() if worse],
+        significant=ranks.friedman_p < ALPHA, algorithms=len(table.algorithms), best=best,
+        listed=listed, surely=int(better.isin(best[:1]).sum()), won=wins.max(), whole=wins.sum(),
+        different=different, before=before,
         named=named.sort_values(ascending=False, kind="stable").to_dict(),
         threshold=study.threshold, machines=len(table.provenance.get("machine", ())),
         box=table.settings["search box"], special=int((corner | zero).sum()), corner=corner.any(),

@@ -2,7 +2,6 @@
 
 import math
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -43,9 +42,9 @@ def study_page(analysis: StudyAnalysis) -> str:
         "What can and cannot be concluded": {"points": analysis.conclusions},
         "The methods": {"table": _methods(analysis)},
         **{heading: {"figure": figure} for heading, figure in analysis.plot().items()},
-        "Performance coefficient": {"table": _coefficients(analysis, "performance_coefficient")},
-        "Performance coefficient by evaluations": {
-            "table": _coefficients(analysis, "performance_coefficient_by_evaluations")
+        **{
+            name.replace("_", " ").capitalize(): {"table": _coefficients(analysis, name)}
+            for name in ("performance_coefficient", "performance_coefficient_by_evaluations")
         },
         "Err% by case and algorithm": {"table": _errors(analysis)},
         "Success rate": {"table": success_table(analysis)},
@@ -99,7 +98,7 @@ def _errors(analysis: StudyAnalysis) -> Table:
             cell.case, cell.algorithm, f"{cell.done} of {cell.runs}",
             number(cell.err_mean), between(cell.err_mean_low_95, cell.err_mean_high_95),
             number(cell.err_median), between(cell.err_median_low_95, cell.err_median_high_95),
-            between(cell.err_q1, cell.err_q3), whole(cell.evaluations_mean),
+            between(cell.err_q1, cell.err_q3), number(cell.evaluations_mean, 0),
             number(cell.seconds_mean),
         ]  # fmt: skip
         if directed:
@@ -124,9 +123,10 @@ def success_table(analysis: StudyAnalysis) -> Table:
 
 def _ranks(analysis: StudyAnalysis) -> Table:
     rows = [
-        Row([f"{one.first} and {one.second}", *(number(v, 2) for v in one[2:])],
+        Row([f"{one.first} and {one.second}",
+             number(one.p, 2), number(one.p_holm, 2), number(one.a12, 2)],
             marked=one.p_holm < ALPHA)
-        for one in analysis.ranks.pairs
+        for one in analysis.ranks.pairs.itertuples()
     ]  # fmt: skip
     return Table(["pair", "p, Wilcoxon", "p, Holm", "A12"], rows)
 
@@ -138,8 +138,8 @@ def _times(analysis: StudyAnalysis) -> Table:
     for algorithm, times in analysis.times.groupby("algorithm", sort=False):
         cells = [str(algorithm)]
         for one in times.itertuples():
-            interval = between(one.low_95, one.high_95, whole)
-            cells += [percent(one.reached), whole(one.expected), interval]
+            interval = between(one.low_95, one.high_95, 0)
+            cells += [percent(one.reached), number(one.expected, 0), interval]
         rows.append(Row(cells))
     return Table(header, rows)
 
@@ -204,18 +204,13 @@ def number(value: float, digits: int = 3) -> str:
     return f"{value:#.{digits}g}".removesuffix(".")
 
 
-def whole(value: float) -> str:
-    """Format a count, or a mean of counts."""
-    return f"{value:.0f}" if math.isfinite(value) else _NONE
-
-
 def percent(share: float) -> str:
     """Format a share in per cent."""
     return f"{100.0 * share:.0f} %" if math.isfinite(share) else _NONE
 
 
-def between(low: float, high: float, shown: Callable[[float], str] = number) -> str:
-    """Format an interval."""
-    if not math.isfinite(low):
-        return _NONE
-    return shown(low) if low == high else f"{shown(low)} to {shown(high)}"
+def between(low: float, high: float, digits: int = 3) -> str:
+    """Format an interval; a dash where there is none."""
+    if low == high or not math.isfinite(low):
+        return number(low, digits)
+    return f"{number(low, digits)} to {number(high, digits)}"

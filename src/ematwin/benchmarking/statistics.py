@@ -20,8 +20,8 @@ error of ``threshold`` of a turn or more are counted separately.
 import math
 from collections import Counter
 from dataclasses import dataclass
-from itertools import combinations
-from typing import Any, NamedTuple
+from itertools import combinations, product
+from typing import Any
 
 import numpy as np
 from scipy.stats import bootstrap, friedmanchisquare, wilcoxon
@@ -142,18 +142,6 @@ def vargha_delaney(x: np.ndarray, y: np.ndarray) -> float:
     return 1.0 - float(np.mean((x > y) + 0.5 * (x == y)))
 
 
-class Pair(NamedTuple):
-    """Two algorithms compared."""
-
-    first: str
-    second: str
-    p: float  # p, p_holm: Wilcoxon signed-rank over the case means, two-sided; plain and corrected
-    p_holm: float
-    # chance that a run of ``first`` has the lower Err% than one of ``second``, ties counting
-    # half, averaged over the cases; 0.5 is no difference. A failed run loses to any other.
-    a12: float
-
-
 @dataclass(frozen=True)
 class RankComparison:
     """Outcome of the tests."""
@@ -163,7 +151,10 @@ class RankComparison:
     left_out: list[str]
     friedman: float  # statistic and p; NaN where the test could not be made
     friedman_p: float
-    pairs: list[Pair]  # every two algorithms
+    # DataFrame of every two algorithms (first, second); p, p_holm: Wilcoxon signed-rank over the
+    # case means, two-sided, plain and corrected; a12: chance that a run of the first has the lower
+    # Err%, ties counting half, averaged over the cases; a failed run loses to any other
+    pairs: Any
     smallest_holm: float  # the least corrected p that so many cases and pairs allow
     notes: list[str]  # what could not be computed, as sentences
 
@@ -173,13 +164,14 @@ class RankComparison:
         return sorted(self.average, key=self.average.__getitem__)
 
     @property
-    def different(self) -> list[Pair]:
-        """Pairs that differ after correction."""
-        return [pair for pair in self.pairs if pair.p_holm < ALPHA]
+    def different(self) -> Any:
+        """Whether each pair differs after correction."""
+        return self.pairs["p_holm"] < ALPHA
 
     def differ(self, first: str, second: str) -> bool:
         """Whether two algorithms differ after correction."""
-        return any({pair.first, pair.second} == {first, second} for pair in self.different)
+        both = self.pairs[["first", "second"]].isin([first, second]).all(axis=1)
+        return bool((both & self.different).any())
 
     def behind(self, better: str) -> list[str]:
         """Algorithms of higher rank that differ from one after correction, in order."""
@@ -224,10 +216,11 @@ def compare_ranks(means: Any, effects: Any) -> RankComparison:
     return RankComparison(
         {str(name): float(rank) for name, rank in whole.rank(axis=1).mean().items()},
         [str(case) for case in whole.index], left_out, statistic, p,
-        [
-            Pair(*pair, p, p_holm, a12.get(pair, math.nan))
-            for pair, p, p_holm in zip(pairs, plain.tolist(), holm(plain).tolist(), strict=True)
-        ],
+        frame({
+            "first": [first for first, _ in pairs], "second": [second for _, second in pairs],
+            "p": plain, "p_holm": holm(plain),
+            "a12": [a12.get(pair, math.nan) for pair in pairs],
+        }),
         smallest, notes,
     )  # fmt: skip
 
@@ -288,13 +281,9 @@ def diagnose(table: RunTable, threshold: float = THRESHOLD) -> Any:
         "chances": absent.sum(axis=1), "false_alarms": false.sum(axis=1), "confused": confused,
         "directions": directed, "direction_wrong": turned,
     }).groupby(algorithm).sum().reindex(table.algorithms)  # fmt: skip
-    names = np.array(subject.names)[subject.magnitudes].tolist()
+    names = np.array(subject.names)[subject.magnitudes]
     confusions = {name: Counter[tuple[str, str]]() for name in table.algorithms}
     for run in np.flatnonzero(confused):
-        confusions[algorithm[run]].update(
-            (names[i], names[j])
-            for i in np.flatnonzero(missed[run])
-            for j in np.flatnonzero(false[run])
-        )
+        confusions[algorithm[run]].update(product(names[missed[run]], names[false[run]]))
     counts["confusions"] = [dict(one.most_common()) for one in confusions.values()]
     return counts.reset_index()
