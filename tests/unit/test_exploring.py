@@ -51,7 +51,7 @@ def test_the_twin_answers_as_the_comparison_of_the_kind(explorer, recording):
     shown = explorer.setup()["time"]
     expected = np.interp(shown, recording.time, comparison.responses(one, 1)["voltage"][0])
     np.testing.assert_allclose(answer["twin"], expected, atol=1e-4)
-    seen = ask(explorer, "traces", channel="voltage")["recorded"]
+    (seen,) = (one["recorded"] for one in explorer.setup()["channels"] if one["name"] == "voltage")
     np.testing.assert_allclose(np.array(seen) - answer["twin"], answer["residual"], atol=2e-4)
     assert answer["misfit"] == pytest.approx(
         math.sqrt(comparison.costs(one, 1)[0] / comparison.scale)
@@ -75,7 +75,7 @@ def test_a_profile_is_what_single_answers_are_and_lowest_where_the_fault_was_inj
 def test_the_verdict_is_that_of_identify(explorer, recording):
     answer = ask(explorer, "verdict")
     found = ematwin.identify(recording, "emps")
-    assert answer["sentence"] == found.verdict.sentence
+    assert answer["verdict"]["sentence"] == found.verdict.sentence
     assert answer["intervals"]["friction"] == list(found.intervals["friction"])
     # at these values, with the parameters that were freed, the twin answers as was reported
     at = ask(explorer, "answer", values=answer["values"], channel="voltage", fitted=True)
@@ -115,7 +115,8 @@ def test_a_recording_keeps_its_own_command(explorer, recording):
 def test_a_candidate_that_diverges_has_no_misfit_and_leaves_a_hole(explorer, monkeypatch):
     comparison = explorer._comparison
     monkeypatch.setattr(comparison, "costs", lambda batch, count: np.full(count, np.inf))
-    broken = {name: np.full((1, len(explorer.recording)), np.nan) for name in explorer.channels}
+    names = comparison.captions()
+    broken = {name: np.full((1, len(explorer.recording)), np.nan) for name in names}
     monkeypatch.setattr(comparison, "responses", lambda batch, count: broken)
     answer = ask(explorer, "answer", values={}, channel="voltage")
     assert answer["misfit"] is None
@@ -130,6 +131,8 @@ QUESTION = {"ask": "answer", "values": {"friction": 1.5}, "channel": "voltage", 
     [
         {"ask": "exit"},
         {"ask": ["setup"]},
+        {"ask": "_take", "recording": None},
+        {"number": 3},
         {"values": None},
         {"values": {"friction": math.nan}},
         {"values": {"friction": 4.1}},

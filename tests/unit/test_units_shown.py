@@ -93,16 +93,15 @@ def test_commands_that_simulate_follow(ematwin: Any, tmp_path: Path):
 
 def test_sliders_and_traces_of_the_explorer_follow():
     explorer = Explorer(None, "servo48")
-    channel = explorer.channels[0]
-    unit, si = explorer.setup()["channels"][0]["unit"], explorer.traces(channel)["healthy"]
+    si = explorer.setup()["channels"][0]
     use_units("torque=mN m, current=mA")
-    shown = explorer.traces(channel)["healthy"]
-    assert (unit, explorer.setup()["channels"][0]["unit"]) == ("A", "mA")
-    assert max(shown) == pytest.approx(1e3 * max(si), rel=1e-4)
-    answer = explorer.answer({"friction": 0.25}, channel, False)
+    shown = explorer.setup()["channels"][0]
+    assert (si["unit"], shown["unit"]) == ("A", "mA")
+    assert max(shown["healthy"]) == pytest.approx(1e3 * max(si["healthy"]), rel=1e-4)
+    answer = explorer.answer({"friction": 0.25}, si["name"])
     assert answer["said"]["friction"] == "45 mN m"
     assert max(answer["twin"]) > 1e3
-    profile = explorer.profile({}, "friction", False)
+    profile = explorer.profile({}, "friction")
     assert (profile["unit"], profile["x"][0]) == ("mN m", pytest.approx(30.0))
 
 

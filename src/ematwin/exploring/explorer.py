@@ -1,19 +1,18 @@
 """Explorer: the response of the twin at the values of the sliders.
 
 It knows no page and no widget. Everything is asked of the kind's comparison, as a search does.
-`answered` checks every question of a page or widget. It can name unknowns, channels and shipped
-scenarios that the explorer knows, and give numbers within their bounds. Nothing else gets through,
-and no file can be named.
+`answered` lets a page or widget ask what is in `QUESTIONS`. Questions can name unknowns, channels
+and shipped scenarios that the explorer knows, and give numbers within their bounds. Nothing else
+gets through, and no file can be named.
 """
 
-import math
 import threading
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, FiniteFloat, ValidationError
+from pydantic import ConfigDict, FiniteFloat, ValidationError, validate_call
 
 from ematwin.errors import EmatwinError, InputError
 from ematwin.estimation.local import LocalDescent
@@ -27,7 +26,11 @@ from ematwin.monitoring.identify import identify
 from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording
 from ematwin.report.style import BLUE, GREEN, GREY, ORANGE
-from ematwin.showing.text import capital, said
+from ematwin.showing.results import plain
+from ematwin.showing.text import capital, in_unit, said
+
+QUESTIONS = ("setup", "answer", "profile", "fit", "verdict", "progress", "scenario")
+_question = validate_call(config=ConfigDict(strict=True))  # refuses arguments of other types
 
 
 class StoppedError(Exception):
@@ -39,6 +42,9 @@ class Explorer:
 
     Parameters and errors are as of `ematwin.explore`. ``unknowns`` have a slider, by name: faults,
     then load and sensors where they matter. ``stopped`` is set to end a search that is under way.
+
+    In questions, ``values`` are where the sliders stand, healthy if missing; ``fitted`` takes
+    parameters, load and sensors without a slider from the last `verdict`.
     """
 
     def __init__(
@@ -47,155 +53,128 @@ class Explorer:
     ) -> None:  # fmt: skip
         if record is not None and scenario is not None:
             raise InputError("A recording has its own command; leave the scenario out.")
-        if actuator is None and record is not None:
+        if record is not None and actuator is None:
             actuator = actuator_for(record)
-        self._given = actuator
-        self.actuator = load_actuator(actuator)
+        self._given, self.actuator = actuator, load_actuator(actuator)
         self.model = model_of(self.actuator)
-        self.recorded = record is not None
+        self.recorded, self.command = record is not None, ""
         self.stopped = threading.Event()
         self._searched = (0, 0)  # simulations of the search under way, and their maximum
-        self.scenario = ""
         if record is None:
-            self.choose(scenario)
+            self._choose(scenario)
         elif isinstance(record, Recording):
             self._take(record)
         else:
             self._take(read(record, actuator=self.actuator))
 
-    def choose(self, scenario: Scenario | str | Path | None) -> None:
-        """Ask the healthy twin for another scenario."""
-        if self.recorded:
-            raise InputError("A recording has its own command; explore without one instead.")
+    def _choose(self, scenario: Scenario | str | Path | None) -> None:
         asked = self.model.load_scenario(scenario)
         healthy = self.model.values_of(self.actuator, None)
         twin = self.model.fidelities[-1]  # that which candidates are simulated with
         self._take(self.model.simulate(self.actuator, asked, healthy, fidelity=twin))
-        self.scenario = asked.name
+        self.command = asked.name
 
     def _take(self, recording: Recording) -> None:
         self.recording = recording = self.model.averaged(recording)
         noted = recording.provenance.get("warnings", [])
         self.warnings = [*noted, *self.model.check(recording, self.actuator)]
-        self._problem = Problem.of(recording, self.actuator)
-        self._comparison = self._problem.comparisons[0]
-        searched = set(self._problem.names)
+        self._problem = problem = Problem.of(recording, self.actuator)
+        self._comparison = comparison = problem.comparisons[0]
         self.unknowns = {
             one.name: one
             for one in self.model.unknowns(self.actuator)
-            if one.name in searched or (one.marginal and one.name not in self._comparison.ignores)
+            if one.name in problem.names or (one.marginal and one.name not in comparison.ignores)
         }
         self._fitted: dict[str, float] = {}
         # a trace needs no more points than a screen has columns
-        self._shown = slice(None, None, max(1, -(-len(recording) // 1500)))
-        self._healthy = self._comparison.responses(self._batch({}, 1), 1)
-        self._target = self._comparison.measured()
+        self._kept = slice(None, None, max(1, -(-len(recording) // 1500)))
+        self._target, self._healthy = comparison.measured(), self._response({})
         if not self.recorded:  # its noise and its sensors are of no interest here
-            recorded = self._target
-            self._target = {name: rows[0] for name, rows in self._healthy.items()}
-            missed = {name: recorded[name] - trace for name, trace in self._target.items()}
-            self._comparison = self._comparison.with_missed(missed)
+            missed = {name: self._target[name] - trace for name, trace in self._healthy.items()}
+            self._target, self._comparison = self._healthy, comparison.with_missed(missed)
 
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Names of the compared channels."""
-        return tuple(self._target)
+    # Questions
 
-    # What is asked
-
+    @_question
     def setup(self) -> dict[str, Any]:
-        """Contents of a page: sliders, channels, and all that does not change as they move."""
-        captions = self._comparison.captions()
+        """Contents of a page: sliders, and all that does not change as they move."""
         rate = f"{len(self.recording)} samples at {self.recording.sample_rate:g} Hz"
+        channels, inputs = [], []
+        for name, caption in self._comparison.captions().items():
+            recorded, healthy = self._target[name], self._healthy[name]
+            traced = self._traced(*caption, recorded=recorded, healthy=healthy)
+            channels.append({"name": name, **traced})
+        for one in (self.model.channel(name) for name in self.model.inputs):
+            trace = self.recording.channels.get(one.name)
+            if trace is not None and (one.name != self.model.load or trace.any()):
+                inputs.append(self._traced(one.meaning, one.unit, values=trace))
         return {
             "title": f"{self.actuator.name}: {self.model.title}",
             "recorded": self.recorded,
             "source": f"{self.recording.name}, {rate}" if self.recorded else rate,
             "warnings": self.warnings,
-            "scenario": self.scenario,
+            "scenario": self.command,
             "scenarios": [] if self.recorded else sorted(self.model.scenarios()),
             "sliders": [self._slider(one) for one in self.unknowns.values()],
-            "channels": [
-                {"name": name, "title": capital(captions[name][0]), "unit": self._shown_in(name)[0]}
-                for name in self._target
-            ],
-            "inputs": self._inputs(),
-            "time": _plain(self.recording.time[self._shown], exact=True),
+            "channels": channels,
+            "inputs": inputs,
+            "time": self.recording.time[self._kept],
+            "healthy_misfit": self._misfits({})[0],
             "colors": {"recorded": GREY, "twin": ORANGE, "healthy": BLUE, "truth": GREEN},
         }
 
-    def traces(self, channel: str) -> dict[str, Any]:
-        """Traces of a channel that no slider changes: the recording and the healthy twin."""
-        factor = self._shown_in(channel)[1]
+    @_question
+    def answer(
+        self, values: dict[str, FiniteFloat], channel: str, fitted: bool = False
+    ) -> dict[str, Any]:
+        """The twin's answer in a channel where the sliders stand."""
+        at, captions = self._at(values, fitted), self._comparison.captions()
+        caption = captions[_one_of(captions, channel, "channel")]
+        twin = self._response(at)[channel]
         return {
-            "recorded": _plain(factor * self._target[channel][self._shown]),
-            "healthy": _plain(factor * self._healthy[channel][0][self._shown]),
-            "healthy_misfit": self._misfits(self._batch({}, 1), 1)[0],
+            **self._traced(*caption, twin=twin, residual=self._target[channel] - twin),
+            "misfit": self._misfits(at)[0],
+            "said": {name: self._said(one, at) for name, one in self.unknowns.items()},
         }
 
-    def answer(self, values: Mapping[str, float], channel: str, fitted: bool) -> dict[str, Any]:
-        """The twin's answer in a channel where the sliders stand; missing values are healthy.
-
-        ``fitted`` takes parameters, load and sensors from the last `verdict`.
-        """
-        one = self._batch(values, 1, fitted)
-        answer = self._comparison.responses(one, 1)[channel][0]
-        factor = self._shown_in(channel)[1]
-        return {
-            "twin": _plain(factor * answer[self._shown]),
-            "residual": _plain(factor * (self._target[channel] - answer)[self._shown]),
-            "misfit": self._misfits(one, 1)[0],
-            "said": {name: self._said(name, values) for name in self.unknowns},
-        }
-
-    def profile(self, values: Mapping[str, float], along: str, fitted: bool) -> dict[str, Any]:
+    @_question
+    def profile(
+        self, values: dict[str, FiniteFloat], along: str, fitted: bool = False
+    ) -> dict[str, Any]:
         """The misfit over the range of one unknown, the others where the sliders stand."""
-        one = self.unknowns[along]
+        at, one = self._at(values, fitted), self.unknowns[_one_of(self.unknowns, along, "along")]
         space = np.geomspace if one.logarithmic else np.linspace
-        count = 64  # full lanes
-        grid = space(one.lower, one.upper, count)
-        batch = self._batch(values, count, fitted) | {along: grid}
+        grid = space(one.lower, one.upper, 64)  # full lanes
         rows = [one.physical_value(self.actuator, float(x)) for x in grid]
         x, unit = np.array([row.value for row in rows]), rows[0].unit
         if not (np.diff(x) > 0.0).all():
             x, unit = grid, one.unit  # no axis: the physical value turns back
         unit, factor = preferred(unit)
         return {
-            "along": along,
-            "position": _plain(grid, exact=True),
-            "x": _plain(factor * x, exact=True),
-            "unit": _spaced(unit),
-            "misfit": self._misfits(batch, count),
-        }
+            "along": along, "position": grid, "x": factor * x, "unit": in_unit("", unit).strip(),
+            "misfit": self._misfits({**at, along: grid}, grid.size),
+        }  # fmt: skip
 
-    def fit(self, values: Mapping[str, float], fitted: bool) -> dict[str, Any]:
+    @_question
+    def fit(self, values: dict[str, FiniteFloat], fitted: bool = False) -> dict[str, Any]:
         """Descend from where the sliders stand; load and sensors stay unless they are searched.
 
         Where the kind has a smoother misfit, that is descended first: its minima are wider.
         """
-        problem = self._problem
-        every = {**(self._fitted if fitted else {}), **values}
-        held = {n: x for n, x in every.items() if n not in problem.names}
-        sharp = Problem(
-            [self._comparison], problem.unknowns, held={**problem.held, **held},
-            prior=problem.prior,
-        )  # fmt: skip
-        starts = np.array([[values.get(one.name, one.healthy) for one in problem.unknowns]])
-        evaluations = 0
-        if (smooth := sharp.smoothed()) is not sharp:
-            first = find(smooth, LocalDescent(starts=starts), progress=self._still_wanted)
-            starts = np.vstack([starts, first.point])
-            evaluations = first.evaluations
-        found = find(sharp, LocalDescent(starts=starts), progress=self._still_wanted)
+        at, problem = self._at(values, fitted), self._problem
+        held = {**problem.held, **{n: x for n, x in at.items() if n not in problem.names}}
+        sharp = Problem([self._comparison], problem.unknowns, held=held, prior=problem.prior)
+        starts, spent = np.array([[at.get(one.name, one.healthy) for one in sharp.unknowns]]), 0
+        for stage in dict.fromkeys((sharp.smoothed(), sharp)):
+            found = find(stage, LocalDescent(starts=starts), progress=self._still_wanted)
+            starts, spent = np.vstack([starts, found.point]), spent + found.evaluations
         self._searched = (0, 0)
-        point = np.clip(found.point, problem.lower, problem.upper)
-        return {
-            "values": dict(zip(problem.names, point.tolist(), strict=True)),
-            "evaluations": evaluations + found.evaluations,
-        }
+        point = np.clip(found.point, sharp.lower, sharp.upper).tolist()
+        return {"values": dict(zip(sharp.names, point, strict=True)), "evaluations": spent}
 
+    @_question
     def verdict(self) -> dict[str, Any]:
-        """A whole identification: its verdict, and values with intervals."""
+        """A whole identification as `Identification.as_dict`, with values for the sliders."""
         if not self.recorded:
             raise InputError("There is no recording to judge; explore one.")
         try:
@@ -203,51 +182,62 @@ class Explorer:
         finally:
             self._searched = (0, 0)
         known = {**found.fitted, **found.values}
-        self._fitted = {n: x for n, x in known.items() if n not in self.unknowns}
-        sliders = {n: one for n, one in self.unknowns.items() if n in known}
-        return {
-            "grade": found.verdict.grade, "sentence": found.verdict.sentence,
-            "warnings": found.warnings, "present": list(found.present),
-            "values": {n: min(max(known[n], o.lower), o.upper) for n, o in sliders.items()},
-            "intervals": {n: list(e) for n, e in found.intervals.items() if n in self.unknowns},
-            "fitted": bool(self._fitted), "evaluations": found.evaluations,
-            "seconds": found.seconds,
-        }  # fmt: skip
+        self._fitted = {name: x for name, x in known.items() if name not in self.unknowns}
+        sliders = {name: one for name, one in self.unknowns.items() if name in known}
+        values = {n: min(max(known[n], one.lower), one.upper) for n, one in sliders.items()}
+        return {**found.as_dict(), "values": values, "fitted": bool(self._fitted)}
 
+    @_question
     def progress(self) -> dict[str, Any]:
         """Simulations of the `verdict` under way, and their maximum; may be asked meanwhile."""
         return dict(zip(("evaluations", "most"), self._searched, strict=True))
 
-    # How it is answered
+    @_question
+    def scenario(self, name: str) -> dict[str, Any]:
+        """The `setup` after another shipped scenario was asked of the healthy twin."""
+        if self.recorded:
+            raise InputError("A recording has its own command; explore without one instead.")
+        self._choose(_one_of(self.model.scenarios(), name, "name"))
+        return self.setup()
+
+    # How they are answered
 
     def _still_wanted(self, evaluations: int, cost: float, budget: int) -> None:
         self._searched = (evaluations, budget)
         if self.stopped.is_set():
             raise StoppedError
 
-    def _batch(
-        self, values: Mapping[str, float], count: int, fitted: bool = False
-    ) -> dict[str, np.ndarray]:
+    def _at(self, values: Mapping[str, float], fitted: bool) -> dict[str, float]:
+        """All values that are not healthy, once each of a slider is within its bounds."""
+        at = dict(self._fitted) if fitted else {}
+        for name, value in values.items():
+            at[name] = self.unknowns[_one_of(self.unknowns, name, "A slider")].check(value)
+        return at
+
+    def _batch(self, at: Mapping[str, Any], count: int) -> dict[str, np.ndarray]:
+        """Candidates (B,) at values, each one for all of them or (B,)."""
         healthy = {name: one.healthy for name, one in self.unknowns.items()}
-        every = {**healthy, **(self._fitted if fitted else {}), **values}
-        return {name: np.full(count, value) for name, value in every.items()}
+        return {name: np.full(count, value) for name, value in {**healthy, **at}.items()}
 
-    def _misfits(self, batch: Mapping[str, np.ndarray], count: int) -> list[float | None]:
-        """Relative misfits; None where the twin diverged."""
-        costs = self._comparison.costs(batch, count)
-        misfits = [self._problem.relative_misfit(float(cost)) for cost in costs]
-        return [x if math.isfinite(x) else None for x in misfits]
+    def _response(self, at: Mapping[str, float]) -> dict[str, np.ndarray]:
+        found = self._comparison.responses(self._batch(at, 1), 1)
+        return {name: rows[0] for name, rows in found.items()}
 
-    def _said(self, name: str, values: Mapping[str, float]) -> str:
+    def _misfits(self, at: Mapping[str, Any], count: int = 1) -> list[float]:
+        """Relative misfits of candidates; infinite where the twin diverged."""
+        costs = self._comparison.costs(self._batch(at, count), count)
+        return [self._problem.relative_misfit(cost) for cost in costs]
+
+    def _traced(self, title: str, unit: str, **traces: np.ndarray) -> dict[str, Any]:
+        """Traces (S,) of a channel by name, in the unit in which they are shown."""
+        shown, factor = preferred(unit)
+        told = {name: factor * trace[self._kept] for name, trace in traces.items()}
+        return {"title": capital(title), "unit": in_unit("", shown).strip(), **told}
+
+    def _said(self, one: Unknown, at: Mapping[str, float]) -> str:
         """A value in its physical unit: "0.045 N m"."""
-        one = self.unknowns[name]
-        row = one.physical_value(self.actuator, values.get(name, one.healthy))
+        row = one.physical_value(self.actuator, at.get(one.name, one.healthy))
         return said(row.value, row.unit)
-
-    def _shown_in(self, channel: str) -> tuple[str, float]:
-        """The unit in which a compared channel is shown, and the factor to it."""
-        unit, factor = preferred(self._comparison.captions()[channel][1])
-        return _spaced(unit), factor
 
     def _slider(self, one: Unknown) -> dict[str, Any]:
         source = self.recording.provenance
@@ -257,102 +247,31 @@ class Explorer:
             "name": one.name, "title": one.name.replace("_", " ").capitalize(),
             "meaning": capital(one.meaning), "fault": one.role == "fault", "lower": one.lower,
             "upper": one.upper, "healthy": one.healthy, "logarithmic": one.logarithmic,
-            "ends": [self._said(one.name, {one.name: x}) for x in (one.lower, one.upper)],
+            "ends": [self._said(one, {one.name: x}) for x in (one.lower, one.upper)],
             "truth": truth if truth is not None and one.lower <= truth <= one.upper else None,
         }  # fmt: skip
 
-    def _inputs(self) -> list[dict[str, Any]]:
-        """Command and load over time; a load of zero is left out."""
-        found = []
-        for name in self.model.inputs:
-            trace = self.recording.channels.get(name)
-            if trace is None or (name == self.model.load and not trace.any()):
-                continue
-            one = self.model.channel(name)
-            unit, factor = preferred(one.unit)
-            shown = _plain(factor * trace[self._shown])
-            found.append({"title": capital(one.meaning), "unit": _spaced(unit), "values": shown})
-        return found
-
-
-def _spaced(text: str) -> str:
-    return text.replace("*", " ")
-
-
-def _plain(values: np.ndarray, exact: bool = False) -> list[float | None]:
-    """Numbers for JSON, short unless they must be exact; None if not finite."""
-    finite = np.isfinite(values)
-    if not exact and finite.any():
-        largest = float(np.abs(values[finite]).max())
-        if largest > 0.0:  # five digits of it
-            values = np.round(values, 5 - math.ceil(math.log10(largest)))
-    return [x if ok else None for x, ok in zip(values.tolist(), finite.tolist(), strict=True)]
-
-
-class _Question(BaseModel):
-    model_config = ConfigDict(strict=True)
-
-    ask: str
-    values: dict[str, FiniteFloat] = {}
-    channel: str = ""
-    along: str = ""
-    name: str = ""  # of a scenario
-    fitted: bool = False
-
 
 def answered(explorer: Explorer, question: Any) -> dict[str, Any]:
-    """The answer to a question, or ``{"error": sentence}``; safe to write as JSON.
+    """The answer to ``{"ask": one of QUESTIONS, ...}``, or ``{"error": sentence}``; plain for JSON.
 
-    One at a time, but for those that do not `wait`: an explorer keeps no lock.
+    One at a time, but for progress: an explorer keeps no lock.
     """
     try:
-        asked = _Question.model_validate(question)
-        return _REPLIES[_one_of(_REPLIES, asked.ask, "ask")](explorer, asked)
+        if not isinstance(question, Mapping):
+            raise InputError("A question must be a mapping.")
+        asked = {name: given for name, given in question.items() if name not in ("ask", "id")}
+        what = _one_of(QUESTIONS, question.get("ask"), "ask")
+        answer: dict[str, Any] = plain(getattr(explorer, what)(**asked))
+        return answer
     except ValidationError as error:
         first = error.errors()[0]
-        place = ".".join(str(part)[:40] for part in first["loc"]) or "The question"
-        return {"error": f"{place}: {first['msg']}."}
+        return {"error": f"{'.'.join(str(part)[:40] for part in first['loc'])}: {first['msg']}."}
     except EmatwinError as error:
         return {"error": str(error)}
 
 
-def waits(question: Any) -> bool:
-    """Whether a question waits for the answer to the one before; progress is told meanwhile."""
-    return not (isinstance(question, Mapping) and question.get("ask") == "progress")
-
-
-def _scenario(explorer: Explorer, question: _Question) -> dict[str, Any]:
-    explorer.choose(_one_of(explorer.model.scenarios(), question.name, "name"))
-    return explorer.setup()
-
-
-def _channel(explorer: Explorer, question: _Question) -> str:
-    return _one_of(explorer.channels, question.channel, "channel")
-
-
-_REPLIES: Mapping[str, Callable[[Explorer, _Question], dict[str, Any]]] = {
-    "setup": lambda e, _: e.setup(),
-    "traces": lambda e, q: e.traces(_channel(e, q)),
-    "answer": lambda e, q: e.answer(_values(e, q), _channel(e, q), q.fitted),
-    "profile": lambda e, q: e.profile(
-        _values(e, q), _one_of(e.unknowns, q.along, "along"), q.fitted
-    ),
-    "fit": lambda e, q: e.fit(_values(e, q), q.fitted),
-    "verdict": lambda e, _: e.verdict(),
-    "progress": lambda e, _: e.progress(),
-    "scenario": _scenario,
-}
-
-
-def _values(explorer: Explorer, question: _Question) -> dict[str, float]:
-    """Values by name, each of an unknown and within its bounds."""
-    return {
-        _one_of(explorer.unknowns, name, "A slider"): explorer.unknowns[name].check(value)
-        for name, value in question.values.items()
-    }
-
-
-def _one_of(known: Collection[str], given: str, what: str) -> str:
+def _one_of(known: Collection[str], given: Any, what: str) -> str:
     if given not in known:
         raise InputError(f"{what} must be one of {', '.join(known)}.")
-    return given
+    return str(given)

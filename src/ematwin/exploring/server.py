@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from ematwin.errors import InputError, MissingExtraError
-from ematwin.exploring.explorer import Explorer, StoppedError, answered, waits
+from ematwin.exploring.explorer import Explorer, StoppedError, answered
 from ematwin.models.scenario import Scenario
 from ematwin.recordings.recording import Recording
 
@@ -219,8 +219,9 @@ class _Handler(LocalHandler):
         except (ValueError, RecursionError):
             self.refuse(HTTPStatus.BAD_REQUEST)
             return
+        told = isinstance(question, dict) and question.get("ask") == "progress"
         try:
-            with self.server.turn if waits(question) else nullcontext():
+            with nullcontext() if told else self.server.turn:  # progress is told meanwhile
                 answer = answered(self.server.explorer, question)
         except StoppedError:
             self.close_connection = True

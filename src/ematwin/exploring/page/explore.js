@@ -1,4 +1,4 @@
-// The interactive twin. Asks ematwin.exploring.door through an anywidget model: that of a notebook,
+// The interactive twin. Asks ematwin.exploring.explorer through an anywidget model: that of a notebook,
 // or that of page.js. uPlot stands above this text.
 
 const STEPS = 1000; // of a slider
@@ -72,7 +72,7 @@ class Explorer {
 
   async turnTo(channel) {
     this.channel = channel;
-    this.traces = await this.ask({ ask: "traces", channel });
+    this.traces = this.setup.channels.find((one) => one.name === channel);
     this.profile = null;
     await this.follow();
     this.draw();
@@ -276,8 +276,9 @@ class Explorer {
 
   judge(found) {
     const { verdict, withFitted, fitted } = this.parts;
-    verdict.className = `ee-verdict ee-${found.grade}`;
-    verdict.replaceChildren(make("strong", {}, found.sentence),
+    const { grade, sentence } = found.verdict;
+    verdict.className = `ee-verdict ee-${grade}`;
+    verdict.replaceChildren(make("strong", {}, sentence),
       ...found.warnings.map((text) => make("p", {}, text)));
     verdict.hidden = false;
     withFitted.hidden = !found.fitted;
@@ -299,9 +300,9 @@ class Explorer {
 
   // What the twin answered, in words.
   tell() {
-    const { answer, traces, parts } = this;
+    const { answer, parts } = this;
     parts.misfit.textContent = percent(answer.misfit);
-    parts.before.textContent = this.setup.recorded ? `healthy twin ${percent(traces.healthy_misfit)}` : "";
+    parts.before.textContent = this.setup.recorded ? `healthy twin ${percent(this.setup.healthy_misfit)}` : "";
     for (const [name, { input, said }] of this.rows) {
       said.textContent = answer.said[name];
       input.setAttribute("aria-valuetext", answer.said[name]);
@@ -331,13 +332,12 @@ class Explorer {
     if (!this.answer) return;
     this.clear();
     const { setup } = this;
-    const channel = setup.channels.find((one) => one.name === this.channel);
     const seen = setup.recorded ? [["recorded", "recorded"]] : [];
     const time = { cursor: { sync: { key: this.name }, drag: { x: true, y: false } } };
-    this.figure("answer", channel.title, channel.unit, 240, time,
+    this.figure("answer", this.traces.title, this.traces.unit, 240, time,
       [["healthy", "healthy", [2, 4]], ...seen, ["twin", "twin"]]);
     this.figure("residual", setup.recorded ? "Recording less twin" : "Healthy less twin",
-      channel.unit, 140, { ...time, label: "time, s", range: () => this.span() }, [["recorded", "residual"]]);
+      this.traces.unit, 140, { ...time, label: "time, s", range: () => this.span() }, [["recorded", "residual"]]);
     this.figure("profile", "Misfit", "%", 190, { label: " ", marks: true }, [["twin", "misfit"]]);
     setup.inputs.forEach((one, n) => this.figure("input", one.title, one.unit, 110,
       { ...time, label: n + 1 < setup.inputs.length ? "" : "time, s" }, [["input", one.title]])
