@@ -38,6 +38,8 @@ def is_frame(value: Any) -> bool:
 
 def plain(value: Any) -> Any:
     """Values for JSON: None for NaN and infinity, text for keys, lists for arrays."""
+    if isinstance(value, float):  # first: traces are long
+        return float(value) if math.isfinite(value) else None
     if isinstance(value, Mapping):
         keys = (" -> ".join(key) if isinstance(key, tuple) else str(key) for key in value)
         return dict(zip(keys, map(plain, value.values()), strict=True))
@@ -49,8 +51,6 @@ def plain(value: Any) -> Any:
         return plain(value.tolist())
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
     return value
 
 
