@@ -21,6 +21,7 @@ from ematwin.estimation.search import find
 from ematwin.models.reading import actuator_for, read
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.scenario import Scenario
+from ematwin.models.simulating import simulate
 from ematwin.models.unknown import Unknown
 from ematwin.monitoring.identify import identify
 from ematwin.quantities import preferred
@@ -57,27 +58,22 @@ class Explorer:
             actuator = actuator_for(record)
         self._given, self.actuator = actuator, load_actuator(actuator)
         self.model = model_of(self.actuator)
-        self.recorded, self.command = record is not None, ""
+        self.recorded = record is not None
         self.stopped = threading.Event()
         self._searched = (0, 0)  # simulations of the search under way, and their maximum
         if record is None:
-            self._choose(scenario)
-        elif isinstance(record, Recording):
-            self._take(record)
-        else:
-            self._take(read(record, actuator=self.actuator))
+            record = self._simulated(scenario)
+        elif not isinstance(record, Recording):
+            record = read(record, actuator=self.actuator)
+        self._take(record)
 
-    def _choose(self, scenario: Scenario | str | Path | None) -> None:
-        asked = self.model.load_scenario(scenario)
-        healthy = self.model.values_of(self.actuator, None)
+    def _simulated(self, scenario: Scenario | str | Path | None) -> Recording:
         twin = self.model.fidelities[-1]  # that which candidates are simulated with
-        self._take(self.model.simulate(self.actuator, asked, healthy, fidelity=twin))
-        self.command = asked.name
+        return simulate(twin, scenario, actuator=self.actuator)
 
     def _take(self, recording: Recording) -> None:
         self.recording = recording = self.model.averaged(recording)
-        noted = recording.provenance.get("warnings", [])
-        self.warnings = [*noted, *self.model.check(recording, self.actuator)]
+        self._doubts = self.model.check(recording, self.actuator)
         self._problem = problem = Problem.of(recording, self.actuator)
         self._comparison = comparison = problem.comparisons[0]
         self.unknowns = {
@@ -98,27 +94,28 @@ class Explorer:
     @_question
     def setup(self) -> dict[str, Any]:
         """Contents of a page: sliders, and all that does not change as they move."""
-        rate = f"{len(self.recording)} samples at {self.recording.sample_rate:g} Hz"
+        recording, source = self.recording, self.recording.provenance
+        rate = f"{len(recording)} samples at {recording.sample_rate:g} Hz"
         channels, inputs = [], []
         for name, caption in self._comparison.captions().items():
             recorded, healthy = self._target[name], self._healthy[name]
             traced = self._traced(*caption, recorded=recorded, healthy=healthy)
             channels.append({"name": name, **traced})
         for one in (self.model.channel(name) for name in self.model.inputs):
-            trace = self.recording.channels.get(one.name)
+            trace = recording.channels.get(one.name)
             if trace is not None and (one.name != self.model.load or trace.any()):
                 inputs.append(self._traced(one.meaning, one.unit, values=trace))
         return {
             "title": f"{self.actuator.name}: {self.model.title}",
             "recorded": self.recorded,
-            "source": f"{self.recording.name}, {rate}" if self.recorded else rate,
-            "warnings": self.warnings,
-            "scenario": self.command,
+            "source": f"{recording.name}, {rate}" if self.recorded else rate,
+            "warnings": [*source.get("warnings", []), *self._doubts],
+            "scenario": source.get("scenario", ""),
             "scenarios": [] if self.recorded else sorted(self.model.scenarios()),
             "sliders": [self._slider(one) for one in self.unknowns.values()],
             "channels": channels,
             "inputs": inputs,
-            "time": self.recording.time[self._kept],
+            "time": recording.time[self._kept],
             "healthy_misfit": self._misfits({})[0],
             "colors": {"recorded": GREY, "twin": ORANGE, "healthy": BLUE, "truth": GREEN},
         }
@@ -197,7 +194,7 @@ class Explorer:
         """The `setup` after another shipped scenario was asked of the healthy twin."""
         if self.recorded:
             raise InputError("A recording has its own command; explore without one instead.")
-        self._choose(_one_of(self.model.scenarios(), name, "name"))
+        self._take(self._simulated(_one_of(self.model.scenarios(), name, "name")))
         return self.setup()
 
     # How they are answered
@@ -262,8 +259,7 @@ def answered(explorer: Explorer, question: Any) -> dict[str, Any]:
             raise InputError("A question must be a mapping.")
         asked = {name: given for name, given in question.items() if name not in ("ask", "id")}
         what = _one_of(QUESTIONS, question.get("ask"), "ask")
-        answer: dict[str, Any] = plain(getattr(explorer, what)(**asked))
-        return answer
+        return dict(plain(getattr(explorer, what)(**asked)))
     except ValidationError as error:
         first = error.errors()[0]
         return {"error": f"{'.'.join(str(part)[:40] for part in first['loc'])}: {first['msg']}."}
