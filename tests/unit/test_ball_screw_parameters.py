@@ -21,9 +21,9 @@ from ematwin.models.ball_screw.parameters import BallScrew
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.registry import load_actuator, model_in, shipped_actuators
 from ematwin.monitoring.calibration import FORMAT, Calibration
-from ematwin.monitoring.measure import Motion
-from ematwin.monitoring.population import Measurements, Signature
-from ematwin.monitoring.population_calibration import PopulationCalibration
+from ematwin.monitoring.measure import Measurements, Motion
+from ematwin.monitoring.population import Parabola
+from ematwin.monitoring.population_calibration import PopulationCalibration, Signature
 from made_up_rig import out_and_back
 from refusals import refusal_of
 
@@ -163,20 +163,22 @@ def calibration() -> Calibration:
     features, runs = 63, ("1", "1", "2", "2", "3", "3")
     healthy = Measurements(
         features=np.exp(random.normal(size=(6, features))),
-        errors=np.exp(random.normal(size=(6, 3))),
         covariate=np.array([-120.0, 340.0, 10.0, 20.0, 30.0, 40.0]),
         groups=np.array([0, 0, 1, 1, 2, 2]),
-        runs=runs,
+        runs=np.array(runs),
         statistics={"sensor_coupling": random.normal(size=6)},
     )
     return PopulationCalibration(
         actuator=actuator,
         baseline=Baseline.of_template(MODEL, actuator),
         motion=Motion(command, interval, 1.4, ("current", "position_error")),
-        discrepancy=random.normal(size=(3, 2 * command.size)),
-        scale=212.5,
+        discrepancy=Parabola(212.5, random.normal(size=(3, 2 * command.size))),
         healthy=healthy,
-        signatures=(Signature("lubrication", random.normal(size=(3, features)), "9 motions"),),
+        signatures=(
+            Signature(
+                "lubrication", Parabola(212.5, random.normal(size=(3, features))), "9 motions"
+            ),
+        ),
         facts={"runs": ["1", "2"], "sources": ["a.csv"], "undetermined": []},
     )
 

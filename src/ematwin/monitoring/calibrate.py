@@ -6,6 +6,7 @@ runs, signatures. Bands of the residual of a run come from a discrepancy learnt 
 a share of the run's noise in it would make its bands look quieter than the bands of a later run.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +16,7 @@ import numpy as np
 
 from ematwin.errors import InputError, RecordError
 from ematwin.estimation.baseline import frees_parameters
+from ematwin.estimation.constants import IMPLAUSIBLE
 from ematwin.estimation.learn import learn
 from ematwin.estimation.local import LocalDescent
 from ematwin.models.base import Model, Monitoring
@@ -24,11 +26,10 @@ from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.monitoring.by_population import by_population
 from ematwin.monitoring.calibration import Basis, Calibration, CalibrationReport
-from ematwin.monitoring.measure import Bench, Fit, Measured, Motion
-from ematwin.monitoring.population import Population, Signature, basis, fit_mean
-from ematwin.monitoring.population_calibration import PopulationCalibration
+from ematwin.monitoring.measure import Beside, Measurements, Motion, measured
+from ematwin.monitoring.population import Parabola
+from ematwin.monitoring.population_calibration import PopulationCalibration, Signature
 from ematwin.monitoring.runs import Given, actuator_of, recordings_of
-from ematwin.numerics.signals import spread_of
 from ematwin.recordings.recording import Recording
 from ematwin.showing.bars import told
 
@@ -36,10 +37,7 @@ Progress = Callable[[float], None]
 _MOST_LEARNT = 8  # recordings that the parameters of other kinds are fitted to
 _MOST_MEANS = 24  # mean recordings that those of monitored kinds are fitted to: more are no better
 _MOST_LABELS = 20  # values of one label that are listed
-_OUTLIER = 4.0  # robust standard deviations of the logarithm of a run's distance
-_LEAST_SCATTER = 0.2  # of that logarithm: few runs may agree by chance
-_WILD = 4.0  # healthy deviations that a feature counts at most: one alone makes no run odd
-_ODD = 8.0  # robust standard deviations of what is reported
+_FEWEST = 5  # runs, of which one can be told from the others: three know too little of a fourth
 
 
 def calibrate(
@@ -80,119 +78,210 @@ def calibrate(
     with told(progress, "calibrating") as show:
         tell = show or (lambda share: None)
         if add_to is not None:
-            return _added(recordings, add_to, known or {}, name, tell)
-        return _calibrated(recordings, template, known or {}, name, tell)
+            report = _added(recordings, add_to, known or {}, name, tell)
+        else:
+            chosen = actuator_of(recordings) if template is None else load_actuator(template)
+            report = _calibrated(recordings, chosen, known or {}, name, tell)
+        tell(1.0)
+        return report
 
 
 def _calibrated(
     recordings: Given,
-    template: ParameterSet | str | Path | Any | None,
+    template: ParameterSet,
     known: Mapping[str, Given],
     name: str | None,
     tell: Progress,
 ) -> CalibrationReport:
     """The twin, and where it judges, the healthy population."""
-    chosen = actuator_of(recordings) if template is None else load_actuator(template)
-    model = model_of(chosen)
-    by_values = frees_parameters(model)
-    if by_values and known:
+    model = model_of(template)
+    if frees_parameters(model) and known:
         raise InputError(
             f"Actuators of the kind {model.kind} are judged by the values of their faults, not by "
             "a healthy population; leave known out."
         )
-    healthy = recordings_of(recordings, chosen)
+    healthy = recordings_of(recordings, template)
     for one in healthy:
-        _, barred = checked(model, one, chosen)
+        _, barred = checked(model, one, template)
         if barred:
             raise RecordError(f"{one.name} is nothing to learn from: {' '.join(barred)}")
     runs = list(dict.fromkeys(one.run for one in healthy))
-    few = "" if by_values or len(runs) >= 3 else (
+
+    def twin(comparisons: Sequence[Comparison], notes: Sequence[str] = ()) -> CalibrationReport:
+        tell(0.05)
+        learnt = learn(model, template, comparisons, lambda share: tell(0.05 + 0.45 * share))
+        shown = [one.recording for one in comparisons]
+        tell(0.5)
+        return CalibrationReport(
+            Calibration(_renamed(learnt.actuator, name), learnt.baseline),
+            learnt.parameters, learnt.tied, runs, (*notes, *learnt.notes),
+            Basis(template, shown, learnt.nuisances, learnt.forms),
+        )  # fmt: skip
+
+    if frees_parameters(model):
+        some, notes = _sound(model, template, healthy)
+        return twin([model.compare(one, template) for one in some], notes)
+    few = "" if len(runs) >= 3 else (
         "A healthy population needs at least three healthy runs, so that two can judge the third; "
         f"received {len(runs)} ({', '.join(runs)}). Record more, on other days; a run is a file, "
         "or a value of the column run."
     )  # fmt: skip
     if few and known:
         raise RecordError(few)
-    tell(0.05)
-    notes: list[str] = []
-    if by_values:
-        some = _evenly(healthy, _MOST_LEARNT)
-        if model.recordings_differ:
-            some, notes = _sound(model, chosen, healthy)
-        beside = [model.compare(one, chosen) for one in some]
-    else:
-        settling = Monitoring.of(model).settling_time(chosen)
-        motion = Motion(healthy[0].channels[model.command], healthy[0].interval, settling)
-        bench = Bench(chosen, motion, healthy)
-        beside = _mean_recordings(bench)
-    learnt = learn(model, chosen, beside, lambda share: tell(0.05 + 0.45 * share))
-    actuator, notes = _renamed(learnt.actuator, name), [*notes, *learnt.notes]
-    tell(0.5)
-    report = CalibrationReport(
-        Calibration(actuator, learnt.baseline), learnt.parameters, learnt.tied, runs, tuple(notes)
-    )
-    if not (by_values or few):
-        report = replace(report, calibration=_population(report, bench, known, tell))
-    else:
-        if few:
-            notes.append(f"{few} Without that, ematwin detect cannot judge.")
-        recorded = [one.recording for one in beside]
-        shown = Basis(chosen, recorded, learnt.nuisances, learnt.forms)
-        report = replace(report, notes=tuple(notes), basis=shown)
-    tell(1.0)
-    return report
-
-
-def _population(
-    learnt: CalibrationReport, template: Bench, known: Mapping[str, Given], tell: Progress
-) -> PopulationCalibration:
-    """The healthy population of a twin that was learnt, from recordings beside its template."""
-    actuator, healthy = learnt.actuator, template.recordings
-    bench = Bench(actuator, template.motion, healthy)
-    fit, discrepancy, scale = _with_discrepancy(bench)
-    measured = bench.measured(fit)
+    motion = _motion_of(healthy[0], template)
+    report = twin(_mean_recordings([Beside(template, motion, one) for one in healthy]))
+    if few:
+        note = f"{few} Without that, ematwin detect cannot judge."
+        return replace(report, notes=(*report.notes, note))
+    calibration = _population(report, [Beside(report.actuator, motion, one) for one in healthy])
     tell(0.8)
-    calibration = PopulationCalibration(
-        actuator=actuator,
-        baseline=learnt.baseline,
-        motion=bench.motion,
-        discrepancy=discrepancy,
-        scale=scale,
-        healthy=replace(measured, features=_without_own_share(bench, measured, fit, scale)),
-        facts={
-            "labels": _labels_of(healthy),
-            "sources": sorted({one.source for one in healthy}),
-            "undetermined": [p.place for p in learnt.parameters if not p.determined],
-        },
-    )
-    _check_outliers(calibration)
-    spread = calibration.population.spread.tolist()
-    baseline = replace(
-        learnt.baseline,
-        scatter=dict(zip(bench.layout.magnitudes, spread, strict=False)),
-        misfit=float(np.median([one.misfit for one in measured.estimates])),
-        recordings=len(learnt.learnt),
-    )
-    calibration = replace(calibration, baseline=baseline)
-    return replace(calibration, signatures=signatures(calibration, known))
+    _refuse_odd(calibration)
+    taught = replace(calibration, signatures=signatures(calibration, known))
+    return replace(report, calibration=taught, basis=None)
+
+
+def _sound(
+    model: Model, actuator: ParameterSet, recordings: Sequence[Recording]
+) -> tuple[list[Recording], list[str]]:
+    """The recordings that are learnt from, and sentences on those that cannot be.
+
+    `RecordError` if there is none.
+    """
+    if not model.recordings_differ:
+        return _evenly(recordings, _MOST_LEARNT), []
+    obstacles = [(one, " ".join(model.excitation(one, actuator))) for one in recordings]
+    sound = [one for one, why in obstacles if not why]
+    if not sound:
+        raise RecordError(f"No recording can be learnt from. Of the first one: {obstacles[0][1]}")
+    return sound, [f"{one.name} was left out: {why}" for one, why in obstacles if why]
 
 
 def _renamed(actuator: ParameterSet, name: str | None) -> ParameterSet:
     return actuator if name is None else actuator.model_copy(update={"name": name})
 
 
-def _sound(
-    model: Model, actuator: ParameterSet, recordings: Sequence[Recording]
-) -> tuple[list[Recording], list[str]]:
-    """The recordings that can be learnt from, and sentences on the others.
+def _evenly(items: Sequence[Any], most: int) -> list[Any]:
+    """So many of the items at most, evenly chosen."""
+    places = np.linspace(0, len(items) - 1, min(len(items), most))
+    return [items[n] for n in np.unique(np.round(places).astype(int))]
 
-    `RecordError` if there is none.
+
+def _motion_of(recording: Recording, actuator: ParameterSet) -> Motion:
+    """The motion of a recording, with the channels in which the twin answers."""
+    model = model_of(actuator)
+    monitoring = Monitoring.of(model)
+    settling = monitoring.settling_time(actuator)
+    compared = monitoring.compare(model, recording, actuator, settling)
+    command = recording.channels[model.command]
+    return Motion(command, recording.interval, settling, tuple(compared.measured()))
+
+
+def _mean_recordings(beside: Sequence[Beside]) -> list[Comparison]:
+    """The mean recording of each run and condition, evenly chosen where there are many."""
+    groups: dict[Any, list[Comparison]] = {}
+    for one in beside:
+        groups.setdefault(one.recording.together, []).append(one.comparison)
+    some = _evenly(list(groups.values()), _MOST_MEANS)
+    return [first.averaged(others) for first, *others in some]
+
+
+def _population(learnt: CalibrationReport, beside: Sequence[Beside]) -> PopulationCalibration:
+    """The healthy population of a twin that was learnt, from recordings beside it."""
+    for one in beside:
+        one.fit(LocalDescent())  # healthy ones lie in the valley of health
+    _, covariate = _left_of(beside)
+    discrepancy = Parabola(float(np.sqrt((covariate**2).mean())) or 1.0, np.zeros(1))
+    for _ in range(2):  # of discrepancy and values in turn
+        more = Parabola.of(*_left_of(beside), discrepancy.scale).coefficients
+        discrepancy = replace(discrepancy, coefficients=discrepancy.coefficients + more)
+        for one in beside:
+            one.again(discrepancy)
+    healthy, recordings = measured(beside), [one.recording for one in beside]
+    found = PopulationCalibration(
+        actuator=learnt.actuator,
+        baseline=learnt.baseline,
+        motion=beside[0].motion,
+        discrepancy=discrepancy,
+        healthy=replace(healthy, features=_without_own_share(beside, healthy, discrepancy.scale)),
+        facts={
+            "labels": _labels_of(recordings),
+            "sources": sorted({one.source for one in recordings}),
+            "undetermined": [p.place for p in learnt.parameters if not p.determined],
+        },
+    )
+    spread = found.population.spread.tolist()
+    baseline = replace(
+        learnt.baseline,
+        scatter=dict(zip(found.magnitudes, spread, strict=False)),
+        misfit=float(np.median([one.misfit for one in beside])),
+        recordings=len(learnt.learnt),
+    )
+    return replace(found, baseline=baseline)
+
+
+def _left_of(beside: Sequence[Beside]) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals (N, C S) of recordings, and their covariates (N,)."""
+    residuals = np.array([one.residuals.ravel() for one in beside])
+    return residuals, np.array([one.covariate for one in beside])
+
+
+def _without_own_share(beside: Sequence[Beside], healthy: Measurements, scale: float) -> np.ndarray:
+    """Features (N, F) with the bands that are left of a discrepancy from the other runs alone.
+
+    Magnitudes and means need none of it: a run adds to the discrepancy as much as it takes from the
+    mean of the population. The recordings were fitted with the discrepancy of all of them.
     """
-    obstacles = [(one, " ".join(model.excitation(one, actuator))) for one in recordings]
-    sound = [one for one, why in obstacles if not why]
-    if not sound:
-        raise RecordError(f"No recording can be learnt from. Of the first one: {obstacles[0][1]}")
-    return sound, [f"{one.name} was left out: {why}" for one, why in obstacles if why]
+    features, (left, covariate) = healthy.features.copy(), _left_of(beside)
+    layout = beside[0].motion.layout(beside[0].actuator)
+    bands = [n for n, one in enumerate(layout) if one.kind == "band"]
+    for n, one in enumerate(beside):
+        others = healthy.runs != healthy.runs[n]
+        mean = Parabola.of(left[others], covariate[others], scale)
+        rest = left[n] - mean.at(covariate[n])
+        features[n, bands] = one.features(rest.reshape(one.residuals.shape))[bands]
+    return features
+
+
+def _labels_of(recordings: Sequence[Recording]) -> str:
+    """The labels of recordings with their values, as a text."""
+    said = []
+    for name in dict.fromkeys(name for one in recordings for name in one.labels):
+        values = dict.fromkeys(one.labels[name] for one in recordings if name in one.labels)
+        said.append(f"{name} {', '.join(list(values)[:_MOST_LABELS])}")
+    return "; ".join(said) or "none"
+
+
+def _refuse_odd(calibration: PopulationCalibration) -> None:
+    """Refuse a run that the others cannot believe to be healthy: it may be a faulty one."""
+    healthy = calibration.healthy
+    if len(healthy.names) < _FEWEST:
+        return
+    found = {
+        run: calibration.without(run).posterior(healthy.part(healthy.runs == run))
+        for run in healthy.names
+    }
+    odd = min(found, key=lambda run: found[run].healthy)
+    if found[odd].healthy < math.erfc(IMPLAUSIBLE / math.sqrt(2.0)):
+        causes = found[odd].probabilities
+        raise RecordError(
+            f"Run {odd} is unlike the other {len(found) - 1} healthy runs: most like "
+            f"{max(causes, key=lambda name: causes[name])}. If it is faulty or of another rig, "
+            "leave it out."
+        )
+
+
+def signatures(
+    calibration: PopulationCalibration, known: Mapping[str, Given]
+) -> tuple[Signature, ...]:
+    """What recordings with known faults look like; ``known`` as in `calibrate`."""
+    found = []
+    for fault, recordings in known.items():
+        own = measured(calibration.beside(recordings))
+        name, colon, remark = fault.partition(":")
+        scores = Parabola.of(calibration.scores(own), own.covariate, calibration.scale)
+        source = f"{len(own.runs)} motions{colon}{remark}, runs {', '.join(own.names)}"
+        found.append(Signature(name.strip(), scores, source))
+    return tuple(found)
 
 
 def _added(
@@ -209,19 +298,19 @@ def _added(
             f"The calibration of {before.actuator.name} has no healthy population to add to; "
             "calibrate anew with all healthy recordings."
         )
-    given = recordings_of(recordings, before.actuator)
-    measured = before.measure(given)
+    beside = before.beside(recordings)
+    given, more = [one.recording for one in beside], measured(beside)
     tell(0.6)
-    for one_run in by_population(given, before, measured).runs:
-        if one_run.grade == "fault" or not one_run.probabilities:
+    for run in by_population(given, before, beside).runs:
+        if run.grade == "fault" or not run.probabilities:
             raise RecordError(
-                f"{one_run.name} is no healthy run by the calibration that it is to join "
-                f"({one_run.verdict.sentence.rstrip('.')}). Leave it out, or calibrate anew with "
-                "it if it is healthy all the same."
+                f"{run.name} is no healthy run by the calibration that it is to join "
+                f"({run.verdict.sentence.rstrip('.')}). Leave it out, or calibrate anew with it if "
+                "it is healthy all the same."
             )
-    taken = set(before.healthy.names)
-    of_run = [f"{one.run} of {one.source}" if one.run in taken else one.run for one in given]
-    if before.healthy.holds(measured.features, before.layout.kinds) or taken & set(of_run):
+    taken = before.healthy.names
+    runs = [f"{one.run} of {one.source}" if one.run in taken else one.run for one in given]
+    if before.knows(more) or set(taken) & set(runs):
         raise RecordError(
             f"Run {given[0].run} of {given[0].source} is among the healthy runs already; give runs "
             "that are new."
@@ -229,7 +318,7 @@ def _added(
     after = replace(
         before,
         actuator=_renamed(before.actuator, name),
-        healthy=before.healthy.with_more(replace(measured, runs=tuple(of_run))),
+        healthy=before.healthy.with_more(replace(more, runs=np.array(runs))),
         signatures=(),
         facts={
             **before.facts,
@@ -237,131 +326,6 @@ def _added(
             "sources": sorted({*before.facts.get("sources", []), *(one.source for one in given)}),
         },
     )
-    stated = tuple(_restated(s, before.population, after.population) for s in before.signatures)
+    stated = [one.in_scores_of(before.population, after.population) for one in before.signatures]
     after = replace(after, signatures=(*stated, *signatures(after, known)))
-    tell(1.0)
     return CalibrationReport(after, [], [], after.healthy.names)
-
-
-def _labels_of(recordings: Sequence[Recording]) -> str:
-    """The labels of recordings with their values, as a text."""
-    values: dict[str, dict[str, None]] = {}
-    for one in recordings:
-        for name, value in one.labels.items():
-            values.setdefault(name, {})[value] = None
-    return (
-        "; ".join(f"{name} {', '.join(list(v)[:_MOST_LABELS])}" for name, v in values.items())
-        or "none"
-    )
-
-
-def _restated(one: Signature, before: Population, after: Population) -> Signature:
-    """A signature in the scores of another population over the same covariate."""
-    raw = one.coefficients * before.spread + before.coefficients
-    return replace(one, coefficients=(raw - after.coefficients) / after.spread)
-
-
-def signatures(
-    calibration: PopulationCalibration, known: Mapping[str, Given]
-) -> tuple[Signature, ...]:
-    """What recordings with known faults look like; ``known`` as in `calibrate`."""
-    found = []
-    for fault, recordings in known.items():
-        measured = calibration.measure(recordings)
-        name, colon, remark = fault.partition(":")
-        scores = calibration.scores(measured)
-        source = f"{len(scores)} motions{colon}{remark}, runs {', '.join(measured.names)}"
-        mean = fit_mean(measured.covariate, calibration.scale, scores)
-        found.append(Signature(name.strip(), mean, source))
-    return tuple(found)
-
-
-def _evenly(items: Sequence[Any] | np.ndarray, most: int) -> list[Any]:
-    """So many of the items at most, evenly chosen."""
-    places = np.linspace(0, len(items) - 1, min(len(items), most))
-    return [items[n] for n in np.unique(np.round(places).astype(int))]
-
-
-def _mean_recordings(bench: Bench) -> list[Comparison]:
-    """The mean recording of each run and condition, evenly chosen where there are many."""
-    means = []
-    for group in _evenly(np.unique(bench.groups), _MOST_MEANS):
-        members = [bench.comparisons[n] for n in np.flatnonzero(bench.groups == group)]
-        means.append(members[0].averaged(members[1:]))
-    return means
-
-
-def _with_discrepancy(bench: Bench) -> tuple[Fit, np.ndarray, float | None]:
-    """The last fit, the discrepancy of the twin over the covariate, and the covariate's scale."""
-    fit = bench.fit(search=LocalDescent())  # healthy ones lie in the valley of health
-    scale = None
-    if bench.monitoring.covariate is not None:
-        scale = float(np.sqrt((fit.covariate**2).mean())) or 1.0
-    discrepancy = np.zeros(1)
-    for _ in range(2):  # of discrepancy and values in turn
-        left = fit.residuals.reshape(len(fit.found), -1)
-        discrepancy = discrepancy + fit_mean(fit.covariate, scale, left)
-        fit = bench.fit(discrepancy, scale, fit)
-    return fit, discrepancy, scale
-
-
-def _check_outliers(calibration: PopulationCalibration) -> None:
-    """Refuse a run that is unlike all others: it may be a faulty one among the healthy."""
-    healthy, kinds = calibration.healthy, np.array(calibration.layout.kinds)
-    members = [healthy.of_run(run) for run in healthy.names]
-    if len(members) < 4:
-        return  # of three, nobody can tell which one is the odd one
-
-    def refuse(n: int, how: str) -> None:
-        raise RecordError(
-            f"Run {healthy.names[n]} is unlike the other {len(members) - 1} healthy runs: {how}. "
-            "If it is faulty or of another rig, leave it out."
-        )
-
-    sizes = np.minimum(np.abs(calibration.tested), _WILD)
-    # of all features, and of the residual alone: magnitudes may differ from day to day so much
-    # that a rough run does not stand out
-    for columns in (np.ones(len(kinds), dtype=bool), kinds != "model"):
-        levels = np.array([np.log(sizes[own][:, columns].mean()) for own in members])
-        for n, (away, spread) in enumerate(_beside_others(levels)):
-            if away > _OUTLIER * max(spread, _LEAST_SCATTER):
-                refuse(n, f"it lies {np.exp(away):.1f} times as far from the others as they lie "
-                       "from each other")  # fmt: skip
-    for k, one in enumerate(calibration.quantities):
-        levels = np.array([calibration.values[own, k].mean() for own in members])
-        for n, (away, spread) in enumerate(_beside_others(levels)):
-            if abs(away) > max(_ODD * spread, one.least):
-                unit, scale = ("%", 100.0) if one.logarithmic else (one.unit, one.scale)
-                shown = f"{scale * abs(away):.2g} {unit}".rstrip()
-                refuse(n, f"its {one.name} differs from theirs by {shown}")
-
-
-def _beside_others(levels: np.ndarray) -> list[tuple[float, float]]:
-    """How far each is from the median of the others, and the robust spread of these."""
-    found = []
-    for n, own in enumerate(levels):
-        rest = np.delete(levels, n)
-        middle = float(np.median(rest))
-        found.append((float(own - middle), float(spread_of(np.abs(rest - middle)))))
-    return found
-
-
-def _without_own_share(
-    bench: Bench, measured: Measured, fit: Fit, scale: float | None
-) -> np.ndarray:
-    """Features (N, F) with the bands that are left of a discrepancy from the other runs alone.
-
-    Magnitudes and means need none of it: a run adds to the discrepancy as much as it takes from the
-    mean of the population. ``fit`` is with the discrepancy of all recordings.
-    """
-    features, layout = measured.features.copy(), bench.layout
-    bands = [n for n, kind in enumerate(layout.kinds) if kind == "band"]
-    left = fit.residuals.reshape(len(features), -1)
-    for own in map(measured.of_run, measured.names):
-        mean = fit_mean(fit.covariate[~own], scale, left[~own])
-        rest = left[own] - basis(fit.covariate[own], scale) @ mean
-        for n, row in zip(np.flatnonzero(own), rest, strict=True):
-            magnitudes = dict(zip(layout.magnitudes, features[n], strict=False))
-            residuals = row.reshape(len(bench.motion.channels), -1)
-            features[n, bands] = layout.values(magnitudes, residuals)[bands]
-    return features

@@ -48,6 +48,20 @@ class Covariate:
     name: str
     unit: str  # SI
     value: float
+    healthy: tuple[float, float]  # range of healthy recordings
+
+    @property
+    def outside(self) -> float:
+        """How far it lies outside of that range, over the larger of its ends."""
+        low, high = self.healthy
+        beyond = max(low - self.value, self.value - high, 0.0)
+        return beyond / max(abs(low), abs(high), 1e-12)
+
+    @property
+    def range_text(self) -> str:
+        """The range of healthy recordings, for people."""
+        low, high = self.healthy
+        return f"{low:.4g} to {high:.4g} {self.unit}"
 
     @property
     def key(self) -> str:

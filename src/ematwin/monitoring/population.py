@@ -26,47 +26,41 @@ import numpy as np
 from ematwin.estimation.constants import BEFOREHAND
 
 _RIDGE = 0.05  # of the number of recordings: holds the parabola down where one load was recorded
-_NUMBERS = ("covariate", "errors", "features")  # of `Measurements`, as columns of its file
-_SAME = 0.05  # standard deviations of a feature: what one recording may differ by if fitted again
 # standard deviation of the size of a fault: of a taught one in sizes of the recordings with it, of
 # others in healthy standard deviations
 _TAUGHT, _SIZES = np.ones(1), np.geomspace(1.0, 100.0, 9)
 _APART = np.array([0.0, 0.1, 0.3, 1.0])  # shift in other directions, over that along one
-# standard deviation between occasions, of each fault and of the level of each channel, in healthy
-# ones: an assumption, since healthy recordings of one occasion cannot show it
-DRIFT = 1.0
 
 
-def plain(values: np.ndarray) -> Any:
-    """Numbers for a file."""
-    return np.vectorize(lambda x: float(f"{x:.9g}"))(values).tolist()
+@dataclass(frozen=True)
+class Parabola:
+    """F values as they depend on the covariate; constant for a kind that has none."""
+
+    scale: float  # of the covariate, SI
+    coefficients: np.ndarray  # (3, F) array, of 1, u and u^2 - 1 with u the covariate over scale
+
+    @classmethod
+    def of(cls, values: np.ndarray, covariate: np.ndarray, scale: float) -> "Parabola":
+        """The mean of values (N, F) at covariates (N,); slope and curvature by ridge."""
+        terms = _terms(covariate, scale)
+        held = np.diag([0.0, 1.0, 1.0]) * _RIDGE * len(terms)
+        return cls(scale, np.linalg.solve(terms.T @ terms + held, terms.T @ values))
+
+    def at(self, covariate: np.ndarray | float) -> np.ndarray:
+        """(N, F) array at covariates (N,); (F,) at one."""
+        return _terms(covariate, self.scale) @ self.coefficients
 
 
-def basis(covariate: np.ndarray, scale: float | None) -> np.ndarray:
-    """(N, 3) array: 1, u, u^2 - 1 with u the covariate in units of ``scale``.
-
-    Without a scale there is no covariate: (N, 1) array of ones.
-    """
-    if scale is None:
-        return np.ones((len(covariate), 1))
+def _terms(covariate: np.ndarray | float, scale: float) -> np.ndarray:
     u = np.asarray(covariate) / scale
-    return np.column_stack([np.ones_like(u), u, u * u - 1.0])
-
-
-def fit_mean(covariate: np.ndarray, scale: float | None, values: np.ndarray) -> np.ndarray:
-    """Coefficients (3, F) or (1, F) of the mean of values (N, F); slope and curvature by ridge."""
-    terms = basis(covariate, scale)
-    held = np.diag([0.0, 1.0, 1.0][: terms.shape[1]]) * _RIDGE * len(covariate)
-    return np.linalg.solve(terms.T @ terms + held, terms.T @ values)
+    return np.stack([np.ones_like(u), u, u * u - 1.0], axis=-1)
 
 
 @dataclass(frozen=True)
 class Population:
     """Healthy mean and spread of each of F features."""
 
-    scale: float | None  # of the covariate, SI; None if there is none
-    # (3, F) array, of the mean over the covariate; (1, F) without one
-    coefficients: np.ndarray
+    mean: Parabola
     # (F,) arrays, standard deviations between recordings of a run, and between the means of runs
     within: np.ndarray
     between: np.ndarray
@@ -77,32 +71,20 @@ class Population:
         features: np.ndarray,
         covariate: np.ndarray,
         groups: np.ndarray,
-        scale: float | None,
-        errors: np.ndarray | float = 0.0,
-        cut: np.ndarray | bool = False,
+        scale: float,
+        least: np.ndarray | float = 0.0,
     ) -> "Population":
         """The population of N recordings with features (N, F); ``groups`` (N,) number their runs.
 
-        Standard ``errors`` (F,), zero where not known, stand in where each run has a single
-        recording, and are the least that counts of features (``cut`` (F,) of bool) whose healthy
-        value lies on a bound, which hides a part of their scatter.
+        ``least`` (F,) is what counts as spread in any case.
         """
-        coefficients = fit_mean(covariate, scale, features)
-        rest = features - basis(covariate, scale) @ coefficients
-        members = [rest[groups == g] for g in np.unique(groups)]
-        inner = sum(((m - m.mean(0)) ** 2).sum(0) for m in members)
-        freedom = len(rest) - len(members)
-        within = np.sqrt(np.maximum(inner / max(1, freedom), 1e-24))
-        within = np.where(cut | (freedom == 0), np.maximum(within, errors), within)
-        means = np.stack([m.mean(0) for m in members])
+        mean = Parabola.of(features, covariate, scale)
+        means, inner = _by_group(features - mean.at(covariate), groups)
+        within = np.sqrt((inner**2).sum(0) / max(1, len(features) - len(means)))
         # the scatter of the means of runs holds a share of that within; not taking it off keeps
         # few runs, which may agree by chance, from promising that no run differs
-        between = (means**2).sum(0) / max(1, len(members) - 1)
-        return cls(scale, coefficients, within, np.sqrt(between))
-
-    def mean(self, covariate: np.ndarray) -> np.ndarray:
-        """Healthy mean (N, F) at covariates (N,)."""
-        return basis(covariate, self.scale) @ self.coefficients
+        between = np.sqrt((means**2).sum(0) / max(1, len(means) - 1))
+        return cls(mean, np.maximum(within, np.maximum(least, 1e-12)), between)
 
     @property
     def spread(self) -> np.ndarray:
@@ -111,96 +93,21 @@ class Population:
 
     def scores(self, features: np.ndarray, covariate: np.ndarray) -> np.ndarray:
         """Features (N, F) in standard deviations from the healthy mean at their covariate."""
-        return (features - self.mean(covariate)) / self.spread
+        return (features - self.mean.at(covariate)) / self.spread
 
 
-@dataclass(frozen=True)
-class Measurements:
-    """Measurements on N recordings."""
-
-    features: np.ndarray  # (N, F)
-    errors: np.ndarray  # (N, M), standard errors of the magnitudes, at most their ranges
-    covariate: np.ndarray  # (N,), SI; zeros for a kind that has none
-    groups: np.ndarray  # (N,), number of the run (and condition) of each recording
-    runs: tuple[str, ...]  # name of the run of each recording
-    statistics: Mapping[str, np.ndarray]  # (N,) by name, measurements beside the twin
-
-    @property
-    def names(self) -> list[str]:
-        """The runs, each once."""
-        return list(dict.fromkeys(self.runs))
-
-    def of_run(self, name: str) -> np.ndarray:
-        """(N,) array of bool: the recordings of a run."""
-        return np.array([run == name for run in self.runs])
-
-    def part(self, members: np.ndarray) -> "Measurements":
-        """Some of them, members (N,) of bool, or their numbers."""
-        rows = {name: getattr(self, name)[members] for name in (*_NUMBERS, "groups")}
-        statistics = {name: values[members] for name, values in self.statistics.items()}
-        runs = tuple(np.array(self.runs)[members].tolist())
-        return Measurements(runs=runs, statistics=statistics, **rows)
-
-    def holds(self, features: np.ndarray, kinds: Sequence[str]) -> bool:
-        """Whether one of the rows (K, F) is here already, as when a file is given twice.
-
-        Bands are not compared: those here are of a discrepancy without the run's own share.
-        """
-        columns = [n for n, kind in enumerate(kinds) if kind != "band"]
-        here = self.features[:, columns]
-        near = _SAME * (here.std(0) + 1e-9 * np.abs(here).max(0) + 1e-12)
-        return any(bool((np.abs(here - row) <= near).all(1).any()) for row in features[:, columns])
-
-    def with_more(self, other: "Measurements") -> "Measurements":
-        """These and others, whose runs have other names."""
-        common = [name for name in self.statistics if name in other.statistics]
-        return Measurements(
-            np.vstack([self.features, other.features]),
-            np.vstack([self.errors, other.errors]),
-            np.r_[self.covariate, other.covariate],
-            np.r_[self.groups, other.groups + int(self.groups.max()) + 1],
-            self.runs + other.runs,
-            {name: np.r_[self.statistics[name], other.statistics[name]] for name in common},
-        )
-
-    def as_table(self) -> dict[str, Any]:
-        """For a file."""
-        return {
-            "runs": list(self.runs),
-            "groups": self.groups.tolist(),
-            **{name: plain(getattr(self, name)) for name in _NUMBERS},
-            "statistics": {name: plain(values) for name, values in self.statistics.items()},
-        }
-
-    @classmethod
-    def from_table(cls, table: Mapping[str, Any]) -> "Measurements":
-        """What `as_table` gave; raises `ValueError` unless it has as many rows everywhere."""
-        numbers = {name: np.array(table[name], dtype=float) for name in _NUMBERS}
-        statistics = {name: np.array(v, dtype=float) for name, v in table["statistics"].items()}
-        groups, runs = np.array(table["groups"], dtype=int), tuple(map(str, table["runs"]))
-        for one in (groups, *numbers.values(), *statistics.values()):
-            if len(one) != len(runs) or not np.isfinite(one).all():
-                raise ValueError("its healthy recordings are not complete")
-        return cls(groups=groups, runs=runs, statistics=statistics, **numbers)
-
-
-@dataclass(frozen=True)
-class Signature:
-    """Mean scores of recordings with a known fault, over the covariate.
-
-    It is a statistic of one rig, and carries over to another as far as that is alike.
-    """
-
-    fault: str
-    coefficients: np.ndarray  # (3, F) or (1, F), as in `Population`
-    source: str  # of the data it was learnt from
+def _by_group(rows: np.ndarray, groups: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Means (G, F) of each group of rows (N, F), and how far rows (N, F) lie from theirs."""
+    _, own = np.unique(groups, return_inverse=True)
+    means = np.stack([rows[own == g].mean(0) for g in range(own.max() + 1)])
+    return means, rows - means[own]
 
 
 class Direction(NamedTuple):
-    """Where a cause shifts the estimates."""
+    """Where a cause shifts the scores."""
 
     fault: str  # its name, or `UNNAMED`
-    coefficients: np.ndarray  # (3, F) or (1, F), shift of the scores over the covariate
+    shift: Parabola  # of the F scores
     taught: bool = False  # whether recordings with this fault showed it
     # (F,) array of bool, scores that it may also shift each by itself, by about the size
     around: np.ndarray | None = None
@@ -215,56 +122,43 @@ class Posterior(NamedTuple):
     likeness: frozenset[str]  # faults that fit the taught direction better than the physical one
 
 
-@dataclass(frozen=True)
-class Scatter:
-    """How F scores of healthy recordings scatter."""
-
-    between: np.ndarray  # (F, F), covariance of the means of a run
-    within: np.ndarray  # (F, F), of recordings of a run around its mean
-    motions: float  # recordings of a run, of which ``between`` is the mean
-    freedom: int  # number of recordings that it was learnt from
-
-    @classmethod
-    def of(cls, scores: np.ndarray, groups: np.ndarray, drifts: np.ndarray) -> "Scatter":
-        """From scores (N, F) of healthy recordings, each run (``groups``, (N,)) by the others.
-
-        ``drifts`` (D, F) are shifts by a standard deviation between occasions.
-        """
-        members = [scores[groups == g] for g in np.unique(groups)]
-        means = np.stack([own.mean(0) for own in members])
-        apart = len(scores) - len(members)
-        inner = np.concatenate([own - own.mean(0) for own in members])
-        within = np.zeros((scores.shape[1],) * 2)
-        if apart:
-            within = _shrunk(inner * np.sqrt(len(scores) / apart))
-        between = _shrunk(means) + drifts.T @ drifts
-        return cls(between, within, len(scores) / len(members), len(scores))
-
-    def of_motions(self, count: int) -> np.ndarray:
-        """Covariance (F, F) of a mean of recordings."""
-        more = max(1.0 / count - 1.0 / self.motions, 0.0)
-        return self.between + more * self.within
-
-
 class Causes:
-    """What may have happened to an actuator: faults that can be named, and other changes."""
+    """What may have happened to an actuator: faults that can be named, and other changes.
 
-    def __init__(self, scatter: Scatter, directions: Sequence[Direction]) -> None:
-        self._scatter, self._directions = scatter, directions
-        self._spread = cache(self._spread_of)
+    Parameters
+    ----------
+    scores : (N, F) array, of healthy recordings, each run by the others
+    groups : (N,) array, numbers of their runs
+    drifts : (D, F) array, shifts by a standard deviation between occasions
+    directions : of the causes
+    """
 
-    def posterior(self, scores: np.ndarray, terms: np.ndarray) -> Posterior:
-        """Probabilities of the causes, from the mean of scores (N, F) of recordings.
+    def __init__(
+        self,
+        scores: np.ndarray,
+        groups: np.ndarray,
+        drifts: np.ndarray,
+        directions: Sequence[Direction],
+    ) -> None:
+        means, inner = _by_group(scores, groups)
+        freedom = max(1, len(scores) - len(means))
+        # covariances (F, F) of the means of runs, and of recordings around the mean of their run
+        self._between = _shrunk(means) + drifts.T @ drifts
+        self._within = _shrunk(inner * np.sqrt(len(scores) / freedom))
+        self._motions = len(scores) / len(means)  # recordings in such a mean
+        self._freedom = len(scores)
+        self._directions = directions
+        self._axes = cache(self._axes_of)
 
-        ``terms`` (N, 3) or (N, 1) are `basis` at their covariates.
-        """
-        count, x, term = len(scores), scores.mean(0), terms.mean(0)
-        variance, axes = self._spread(count)
+    def posterior(self, scores: np.ndarray, covariate: np.ndarray) -> Posterior:
+        """Probabilities of the causes, from the mean of scores (N, F) at covariates (N,)."""
+        count, x = len(scores), scores.mean(0)
+        variance, axes = self._axes(count)
         square = float(((x @ axes) ** 2 / variance).sum())
         healthy = float(self._logs(square, np.log(variance).sum())) + np.log(BEFOREHAND)
         found: dict[str, list[tuple[float, bool]]] = {}
         for n, one in enumerate(self._directions):
-            shift, ways = term @ one.coefficients, found.setdefault(one.fault, [])
+            shift, ways = one.shift.at(covariate).mean(0), found.setdefault(one.fault, [])
             if shift.any():
                 sizes = _TAUGHT if one.taught else _SIZES
                 ways.append((self._along(x @ axes, shift @ axes, sizes, variance), one.taught))
@@ -280,20 +174,20 @@ class Causes:
             frozenset(fault for fault, ways in found.items() if max(ways)[1]),
         )
 
-    def _spread_of(
-        self, count: int, size: float = 0.0, direction: int = 0
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Variances (F,) and axes (F, F) of healthy ones, and of a shift around a direction."""
-        around = self._directions[direction].around if size else None
-        shifted = 0.0 if around is None else np.diag(size**2 * around)
-        variance, axes = np.linalg.eigh(self._scatter.of_motions(count) + shifted)
+    def _axes_of(self, count: int, size: float = 0.0, n: int = 0) -> tuple[np.ndarray, np.ndarray]:
+        """Variances (F,) and axes (F, F) of a mean of recordings, after a change of a size."""
+        more = max(1.0 / count - 1.0 / self._motions, 0.0)
+        covariance = self._between + more * self._within
+        if (around := self._directions[n].around) is not None:
+            covariance = covariance + np.diag(size**2 * around)
+        variance, axes = np.linalg.eigh(covariance)
         return variance, axes
 
     def _around(self, x: np.ndarray, shift: np.ndarray, direction: int, count: int) -> float:
         """Logarithm of the mean density over sizes of a shift (F,), and of scores around it."""
         each = []
         for size in _SIZES.tolist():
-            variance, axes = self._spread(count, size, direction)
+            variance, axes = self._axes(count, size, direction)
             square = (((x - size * shift) @ axes) ** 2 / variance).sum()
             each.append(self._logs(square, np.log(variance).sum()))
         return _mean(each)
@@ -319,7 +213,7 @@ class Causes:
 
     def _logs(self, square: Any, log_determinant: Any) -> Any:
         """Logarithms of the density of Student's t, but for a constant."""
-        freedom, count = self._scatter.freedom, len(self._scatter.between)
+        freedom, count = self._freedom, len(self._between)
         return -0.5 * ((freedom + count) * np.log1p(square / freedom) + log_determinant)
 
 

@@ -14,25 +14,38 @@ import numpy as np
 
 from ematwin import __version__
 from ematwin.estimation.baseline import Baseline
-from ematwin.estimation.constants import SIGMAS
+from ematwin.estimation.constants import SIGMAS, SMALLEST
 from ematwin.estimation.verdict import UNNAMED
 from ematwin.models.base import Monitoring, Reported
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.monitoring.calibration import FORMAT, Calibration
-from ematwin.monitoring.measure import DIFFERENCE, Bench, Layout, Measured, Motion
-from ematwin.monitoring.population import (
-    DRIFT,
-    Causes,
-    Direction,
-    Measurements,
-    Population,
-    Posterior,
-    Scatter,
-    Signature,
-    basis,
-    plain,
-)
+from ematwin.monitoring.measure import Beside, Feature, Measurements, Motion
+from ematwin.monitoring.population import Causes, Direction, Parabola, Population, Posterior
 from ematwin.monitoring.runs import Given, recordings_of
+
+# standard deviation between occasions, of each fault and of the level of each channel, in healthy
+# ones: an assumption, since healthy recordings of one occasion cannot show it
+DRIFT = 1.0
+_SAME = 0.05  # standard deviations of a feature: what one recording may differ by if fitted again
+_STEP = 2e-3  # of features, over which slopes are taken
+
+
+@dataclass(frozen=True)
+class Signature:
+    """Mean scores of recordings with a known fault, over the covariate.
+
+    It is a statistic of one rig, and carries over to another as far as that is alike.
+    """
+
+    fault: str
+    scores: Parabola
+    source: str  # of the data it was learnt from
+
+    def in_scores_of(self, before: Population, after: Population) -> "Signature":
+        """The same in the scores of another population over the same covariate."""
+        raw = self.scores.coefficients * before.spread + before.mean.coefficients
+        scores = (raw - after.mean.coefficients) / after.spread
+        return replace(self, scores=replace(self.scores, coefficients=scores))
 
 
 @dataclass(frozen=True)
@@ -40,10 +53,8 @@ class PopulationCalibration(Calibration):
     """A calibration with the healthy population, which judges kinds with `Model.monitoring`."""
 
     motion: Motion
-    # (3, C S) or (1, C S) array: mean residual of the twin on healthy recordings, one channel after
-    # another, SI, over the covariate
-    discrepancy: np.ndarray
-    scale: float | None  # of the covariate, as in `Population`
+    # mean residual of the twin on healthy recordings, one channel after another (C S), SI
+    discrepancy: Parabola
     healthy: Measurements  # on each healthy recording
     signatures: tuple[Signature, ...] = ()  # known faults
     # labels and sources of the recordings, parameters that they left undetermined
@@ -56,13 +67,23 @@ class PopulationCalibration(Calibration):
 
     @property
     def quantities(self) -> tuple[Reported, ...]:
-        """Reported quantities of its kind."""
+        """The R reported quantities of its kind."""
         return self.monitoring.reported(self.model, self.actuator)
 
     @cached_property
-    def layout(self) -> Layout:
-        """The features of its recordings."""
+    def layout(self) -> list[Feature]:
+        """The F features of its recordings, without values."""
         return self.motion.layout(self.actuator)
+
+    @property
+    def magnitudes(self) -> list[str]:
+        """Names of the faults whose values are features."""
+        return [one.name for one in self.layout if one.kind == "model"]
+
+    @cached_property
+    def kinds(self) -> np.ndarray:
+        """(F,) array of str, kinds of the features."""
+        return np.array([one.kind for one in self.layout])
 
     @property
     def run_spread(self) -> dict[str, tuple[float, float]]:
@@ -72,105 +93,109 @@ class PopulationCalibration(Calibration):
 
     def values_of(self, features: np.ndarray) -> np.ndarray:
         """Reported values (N, R), SI, of features (N, F); logarithms of multiples of healthy."""
-        by_name = dict(zip(self.layout.names, features.T, strict=True))
-        derived, columns = self.monitoring.derived(by_name), []
-        for one in self.quantities:
-            if one.name not in self.layout.magnitudes:
-                columns.append(derived[one.name])  # comes as the logarithm
-            else:
-                values = by_name[one.name]
-                columns.append(np.log(values) if one.logarithmic else values)
-        return np.column_stack(columns)
-
-    @cached_property
-    def values(self) -> np.ndarray:
-        """(N, R), reported quantities of the healthy recordings."""
-        return self.values_of(self.healthy.features)
+        by_name = {one.name: row for one, row in zip(self.layout, features.T, strict=True)}
+        magnitudes = {
+            one.name: np.log(by_name[one.name]) if one.logarithmic else by_name[one.name]
+            for one in self.quantities
+            if one.name in self.magnitudes
+        }
+        every = {**self.monitoring.derived(by_name), **magnitudes}  # derived ones are logarithms
+        return np.column_stack([every[one.name] for one in self.quantities])
 
     @cached_property
     def population(self) -> Population:
         """Of the features."""
-        return self._population(self.healthy.features, dict.fromkeys(self.layout.names, False))
+        return self._population(self.healthy.features, [one.name for one in self.layout])
 
     @cached_property
     def reported(self) -> Population:
         """Of the reported quantities (`Monitoring.reported`)."""
-        return self._population(self.values, {one.name: one.logarithmic for one in self.quantities})
+        values = self.values_of(self.healthy.features)
+        return self._population(values, [one.name for one in self.quantities])
 
-    def _population(self, values: np.ndarray, logarithmic: Mapping[str, bool]) -> Population:
-        """Of values (N, n) of the healthy recordings; which are logarithms, by name."""
-        healthy, faults = self.healthy, {o.name: o for o in self.model.faults(self.actuator)}
-        usual = np.sqrt((healthy.errors**2).mean(0))
-        errors, cut = np.zeros(len(logarithmic)), np.zeros(len(logarithmic), dtype=bool)
-        for n, (name, is_logarithm) in enumerate(logarithmic.items()):
-            if name in self.layout.magnitudes:
-                size = float(np.exp(values[:, n].mean())) if is_logarithm else 1.0
-                errors[n] = usual[self.layout.magnitudes.index(name)] / size
-                cut[n] = faults[name].healthy in (faults[name].lower, faults[name].upper)
-        return Population.of(values, healthy.covariate, healthy.groups, self.scale, errors, cut)
+    def _population(self, values: np.ndarray, names: Sequence[str]) -> Population:
+        """Of values (N, n) of the healthy recordings."""
+        # a bound at the healthy value hides a part of the scatter
+        cut = {
+            one.name: SMALLEST * one.width / SIGMAS
+            for one in self.model.faults(self.actuator)
+            if one.healthy in (one.lower, one.upper)
+        }
+        least = np.array([cut.get(name, 0.0) for name in names])
+        return Population.of(values, self.healthy.covariate, self.healthy.groups, self.scale, least)
+
+    @property
+    def scale(self) -> float:
+        """Of the covariate, SI."""
+        return self.discrepancy.scale
 
     def without(self, run: str) -> "PopulationCalibration":
         """The same, learnt from all healthy runs but one."""
-        return replace(self, healthy=self.healthy.part(~self.healthy.of_run(run)))
+        return replace(self, healthy=self.healthy.part(self.healthy.runs != run))
 
-    @property
-    def statistics(self) -> dict[str, tuple[float, float]]:
-        """Healthy mean and standard deviation of measurements beside the twin, by name."""
-        return {
-            name: (float(found.mean()), float(found.std(ddof=1)))
-            for name, found in self.healthy.statistics.items()
-        }
+    def knows(self, given: Measurements) -> bool:
+        """Whether one of these recordings is a healthy one here, as when a file is given twice.
 
-    @cached_property
-    def causes(self) -> Causes:
-        """What may have happened to the actuator."""
-        kinds = np.array(self.layout.kinds)
-        drifts = [DRIFT * row for row in np.eye(len(kinds))[kinds == "model"]]
-        drifts += [DRIFT * (one & (kinds == "mean")) for one in self.layout.of_channels()]
-        scatter = Scatter.of(self.tested, self.healthy.groups, np.array(drifts))
-        taught = [Direction(one.fault, one.coefficients, True) for one in self.signatures]
-        still = np.zeros((1 if self.scale is None else 3, len(kinds)))
-        others = [
-            Direction(UNNAMED, still, around=np.isin(kinds, these))
-            for these in (("mean", "band"), ("mean",), ("band",))
-        ]
-        return Causes(scatter, [*self._moved(), *taught, *others])
-
-    def _moved(self) -> list[Direction]:
-        """Directions in which reported quantities rise and fall, with the faults that do that.
-
-        Recordings with a known fault say more than physics does on the quantities that it moves.
+        Bands are not compared: those here are of a discrepancy without the run's own share.
         """
-        healthy = np.ones(len(self.layout.names))  # multiples are 1
-        away = self.values_of(healthy + DIFFERENCE * np.eye(len(healthy)))
-        slopes = (away - self.values_of(healthy[None])).T / DIFFERENCE  # (R, F)
-        kinds, spread, found = self.layout.kinds, self.population.spread, []
-        for one, slope, scatter in zip(self.quantities, slopes, self.reported.spread, strict=True):
-            shift = np.zeros((1 if self.scale is None else 3, len(slope)))
-            shift[0] = slope / spread / np.abs(slope / spread).max()
-            # a statistic is of several features, which seldom rise alike, nor without others
-            kind = kinds[int(np.argmax(np.abs(slope)))]
-            around = None if kind == "model" else np.array(kinds) == kind
-            moves = [s.coefficients[0] * spread @ slope / scatter for s in self.signatures]
-            raised = one.named or UNNAMED
-            for fault, sense in ((raised, 1.0), (raised if one.either else UNNAMED, -1.0)):
-                if max((sense * move for move in moves), default=0.0) < SIGMAS:
-                    found.append(Direction(fault, sense * shift, around=around))
-        return found
+        compared = self.kinds != "band"
+        here = self.healthy.features[:, compared]
+        near = _SAME * (here.std(0) + 1e-9 * np.abs(here).max(0) + 1e-12)
+        rows = given.features[:, compared]
+        return any(bool((np.abs(here - row) <= near).all(1).any()) for row in rows)
 
     @cached_property
     def tested(self) -> np.ndarray:
         """Scores (N, F) of the healthy recordings, each run judged by the others."""
         scores = np.empty_like(self.healthy.features)
         for run in self.healthy.names:
-            own = self.healthy.of_run(run)
+            own = self.healthy.runs == run
             scores[own] = self.without(run).scores(self.healthy.part(own))
         return scores
 
-    def measure(self, recordings: Given) -> Measured:
-        """Estimates and features of recordings, or of those in files; errors as of `Bench`."""
-        bench = Bench(self.actuator, self.motion, recordings_of(recordings, self.actuator))
-        return bench.measured(bench.fit(self.discrepancy, self.scale, bench.fit()))
+    @cached_property
+    def causes(self) -> Causes:
+        """What may have happened to the actuator."""
+        kinds, channels = self.kinds, np.array([one.channel for one in self.layout])
+        levels = [(channels == name) & (kinds == "mean") for name in self.motion.channels]
+        drifts = DRIFT * np.vstack([np.eye(len(kinds))[kinds == "model"], *levels])
+        taught = [Direction(one.fault, one.scores, True) for one in self.signatures]
+        others = [
+            Direction(UNNAMED, self._constant(np.zeros(len(kinds))), around=np.isin(kinds, these))
+            for these in (("mean", "band"), ("mean",), ("band",))
+        ]
+        directions = [*self._moved(), *taught, *others]
+        return Causes(self.tested, self.healthy.groups, drifts, directions)
+
+    def _moved(self) -> list[Direction]:
+        """Directions in which reported quantities rise and fall, with the faults that do that.
+
+        Recordings with a known fault say more than physics does on the quantities that it moves.
+        """
+        healthy = np.ones(len(self.layout))  # multiples are 1
+        away = self.values_of(healthy + _STEP * np.eye(len(healthy)))
+        slopes = (away - self.values_of(healthy[None])).T / _STEP  # (R, F)
+        spread, found = self.population.spread, []
+        for one, slope, scatter in zip(self.quantities, slopes, self.reported.spread, strict=True):
+            shift = slope / spread / np.abs(slope / spread).max()
+            # a statistic is of several features, which seldom rise alike, nor without others
+            kind = self.kinds[np.argmax(np.abs(slope))]
+            around = None if kind == "model" else self.kinds == kind
+            moves = [s.scores.coefficients[0] * spread @ slope / scatter for s in self.signatures]
+            raised = one.named or UNNAMED
+            for fault, sense in ((raised, 1.0), (raised if one.either else UNNAMED, -1.0)):
+                if max((sense * move for move in moves), default=0.0) < SIGMAS:
+                    found.append(Direction(fault, self._constant(sense * shift), around=around))
+        return found
+
+    def _constant(self, row: np.ndarray) -> Parabola:
+        return Parabola(self.scale, np.outer([1.0, 0.0, 0.0], row))
+
+    def beside(self, recordings: Given) -> list[Beside]:
+        """Recordings, or those in files, beside their fitted twin; errors as of `Beside`."""
+        given = recordings_of(recordings, self.actuator)
+        beside = [Beside(self.actuator, self.motion, one) for one in given]
+        return [one.fit().again(self.discrepancy) for one in beside]
 
     def scores(self, measured: Measurements) -> np.ndarray:
         """How far measurements lie from health, (N, F), in healthy standard deviations."""
@@ -178,61 +203,35 @@ class PopulationCalibration(Calibration):
 
     def posterior(self, measured: Measurements) -> Posterior:
         """Probabilities of what happened, from recordings that are judged together."""
-        return self.causes.posterior(self.scores(measured), basis(measured.covariate, self.scale))
+        return self.causes.posterior(self.scores(measured), measured.covariate)
 
     def _table(self, sources: Mapping[str, str] | None) -> dict[str, Any]:
-        learnt: dict[str, Any] = {
+        healthy, known = self.healthy, self.signatures
+        table = {
             "format": FORMAT,
             "ematwin": __version__,
             "interval": self.motion.interval,
             "settling_time": self.motion.settling_time,
             "channels": list(self.motion.channels),
-            "magnitudes": list(self.layout.magnitudes),
+            "magnitudes": self.magnitudes,
             "quantities": [one.name for one in self.quantities],
-            **({} if self.scale is None else {"scale": self.scale}),
+            "scale": self.scale,
             "facts": self.facts,
-            "command": plain(self.motion.command),
-            "discrepancy": plain(self.discrepancy),
-            "healthy": self.healthy.as_table(),
+            "command": _plain(self.motion.command),
+            "discrepancy": _plain(self.discrepancy.coefficients),
+            "healthy": {
+                "runs": healthy.runs.tolist(),
+                "groups": healthy.groups.tolist(),
+                "covariate": _plain(healthy.covariate),
+                "features": _plain(healthy.features),
+                "statistics": {name: _plain(rows) for name, rows in healthy.statistics.items()},
+            },
         }
-        return {
-            **super()._table(sources),
-            "calibration": learnt,
-            "signature": [
-                {"fault": s.fault, "source": s.source, "coefficients": plain(s.coefficients)}
-                for s in self.signatures
-            ],
-        }
-
-    def check(self, magnitudes: Sequence[str], quantities: Sequence[str]) -> None:
-        """Raise `ValueError` unless all parts fit together, and to the kind as it is now.
-
-        ``magnitudes`` and ``quantities`` name the features and the reported quantities with which
-        it was made.
-        """
-        motion, scale = self.motion, 1.0 if self.scale is None else self.scale
-        if not (min(motion.interval, scale) > 0.0 <= motion.settling_time < np.inf):
-            raise ValueError(f"{motion.interval}, {scale} and {motion.settling_time} do not fit")
-        reported = [one.name for one in self.quantities]
-        for made, now in ((magnitudes, list(self.layout.magnitudes)), (quantities, reported)):
-            if list(made) != now:
-                raise ValueError(f"it knows {', '.join(made)}, the kind {', '.join(now)}")
-        covariate = self.monitoring.covariate
-        if (covariate is None) != (self.scale is None):
-            raise ValueError(f"the scale of the covariate is {self.scale}")
-        rows, count = 1 if covariate is None else 3, len(self.healthy.runs)
-        features, samples = len(self.layout.names), len(motion.channels) * motion.command.size
-        arrays: dict[str, tuple[np.ndarray, tuple[int, ...]]] = {
-            "discrepancy": (self.discrepancy, (rows, samples)),
-            "healthy features": (self.healthy.features, (count, features)),
-            "healthy errors": (self.healthy.errors, (count, len(self.layout.magnitudes))),
-            **{f"signature {s.fault}": (s.coefficients, (rows, features)) for s in self.signatures},
-        }
-        for name, (values, wanted) in arrays.items():
-            if values.shape != wanted:
-                raise ValueError(f"{name} has the shape {values.shape}, not {wanted}")
-            if not np.isfinite(values).all():
-                raise ValueError(f"{name} holds values that are not finite")
+        signatures = [
+            {"fault": s.fault, "source": s.source, "coefficients": _plain(s.scores.coefficients)}
+            for s in known
+        ]
+        return {**super()._table(sources), "calibration": table, "signature": signatures}
 
 
 def population_in(
@@ -242,26 +241,53 @@ def population_in(
     signatures: Sequence[Mapping[str, Any]],
 ) -> PopulationCalibration:
     """The calibration in the tables of a file; raises `ValueError` if its parts do not fit."""
-    if learnt["format"] < FORMAT:  # which repeated what follows from the healthy runs
-        learnt = {**learnt, "scale": learnt["population"].get("scale")}
-    scale = learnt.get("scale")
+    known = learnt if learnt["format"] == FORMAT else learnt["population"]  # which 0.2 kept
+    interval, settling = float(learnt["interval"]), float(learnt["settling_time"])
+    scale = float(known["scale"])
+    if not (min(interval, scale) > 0.0 <= settling < np.inf):
+        raise ValueError(f"{interval}, {scale} and {settling} do not fit")
+    command = np.array(learnt["command"], dtype=float)
+    motion = Motion(command, interval, settling, tuple(learnt["channels"]))
+    table, count = learnt["healthy"], len(learnt["healthy"]["runs"])
+    width = len(motion.layout(actuator))
     found = PopulationCalibration(
         actuator=actuator,
         baseline=baseline,
-        motion=Motion(
-            command=np.array(learnt["command"], dtype=float),
-            interval=float(learnt["interval"]),
-            settling_time=float(learnt["settling_time"]),
-            channels=tuple(learnt["channels"]),
+        motion=motion,
+        discrepancy=Parabola(
+            scale, _numbers(learnt["discrepancy"], 3, len(motion.channels) * command.size)
         ),
-        discrepancy=np.array(learnt["discrepancy"], dtype=float),
-        scale=None if scale is None else float(scale),
-        healthy=Measurements.from_table(learnt["healthy"]),
+        healthy=Measurements(
+            features=_numbers(table["features"], count, width),
+            covariate=_numbers(table["covariate"], count),
+            groups=_numbers(table["groups"], count).astype(int),
+            runs=np.array(table["runs"], dtype=str),
+            statistics={name: _numbers(rows, count) for name, rows in table["statistics"].items()},
+        ),
         signatures=tuple(
-            Signature(s["fault"], np.array(s["coefficients"], dtype=float), s["source"])
-            for s in signatures
+            Signature(
+                one["fault"], Parabola(scale, _numbers(one["coefficients"], 3, width)),
+                one["source"],
+            )
+            for one in signatures
         ),
         facts=dict(learnt.get("facts", {})),
-    )
-    found.check(learnt["magnitudes"], learnt["quantities"])
+    )  # fmt: skip
+    quantities = [one.name for one in found.quantities]
+    for made, now in ((learnt["magnitudes"], found.magnitudes), (learnt["quantities"], quantities)):
+        if list(made) != now:
+            raise ValueError(f"it knows {', '.join(made)}, the kind {', '.join(now)}")
+    return found
+
+
+def _plain(values: np.ndarray) -> Any:
+    """Numbers for a file."""
+    return np.vectorize(lambda x: float(f"{x:.9g}"))(values).tolist()
+
+
+def _numbers(rows: Any, *shape: int) -> np.ndarray:
+    """An array in a file."""
+    found = np.array(rows, dtype=float)
+    if found.shape != shape or not np.isfinite(found).all():
+        raise ValueError(f"an array of shape {found.shape}, not {shape}, or of infinite values")
     return found

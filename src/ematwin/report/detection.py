@@ -7,8 +7,7 @@ from typing import Any
 from ematwin.estimation.constants import CERTAIN, SMALLEST
 from ematwin.monitoring.calibration import Calibration
 from ematwin.monitoring.detection import Detection, Diagnosis, counted, gathered_notes
-from ematwin.monitoring.population import DRIFT
-from ematwin.monitoring.population_calibration import PopulationCalibration
+from ematwin.monitoring.population_calibration import DRIFT, PopulationCalibration
 from ematwin.quantities import preferred
 from ematwin.report.page import Row, Section, Table, listed, render
 from ematwin.report.style import AMBER, GREEN, GREY, SERIES, stacked

@@ -12,6 +12,7 @@ from ematwin.models.registry import load_actuator
 from ematwin.monitoring.calibrate import calibrate
 from ematwin.monitoring.calibration import Basis, Calibration, CalibrationReport
 from ematwin.monitoring.identify import detect
+from ematwin.monitoring.measure import measured
 from ematwin.monitoring.runs import Group, Runs
 from made_up_rig import TRUTH, healthy_runs, motion, rig, run, template
 from refusals import refusal_of
@@ -107,7 +108,9 @@ def test_a_calibration_that_was_saved_is_the_same(report, tmp_path):
     report.save(path)
     again = Calibration.load(path)
     assert again.actuator.fingerprint == report.calibration.actuator.fingerprint
-    np.testing.assert_allclose(again.discrepancy, report.calibration.discrepancy, rtol=1e-8)
+    np.testing.assert_allclose(
+        again.discrepancy.coefficients, report.calibration.discrepancy.coefficients, rtol=1e-8
+    )
     worn = [motion(seed=5, load=0.0)]
     from_file, given = (detect(worn, each).runs[0].standing.distance for each in (path, report))
     assert from_file == pytest.approx(given, rel=1e-6)
@@ -147,7 +150,7 @@ def test_all_runs_teach_and_each_is_judged_by_the_others():
     assert report.learnt == ["1", "2", "3", "4"]
     calibration = report.calibration
     tested = calibration.tested
-    assert tested.shape == (16, len(calibration.layout.names))
+    assert tested.shape == (16, len(calibration.layout))
     # judged by the others, a run lies further out than judged with itself among them
     own = calibration.population.scores(calibration.healthy.features, calibration.healthy.covariate)
     assert (tested**2).mean() > 1.2 * (own**2).mean()
@@ -156,9 +159,12 @@ def test_all_runs_teach_and_each_is_judged_by_the_others():
 def test_left_out_bands_are_those_of_a_run_that_comes_later(three):
     """A share of a run's own noise in the discrepancy would make its bands look quieter."""
     motions, calibration = healthy_runs(3, motions=1), three.calibration
-    bands = [n for n, kind in enumerate(calibration.layout.kinds) if kind == "band"]
-    later = calibration.measure(healthy_runs(20, first=201, motions=1)).features[:, bands].mean()
-    with_own = calibration.measure(motions).features[:, bands].mean()
+    bands = calibration.kinds == "band"
+
+    def level(recordings) -> float:
+        return measured(calibration.beside(recordings)).features[:, bands].mean()
+
+    later, with_own = level(healthy_runs(20, first=201, motions=1)), level(motions)
     without = calibration.healthy.features[:, bands].mean()
     assert with_own < later - 0.1
     assert abs(without - later) < 0.6 * abs(with_own - later)
@@ -178,7 +184,9 @@ def test_later_runs_join_the_healthy_ones(tmp_path):
     assert after.actuator.name == "rig"
     assert after.actuator.fingerprint == before.actuator.fingerprint
     assert len(after.healthy.runs) == 24
-    np.testing.assert_allclose(after.discrepancy, before.discrepancy, rtol=1e-6)
+    np.testing.assert_allclose(
+        after.discrepancy.coefficients, before.discrepancy.coefficients, rtol=1e-6
+    )
     # it is saved and added to like any other
     second.save(tmp_path / "more.toml")
     third = calibrate(healthy_runs(1, first=21), add_to=Calibration.load(tmp_path / "more.toml"))
@@ -233,10 +241,16 @@ def test_fewer_than_three_runs_make_a_twin_but_no_population(tmp_path):
             detect(given, report)
 
 
-def test_a_faulty_run_among_the_healthy_is_named():
-    motions = [*healthy_runs(3), *run(66, roughness=0.4), *healthy_runs(1, 5)]
-    text = refusal(motions)
-    assert text.startswith("Run 66 is unlike the other 4 healthy runs")
+@pytest.mark.parametrize(
+    ("fault", "like"),
+    [
+        ({"friction": 1.3}, "lubrication"), ({"backlash": 8e-4}, "backlash"),
+        ({"roughness": 0.4}, "spalling"), ({"gain": 0.8}, "unnamed change"),
+    ],
+)  # fmt: skip
+def test_a_faulty_run_among_the_healthy_is_named(fault, like):
+    text = refusal([*healthy_runs(3), *run(66, **fault), *healthy_runs(1, 5)])
+    assert text.startswith(f"Run 66 is unlike the other 4 healthy runs: most like {like}.")
     assert "leave it out" in text
 
 

@@ -8,7 +8,7 @@ import pytest
 from ematwin.errors import InputError, RecordError
 from ematwin.models.ball_screw.model import MODEL, coupling, decoupled
 from ematwin.models.phases import calm
-from ematwin.monitoring.measure import Bench, Motion
+from ematwin.monitoring.measure import Beside, Motion, measured
 from made_up_rig import NOISE, command, motion, rig, simulate_motion
 from refusals import refusal_of
 
@@ -83,9 +83,12 @@ def test_a_position_does_for_a_position_error():
 # Values
 
 
-def fitted(*motions):
-    bench = Bench(rig(), Motion(SET_POINT, INTERVAL, 1.4), motions)
-    return bench, bench.fit()
+CHANNELS = ("current", "position_error")
+
+
+def fitted(*motions) -> list[Beside]:
+    of = Motion(SET_POINT, INTERVAL, 1.4, CHANNELS)
+    return [Beside(rig(), of, one).fit() for one in motions]
 
 
 @pytest.mark.parametrize(
@@ -108,18 +111,15 @@ def test_the_values_of_a_motion_are_recovered_under_noise(changed):
     """Friction and gain to 2 %, backlash to 0.06 mm, load to 40 N (of 3 kN of friction)."""
     true = {"friction": 1.0, "backlash": rig().screw.backlash, "gain": 1.0, "load": 0.0}
     true |= changed
-    bench, fit = fitted(*(motion(seed, **changed) for seed in range(4)))
-    allowed = {"friction": 0.02, "backlash": 6e-5, "gain": 0.02, "load": 40.0}
-    for estimate in bench.measured(fit).estimates:
-        for name, most in allowed.items():
-            assert abs(estimate[name] - true[name]) < most, name
-            # the standard errors that come with them are neither lost nor wild
-            assert 0.0 < estimate.standard_errors[name] < 3.0 * most, name
+    found = measured(fitted(*(motion(seed, **changed) for seed in range(4))))
+    values = np.column_stack([found.features[:, :3], found.covariate])
+    for name, own, most in zip(true, values.T, (0.02, 6e-5, 0.02, 40.0), strict=True):
+        assert np.abs(own - true[name]).max() < most, name
 
 
 def test_what_the_twin_explains_leaves_noise_only():
-    _, fit = fitted(motion(friction=1.3, load=200.0, backlash=5e-4))
-    np.testing.assert_allclose(fit.residuals.std(axis=(0, 2)), NOISE, rtol=0.15)
+    (one,) = fitted(motion(friction=1.3, load=200.0, backlash=5e-4))
+    np.testing.assert_allclose(one.residuals.std(axis=1), NOISE, rtol=0.15)
 
 
 @pytest.mark.parametrize(
@@ -142,7 +142,7 @@ def test_an_impossible_motion_is_not_simulated(changed, said):
 
 
 def doubts(one, set_point=SET_POINT):
-    return Motion(set_point, INTERVAL, 1.4).check(one, rig())
+    return Motion(set_point, INTERVAL, 1.4, CHANNELS).check(one, rig())
 
 
 def refusal(one, set_point=SET_POINT) -> str:

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from ematwin.models.phases import phases
-from ematwin.monitoring.measure import BANDS, Layout, band_levels
+from ematwin.monitoring.measure import BANDS, Motion, band_levels
+from made_up_rig import rig
 
 INTERVAL = 0.04
 
@@ -54,22 +55,18 @@ def test_a_sine_is_cut_into_equal_parts(period):
     assert {phase.samples.stop - phase.samples.start for phase in found} == {40}
 
 
-def layout() -> Layout:
-    return Layout.of(
-        phases(out_and_back(), INTERVAL, 1.4), MODEL, CHANNELS, {"position_error": "error"}
-    )
-
-
-def values(current: np.ndarray, error: np.ndarray, layout: Layout) -> dict[str, float]:
+def values(current: np.ndarray, error: np.ndarray) -> dict[str, float]:
     magnitudes = {"friction": 1.1, "backlash": 2e-4, "gain": 0.9, "load": 100.0}
-    found = layout.values(magnitudes, [current, error])
-    return dict(zip(layout.names, found, strict=True))
+    of = Motion(out_and_back(), INTERVAL, 1.4, CHANNELS)
+    found = of.features(rig(), magnitudes, np.array([current, error]))
+    assert [one.name for one in found] == [one.name for one in of.layout(rig())]
+    return {one.name: one.value for one in found}
 
 
 def test_means_say_where_a_residual_lies():
     current = np.zeros(260)
     current[105:130] = 0.5  # while the rest settles
-    seen = values(current, np.full(260, 1e-3), layout())
+    seen = values(current, np.full(260, 1e-3))
     assert seen["current mean, out, steady"] == 0.0
     assert [seen[f"current part {n}, rest, transient"] for n in (2, 3)] == [0.5, 0.5]
     assert seen["current mean, rest, steady"] == 0.0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ematwin.estimation.verdict import UNNAMED
-from ematwin.monitoring.population import Causes, Direction, Population, Scatter, fit_mean
+from ematwin.monitoring.population import Causes, Direction, Parabola, Population
 
 # Population
 
@@ -23,8 +23,15 @@ def test_a_parabola_over_the_load_is_found():
     random = np.random.default_rng(0)
     load = np.linspace(-300.0, 300.0, 400)
     values = np.column_stack([2.0 + 0.5 * load / 200.0, 1.0 - 0.2 * ((load / 200.0) ** 2 - 1.0)])
-    found = fit_mean(load, 200.0, values + 0.01 * random.normal(size=values.shape))
-    np.testing.assert_allclose(found, [[2.0, 1.0], [0.5, 0.0], [0.0, -0.2]], atol=0.05)
+    found = Parabola.of(values + 0.01 * random.normal(size=values.shape), load, 200.0)
+    expected = [[2.0, 1.0], [0.5, 0.0], [0.0, -0.2]]
+    np.testing.assert_allclose(found.coefficients, expected, atol=0.05)
+    np.testing.assert_allclose(found.at(load), values, atol=0.1)
+
+
+def test_without_a_covariate_a_parabola_is_the_mean():
+    values = np.random.default_rng(0).normal(size=(7, 3))
+    np.testing.assert_allclose(Parabola.of(values, np.zeros(7), 1.0).at(0.0), values.mean(0))
 
 
 def test_spread_has_a_part_within_runs_and_one_between_them():
@@ -51,18 +58,24 @@ def test_scores_of_another_healthy_run_are_standard_at_any_load():
 SIZE = 20
 
 
+def always(shift: np.ndarray) -> Parabola:
+    return Parabola(1.0, np.outer([1.0, 0.0, 0.0], shift))
+
+
+ANYTHING = Direction(UNNAMED, always(np.zeros(SIZE)), around=np.ones(SIZE, dtype=bool))
+
+
 def causes(random, *taught: Direction, runs: int = 8) -> Causes:
     """Independent scores of 20 kinds; the first one names "dry" where it is raised."""
     scores, groups = random.normal(size=(5 * runs, SIZE)), np.repeat(np.arange(runs), 5)
-    scatter = Scatter.of(scores, groups, np.zeros((1, SIZE)))
-    first = np.eye(SIZE)[:1]
-    others = Direction(UNNAMED, np.zeros((1, SIZE)), around=np.ones(SIZE, dtype=bool))
-    moved = [Direction("dry", first), Direction(UNNAMED, -first), others]
-    return Causes(scatter, [*moved, *taught])
+    first = np.eye(SIZE)[0]
+    moved = [Direction("dry", always(first)), Direction(UNNAMED, always(-first)), ANYTHING]
+    return Causes(scores, groups, np.zeros((1, SIZE)), [*moved, *taught])
 
 
 def probabilities(of: Causes, scores: np.ndarray) -> dict[str, float]:
-    found = of.posterior(np.atleast_2d(scores), np.ones((len(np.atleast_2d(scores)), 1)))
+    rows = np.atleast_2d(scores)
+    found = of.posterior(rows, np.zeros(len(rows)))
     total = sum(found.probabilities.values()) + found.healthy
     assert total == pytest.approx(1.0)
     return {"healthy": found.healthy, **found.probabilities}
@@ -100,13 +113,13 @@ def test_what_no_direction_explains_is_a_change_without_a_name():
 def test_recordings_with_a_fault_name_what_lies_along_them_at_another_size():
     random = np.random.default_rng(2)
     worn = np.r_[np.zeros(10), np.full(10, 4.0)]
-    of = causes(random, Direction("worn", worn[None], taught=True))
+    of = causes(random, Direction("worn", always(worn), taught=True))
     for size in (0.5, 1.0, 2.0):
         assert lead(of, size * worn + 0.5 * random.normal(size=SIZE)) == "worn"
     opposite = probabilities(of, -worn)
     assert opposite["healthy"] < 1e-3
     assert opposite["worn"] < 0.6
-    assert of.posterior(worn[None], np.ones((1, 1))).likeness == {"worn"}
+    assert of.posterior(worn[None], np.zeros(1)).likeness == {"worn"}
 
 
 def test_motions_of_a_run_tell_more_than_one_of_them():
@@ -122,8 +135,6 @@ def test_what_scatters_together_is_no_change_where_it_moves_together():
     random = np.random.default_rng(4)
     common = 3.0 * random.normal(size=(30, 1))
     scores = common + 0.3 * random.normal(size=(30, SIZE))
-    scatter = Scatter.of(scores, np.arange(30), np.zeros((1, SIZE)))
-    others = Direction(UNNAMED, np.zeros((1, SIZE)), around=np.ones(SIZE, dtype=bool))
-    of = Causes(scatter, [others])
+    of = Causes(scores, np.arange(30), np.zeros((1, SIZE)), [ANYTHING])
     assert lead(of, np.full(SIZE, 3.0)) == "healthy"
     assert lead(of, 3.0 * np.sign(np.arange(SIZE) % 2 - 0.5)) == UNNAMED
