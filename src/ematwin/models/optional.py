@@ -159,7 +159,6 @@ class Reported:
     logarithmic: bool = False  # the population is one of logarithms and the unit is "x"
     scale: float = 1.0  # shown value over SI value
     named: str = ""  # fault that a raised value names
-    least: float = math.inf  # SI or logarithm: no healthy run is so far from the others
     either: bool = False  # a lowered value names it as well
 
 

@@ -27,11 +27,11 @@ class BallScrewMonitoring(base.Monitoring):
         """Magnitudes as multiples of healthy ones, backlash in mm, and roughness."""
         return (
             Reported("friction", "x", "dry friction, as a multiple of the healthy one",
-                     True, named="lubrication", least=0.25),
+                     True, named="lubrication"),
             Reported("backlash", "mm", "play of the nut on the screw",
-                     scale=1e3, named="backlash", least=5e-4),
+                     scale=1e3, named="backlash"),
             Reported("gain", "x", "gain of the position loop, as a multiple of the healthy one",
-                     True, least=0.25),
+                     True),
             Reported("roughness", "x", "roughness while moving, as a multiple of the healthy one: "
                      "fast swings of current and position that the twin does not explain, from one "
                      "turn of the screw upwards", True, named="spalling"),
