@@ -87,8 +87,7 @@ class BldcComparison(Comparison):
             for place, *_ in actuator.parameters()
             if place.partition(".")[0] in table.REFERENCE_ALONE
         }
-        if actuator.integrates:
-            unseen |= {table.HELD}
+        unseen |= {table.HELD} if actuator.integrates else set()
         shows_rotor = self.unplaced or recording.motor_position is not None
         if unseen and shows_rotor and recording.output_position is None:
             unseen |= {table.ZERO}
@@ -211,22 +210,12 @@ class BldcComparison(Comparison):
         currents = phase_currents(self.recording)
         if currents is None or not self.unplaced:
             return None
-        if self.unseen and self.has_reference:  # loops that the monitor lacks make it late
-            from ematwin.models.bldc.simulate import reference_answer
+        from ematwin.models.bldc.simulate import reference_answer
 
-            answer = reference_answer(self.recording, self.actuator, values, self.state[:5])
-            position = answer.channels["motor_position"]
-            current, _ = equivalent_current(answer, self.actuator.motor.pole_pairs)
-        else:
-            from ematwin.models.bldc.batch import monitor_trace
-
-            trace = monitor_trace(
-                self.batch(one_candidate(values), 1).faults[0], self.command, self.load,
-                self.state.copy(), self.constants, self.step, self.substeps, 1,
-                None if self.actuator.shorted_turns is None else np.zeros(4),
-            )  # fmt: skip
-            position, current = np.r_[0.0, trace[:, 1]], np.r_[0.0, trace[:, 0]]
-        angle = self.actuator.motor.pole_pairs * position[1:]
+        # a fast model that lacks loops lags behind
+        answer = reference_answer(self.recording, self.actuator, values, self.state[:5])
+        current, _ = equivalent_current(answer, self.actuator.motor.pole_pairs)
+        angle = self.actuator.motor.pole_pairs * answer.channels["motor_position"][1:]
         behind = turned(currents[1:], angle, current[1:])
         return None if behind is None else behind.placed(self.recording, self.actuator)
 
