@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from ematwin.errors import InputError, RecordError
-from ematwin.models.ball_screw.model import MODEL, coupling, decoupled
+from ematwin.models.ball_screw.model import MODEL
 from ematwin.models.phases import calm
+from ematwin.monitoring.identify import detect
 from ematwin.monitoring.measure import Bench, Motion
 from made_up_rig import NOISE, command, motion, rig, simulate_motion
 from refusals import refusal_of
@@ -27,12 +28,17 @@ def coupled(share: float, seed: int = 0):
     )
 
 
+def compared(one):
+    return MODEL.compare(one, rig(), settling_time=1.4)
+
+
 def share_of(one) -> float:
-    return coupling(one.current, one.position_error, CALM)
+    return compared(one).statistics["sensor_coupling"]
 
 
 def freed(one) -> np.ndarray:
-    return decoupled(one.current, one.position_error, share_of(one))
+    """The current as it is compared with that of the twin."""
+    return compared(one).measured()["current"]
 
 
 # Coupling
@@ -58,16 +64,6 @@ def test_the_decoupled_current_does_not_depend_on_the_sign_of_the_share():
         before = np.diff(one.current - alone.current, 2)
         after = np.diff(freed(one) - freed(alone), 2)
         assert np.std(after[CALM[2:]]) < 0.1 * np.std(before[CALM[2:]])
-
-
-def test_a_comparison_measures_the_coupling_and_takes_it_out():
-    one = coupled(300.0)
-    comparison = MODEL.compare(one, rig(), settling_time=1.4)
-    assert comparison.statistics == {"sensor_coupling": share_of(one)}
-    assert [s.name for s in MODEL.monitoring.statistics] == ["sensor_coupling"]
-    np.testing.assert_array_equal(comparison.measured()["current"], freed(one))
-    np.testing.assert_array_equal(comparison.measured()["position_error"], one.position_error)
-    assert comparison.recording is one
 
 
 def test_a_position_does_for_a_position_error():
@@ -141,14 +137,6 @@ def test_an_impossible_motion_is_not_simulated(changed, said):
 # Motions that do not belong together
 
 
-def doubts(one, set_point=SET_POINT):
-    return Motion(set_point, INTERVAL, 1.4).check(one, rig())
-
-
-def refusal(one, set_point=SET_POINT) -> str:
-    return refusal_of(lambda: doubts(one, set_point), RecordError)
-
-
 @cache
 def good():
     return motion(load=100.0, labels={"run": "7"})
@@ -181,22 +169,22 @@ WRONG = {
 
 
 @pytest.mark.parametrize(("wrong", "said"), WRONG.values(), ids=WRONG)
-def test_a_motion_of_another_kind_is_refused_by_its_name(wrong, said):
-    assert doubts(good()) == ([], [])
-    text = refusal(wrong(good()))
+def test_a_motion_of_another_kind_is_refused_by_its_name(report, wrong, said):
+    text = refusal_of(lambda: detect([wrong(good())], report), RecordError)
     assert "simulated run 7" in text
     assert said in text
 
 
 def test_a_command_that_never_moves_is_refused():
     still = good().changed(set_point=np.zeros(250))
-    assert "never moves" in refusal(still, set_point=still.set_point)
+    bench = Motion(still.set_point, INTERVAL, 1.4)
+    assert "never moves" in refusal_of(lambda: bench.check(still, rig()), RecordError)
 
 
-def test_faults_are_not_taken_for_wrong_units_or_signs():
-    motions = [
-        motion(friction=2.5), motion(backlash=4e-3), motion(gain=0.5), motion(load=1500.0),
-        motion(load=-1500.0), motion(roughness=0.5),
-    ]  # fmt: skip
-    for one in motions:
-        assert doubts(one) == ([], [])
+def test_faults_are_not_taken_for_wrong_units_or_signs(report):
+    changes = (
+        {"friction": 2.5}, {"backlash": 4e-3}, {"gain": 0.5}, {"load": 1500.0}, {"load": -1500.0},
+        {"roughness": 0.5},
+    )  # fmt: skip
+    found = detect([motion(n, **changed) for n, changed in enumerate(changes)], report)
+    assert len(found.motions) == len(changes)
