@@ -12,9 +12,9 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.csv
 import pytest
-from asammdf import MDF, Signal
 
 import ematwin
+from bench_files import write_mdf
 from bldc_inputs import HALF
 from commands import inside
 from ematwin.cli import main
@@ -50,23 +50,17 @@ def recorded(actuator, seed, faults=None, rate=20_000.0):
     )
 
 
-def write_mdf(path: str, record: ematwin.Recording) -> None:
+def write_mf4(path: str, record: ematwin.Recording) -> None:
     """MDF4 as a bench writes it: mA and degrees, three rates, a clock that began earlier."""
     currents = {"I_U": record.current_a, "I_V": record.current_b, "I_W": record.current_c}
-    groups = [
-        (currents, "mA", 1e3, 1),
-        ({"SetpointPos": np.degrees(record.command)}, "deg", 1.0, 4),
-        ({"LoadCell": record.load}, "Nm", 1.0, 20),
-    ]
-    with MDF(version="4.10") as file:
-        file.start_time = datetime(2026, 11, 20, 8, 30, tzinfo=UTC)
-        for channels, unit, scale, every in groups:
-            times = record.time[::every] + 12.34
-            file.append([
-                Signal(scale * values[::every], times, unit=unit, name=name)
-                for name, values in channels.items()
-            ])  # fmt: skip
-        file.save(path, overwrite=True)
+    clock = record.time + 12.34
+    write_mdf(
+        Path(path),
+        (clock, {name: (1e3 * values, "mA") for name, values in currents.items()}),
+        (clock[::4], {"SetpointPos": (np.degrees(record.command)[::4], "deg")}),
+        (clock[::20], {"LoadCell": (record.load[::20], "Nm")}),
+        start=datetime(2026, 11, 20, 8, 30, tzinfo=UTC),
+    )
 
 
 def test_a_bench_file_comes_to_its_verdict(run: Callable[[str], str], tmp_path: Path) -> None:
@@ -74,8 +68,8 @@ def test_a_bench_file_comes_to_its_verdict(run: Callable[[str], str], tmp_path: 
         "motor.resistance": 2.2, "motor.emf_constant": 0.074, "motor.friction_torque": 0.018,
         "controller.position_gain": 142.0,
     })  # fmt: skip
-    write_mdf("healthy.mf4", recorded(actual, 1))
-    write_mdf("today.mf4", recorded(actual, 9, {"friction": 0.3, "backlash": 0.12}))
+    write_mf4("healthy.mf4", recorded(actual, 1))
+    write_mf4("today.mf4", recorded(actual, 9, {"friction": 0.3, "backlash": 0.12}))
     run("channels today.mf4 --actuator servo48 --write map.toml")
     run("calibrate healthy.mf4 --actuator servo48 --map map.toml --out axis.toml")
     answer = run("identify today.mf4 --actuator axis.toml --map map.toml --report today.html")

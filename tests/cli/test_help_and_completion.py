@@ -1,10 +1,7 @@
 """Help texts keep every character; the shell completes commands, options and names."""
 
 import inspect
-import os
 import re
-import subprocess
-import sys
 import typing
 
 import pytest
@@ -92,17 +89,6 @@ def test_a_broken_package_does_not_disturb_the_prompt(tmp_path, monkeypatch):
     models.cache_clear()
     assert "servo48" in completed("simulate", "--actuator", "")
     models.cache_clear()
-
-
-def test_completion_can_be_switched_on_and_bash_accepts_the_script(tmp_path):
-    script = subprocess.run(
-        [sys.executable, "-c", "from ematwin.cli import main; main()", "--show-completion", "bash"],
-        env={**os.environ, "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"},
-        capture_output=True, text=True, timeout=60, check=True,
-    )  # fmt: skip
-    assert "_EMATWIN_COMPLETE=complete_bash" in script.stdout
-    (tmp_path / "script").write_text(script.stdout)
-    subprocess.run(["bash", "-n", tmp_path / "script"], check=True)
 
 
 def test_completing_loads_nothing_heavy():

@@ -45,18 +45,17 @@ class Toy(OneChannel):
 
 
 class Line(OneChannel):
-    """y = mass (slope t + offset) in 50 samples, of which the recording has a mass of 1."""
+    """y = slope t + offset in 50 samples."""
 
     def __init__(self, slope, offset=0.0, noise=1.0):
         self.t = np.linspace(0.0, 1.0, 50)
         super().__init__(slope * self.t + offset, noise)
 
     def responses(self, candidates, count):
-        slope, offset, mass = (
-            np.broadcast_to(candidates.get(name, 1.0), count)[:, None]
-            for name in ("slope", "offset", "mass")
+        slope, offset = (
+            np.broadcast_to(candidates[name], count)[:, None] for name in ("slope", "offset")
         )
-        return {"y": mass * (slope * self.t + offset)}
+        return {"y": slope * self.t + offset}
 
 
 def fault(name, **more):

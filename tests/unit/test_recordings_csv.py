@@ -122,13 +122,17 @@ def test_no_header_numbers_the_columns(tmp_path: Path) -> None:
     assert any("no header" in said for said in record.provenance["assumed"])
 
 
-def test_numbers_with_a_plus_sign(tmp_path: Path) -> None:
-    path = tmp_path / "plus.csv"
-    path.write_text("t;cmd;i\n+0,0;+1,5E+0;+2\n+0,1;-1,5;+3\n+0,2;0;-4\n")
-    record = read(path)
-    assert record.command.tolist() == [1.5, -1.5, 0.0]
-    assert record.current is not None
-    assert record.current.tolist() == [2.0, 3.0, -4.0]
+@pytest.mark.parametrize(
+    "text",
+    [
+        "t;cmd;i\n+0,0;+1,5E+0;+2\n+0,1;-1,5;+3\n+0,2;0,5;-4\n",
+        't,cmd,i\n0,"1,5","2,5"\n1,"-1,5","2,5"\n2,"0,5","2,5"\n',
+    ],
+    ids=["plus signs", "quoted decimal commas"],
+)
+def test_numbers_are_read_as_programs_spell_them(tmp_path: Path, text: str) -> None:
+    (tmp_path / "bench.csv").write_text(text)
+    assert read(tmp_path / "bench.csv").command.tolist() == [1.5, -1.5, 0.5]
 
 
 def test_placeholders_and_empty_fields_are_holes(tmp_path: Path) -> None:
@@ -192,12 +196,6 @@ def test_a_column_of_time_goes_before_one_of_clock_times(tmp_path: Path) -> None
     rows = [f"09:14:02.{n:03d},{n / 500},{n},{n}\n" for n in range(100)]
     path.write_text("timestamp,t [s],cmd,i\n" + "".join(rows))
     assert read(path).sample_rate == pytest.approx(500.0)
-
-
-def test_quoted_decimal_commas(tmp_path: Path) -> None:
-    path = tmp_path / "quoted.csv"
-    path.write_text('t,cmd,i\n0,"1,5","2,5"\n1,"-1,5","2,5"\n2,"0,5","2,5"\n')
-    assert read(path).command.tolist() == [1.5, -1.5, 0.5]
 
 
 def test_options_of_csv_are_refused_for_others(tmp_path: Path) -> None:

@@ -199,16 +199,6 @@ def test_a_table_without_rows_is_refused(tmp_path):
 # The motion itself
 
 
-def test_a_motion_says_what_it_is():
-    motion = MOTIONS[1]
-    assert motion.name == "made condition normal, run 1, motion 2"
-    assert motion.run == "1"
-    assert motion.together == MOTIONS[0].together != MOTIONS[3].together
-    said = "60 samples, 0 to 2.36 s at 25 Hz: time, set_point, position_error, current"
-    assert repr(motion) == f"Recording({motion.name}: {said})"
-    assert Recording(TIME, motion.channels).name == "the record"
-
-
 def test_a_motion_that_was_not_chosen_need_not_be_sound(tmp_path):
     columns = table(run=["1"] * SAMPLES + ["2"] * SAMPLES)
     columns["current"] = np.where(np.arange(2 * SAMPLES) == 100, np.nan, columns["current"])

@@ -14,7 +14,6 @@ from ematwin import plots
 from ematwin.errors import InputError, MissingExtraError, RecordError
 from ematwin.estimation.identification import Identification
 from ematwin.monitoring.detection import Detection
-from ematwin.recordings.survey import survey
 from ematwin.showing.text import with_interval
 from ematwin.testing.reader_contract import bench_channels
 
@@ -172,12 +171,6 @@ def test_figures_are_public_functions(record: ematwin.Recording, found: Identifi
         found.plot("pie")
     with pytest.raises(AttributeError, match="plot_nothing"):
         _ = plots.plot_nothing
-
-
-def test_channels_stand_over_time_where_a_rate_is_known():
-    found = survey(pd.DataFrame({"a": np.arange(4.0), "b": np.arange(4.0)}))
-    for rate, title in ((1000.0, "time, s"), (None, "sample")):
-        assert plots.plot_channels(found, rate=rate).layout.xaxis2.title.text == title
 
 
 def test_faults_are_drawn_as_deviations_coloured_by_the_verdict(found: Identification) -> None:

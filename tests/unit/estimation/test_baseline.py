@@ -2,6 +2,7 @@
 
 import math
 import tomllib
+from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -39,28 +40,13 @@ def through_toml(baseline: Baseline) -> Baseline:
     return Baseline.from_table(table["baseline"], "mine.toml")
 
 
-def same(one: Baseline, other: Baseline) -> bool:
-    numbers = [(one.misfit, other.misfit), (one.expected_misfit, other.expected_misfit)]
-    return (
-        one.prior.names == other.prior.names
-        and (one.prior.mean == other.prior.mean).all()
-        and (one.prior.covariance == other.prior.covariance).all()
-        and all(a == b or (math.isnan(a) and math.isnan(b)) for a, b in numbers)
-        and dict(one.scatter) == dict(other.scatter)
-        and (one.recordings, one.has_load) == (other.recordings, other.has_load)
-        and (one.forms, one.absent_forms) == (other.forms, other.absent_forms)
-        and one.closed_loop == other.closed_loop
-    )
-
-
 # Files
 
 
 def test_a_baseline_returns_from_a_file_as_it_was() -> None:
-    assert same(through_toml(KNOWN), KNOWN)
     sheet = Baseline.of_template(MODEL, ACTUATOR)  # its misfits are not known
-    assert same(through_toml(sheet), sheet)
-    assert math.isnan(through_toml(sheet).misfit)
+    for one in (KNOWN, sheet):
+        np.testing.assert_equal(asdict(through_toml(one)), asdict(one))
 
 
 def broken(**changes: object) -> dict[str, object]:
@@ -95,20 +81,18 @@ def test_a_damaged_baseline_is_refused(table: object) -> None:
     assert "\n" not in said
 
 
-def test_a_baseline_of_a_newer_ematwin_is_refused() -> None:
-    with pytest.raises(ParameterError) as refusal:
-        Baseline.from_table(broken(format=99), "mine.toml")
-    assert str(refusal.value) == (
-        "The baseline of mine.toml was written by a newer ematwin (format 99, this one knows 1). "
-        "Update ematwin."
-    )
-
-
-def test_a_damaged_file_is_named(tmp_path) -> None:
+def test_a_damaged_file_or_one_of_a_newer_ematwin_is_refused_by_its_name(tmp_path) -> None:
     file = tmp_path / "mine.toml"
-    file.write_text(tomli_w.dumps({"baseline": broken(mean=[])}), encoding="utf-8")
-    with pytest.raises(ParameterError, match=r"mine\.toml is damaged"):
-        baseline_of(file, ACTUATOR)
+    for changes, said in (
+        ({"mean": []}, r"mine\.toml is damaged"),
+        (
+            {"format": 99},
+            r"of .*mine\.toml was written by a newer .* \(format 99, this one knows 1",
+        ),
+    ):
+        file.write_text(tomli_w.dumps({"baseline": broken(**changes)}), encoding="utf-8")
+        with pytest.raises(ParameterError, match=said):
+            baseline_of(file, ACTUATOR)
 
 
 # Tolerances and drifts

@@ -1,10 +1,14 @@
 """A problem: points in, costs and residuals out, whatever the actuator."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.optimize import lsq_linear
 
 from ematwin import BldcActuator, Noise, Problem, identify, simulate
 from ematwin.errors import InputError, RecordError
+from ematwin.estimation.prior import Prior
 from ematwin.estimation.search import find, named
 from ematwin.models.unknown import Unknown
 from naive.toy import Line
@@ -21,6 +25,15 @@ def test_every_method_solves_a_problem_without_any_actuator(algorithm: str) -> N
     found = find(problem, named(algorithm), budget=3000, seed=1)
     assert np.allclose(found.point, [2.0, -1.0], atol=0.02)
     assert found.evaluations <= 3000
+
+
+def test_a_bound_is_met_where_least_squares_of_scipy_meet_it() -> None:
+    narrow = replace(OFFSET, upper=0.2)
+    line = Line(2.0, 1.0)
+    found = find(Problem([line], [SLOPE, narrow]), named("levenberg-marquardt"))
+    columns = np.column_stack([line.t, np.ones(line.t.size)])
+    expected = lsq_linear(columns, line.recording.y, ([-5.0, -2.0], [5.0, 0.2])).x
+    assert np.allclose(found.point, expected, atol=1e-3)
 
 
 def test_recordings_share_an_unknown_and_have_others_of_their_own() -> None:
@@ -66,6 +79,16 @@ def test_costs_are_the_sums_of_squared_residuals_priors_included() -> None:
     assert np.allclose(problem.costs(points), squares)
     assert problem.residuals(points).shape == (9, 101)
     assert np.allclose(problem.residuals(points)[:, -1], np.log(points[:, 0]) / 0.2)
+
+
+def test_holding_an_unknown_leaves_what_its_prior_says_of_the_others() -> None:
+    """The distance from a prior is that of the held value and that of the rest, given it."""
+    covariance = np.array([[0.5, 0.3], [0.3, 0.4]])
+    prior = Prior(("slope", "offset"), np.array([0.4, -0.1]), covariance)
+    full = Problem([Line(1.0, 0.0, noise=0.1)], [SLOPE, OFFSET], prior=prior)
+    points = np.column_stack([np.full(9, 1.2), np.linspace(-2.0, 2.0, 9)])
+    rest = full.costs(points) - full.holding({"slope": 1.2}).costs(points[:, 1:])
+    assert np.allclose(rest, full.noise**2 * (1.2 - 0.4) ** 2 / 0.5)
 
 
 def test_a_parameter_is_searched_beside_the_faults() -> None:

@@ -78,6 +78,14 @@ def recorded(rng, height=1.0, slope=1.0, bend=1.0):
     return MODEL.compare(Recording(TIME, {"command": 0.0 * TIME, "place": place}), TEMPLATE)
 
 
+def nominals(spread):
+    """Height and slope of a recording, by how they differ from the mean."""
+    return [
+        replace(MODEL.unknown(TEMPLATE, place), spread=spread)
+        for place in ("line.height", "line.slope")
+    ]
+
+
 def healthy(rng, count, spread=0.1, mean=1.2):
     return [recorded(rng, *(mean * np.exp(spread * rng.standard_normal(2)))) for _ in range(count)]
 
@@ -100,10 +108,7 @@ def test_recordings_that_are_alike_have_no_more_spread_than_is_stated():
 def test_peak_and_width_are_those_of_generalised_least_squares():
     """With the recordings' own parameters integrated out, what is shared is a weighted mean."""
     rng = np.random.default_rng(3)
-    own = [
-        replace(MODEL.unknown(TEMPLATE, place), spread=0.01)
-        for place in ("line.height", "line.slope")
-    ]
+    own = nominals(0.01)
     shared = [replace(MODEL.unknown(TEMPLATE, "bend"), spread=10.0)]
     comparisons = [
         recorded(rng, *np.exp(0.01 * rng.standard_normal(2)), bend=1.1) for _ in range(5)
@@ -126,10 +131,7 @@ def test_peak_and_width_are_those_of_generalised_least_squares():
 @pytest.mark.parametrize(("bend", "named"), [(1.0, False), (1.1, True)])
 def test_a_fault_is_probable_where_it_is_and_not_where_it_is_not(bend, named):
     rng = np.random.default_rng(4)
-    effects = [
-        replace(MODEL.unknown(TEMPLATE, place), spread=0.02)
-        for place in ("line.height", "line.slope")
-    ]
+    effects = nominals(0.02)
     found, *_ = assessed_sets([recorded(rng, bend=bend)], MODEL.faults(TEMPLATE), effects, {})
     assert (found.probabilities["bend"] > 0.95) == named
     assert found.probabilities["other"] < 0.35  # no more than beforehand
@@ -152,10 +154,7 @@ def test_a_fault_with_two_minima_has_an_interval_over_both():
     model, rng = FoldedModel(), np.random.default_rng(7)
     place = 1.0 + TIME + 0.4 * 0.8 * TIME**2 + 0.02 * rng.standard_normal(TIME.size)
     given = model.compare(Recording(TIME, {"command": 0.0 * TIME, "place": place}), TEMPLATE)
-    effects = [
-        replace(MODEL.unknown(TEMPLATE, place), spread=0.02)
-        for place in ("line.height", "line.slope")
-    ]
+    effects = nominals(0.02)
     low, high = interval(assessed_sets([given], model.faults(TEMPLATE)[:1], effects, {})[0])
     assert math.log(low) < 0.4 < 0.8 < math.log(high)
 
@@ -175,21 +174,6 @@ def test_intervals_of_a_fault_hold_as_often_as_they_say():
         low, high = interval(assessed_sets([one], MODEL.faults(TEMPLATE)[:1], effects, {})[0])
         inside += low <= 1.0 <= high
     assert 53 <= inside <= 60
-
-
-def test_more_recordings_of_one_state_narrow_the_interval():
-    rng = np.random.default_rng(6)
-    actuator, baseline, _ = learn_effects(MODEL, TEMPLATE, healthy(rng, 30))
-    effects = effects_of(MODEL, actuator, baseline)
-    some = [
-        recorded(rng, *(1.2 * np.exp(0.1 * rng.standard_normal(2))), bend=1.1) for _ in range(6)
-    ]
-    bend = MODEL.faults(TEMPLATE)[:1]
-    alone, together = (
-        assessed_sets(given, bend, effects, {})[0].given("bend").of("bend").std()
-        for given in (some[:1], some)
-    )
-    assert together < 0.6 * alone
 
 
 def test_recordings_that_tell_a_combination_leave_its_parts_unknown():

@@ -1,7 +1,6 @@
 """What is said where another form of a fault explains a recording as well, or better."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,25 +9,11 @@ import ematwin
 from bldc_inputs import HALF
 from ematwin.estimation.rivals import Rival, weighed
 from ematwin.estimation.verdict import Verdict
-from ematwin.models.base import OtherForm
 from ematwin.models.bldc.faults import fixed_in_space, other_forms
 from ematwin.models.bldc.parameters import BldcActuator
 
 PLAIN = BldcActuator.load()
 SHORTS = ("short_a", "short_b", "short_c")
-NAMED = Verdict("fault", ("short_b",), "", "Short b: fault.")
-NONE = Verdict("none", (), "bad fit", "No verdict: bad fit")
-
-
-LOOP = next(one for one in other_forms(PLAIN, {}) if "short_a" in one.names)
-
-
-def rival(rise, present=("eccentricity",)):
-    form = OtherForm(
-        PLAIN, "an eccentricity that is fixed in space", "[eccentricity]",
-        ("eccentricity", "eccentricity_phase"), frozenset((*SHORTS, "eccentricity")), (),
-    )  # fmt: skip
-    return Rival(form, present, ", ".join(f"{name} 0.2" for name in present), rise)
 
 
 @pytest.mark.parametrize(("zeta", "phi"), [(0.05, 0.0), (0.2, -1.3), (0.4, 3.0)])
@@ -52,55 +37,33 @@ def test_forms_that_a_file_has_are_no_rivals():
     assert loops == PLAIN.changed({"shorted_turns.resistance": 0.1})
 
 
-def test_a_nearer_form_that_says_something_else_forbids_the_verdict():
-    told, hints = weighed([rival(-10.0)], NAMED)
-    assert (told.grade, told.faults, hints) == ("none", (), [])
-    assert "eccentricity 0.2" in told.reason
-    assert "[eccentricity]" in told.reason
-    bare, _ = weighed([rival(-10.0, ())], NAMED)
-    assert bare.reason.startswith("An eccentricity that is fixed in space explains it better")
+OFFSET, LOOP = other_forms(PLAIN, {})
+NAMED = Verdict("fault", ("short_b",), "", "Short b: fault.")
+BOTH = Verdict("fault", ("backlash", "eccentricity"), "", "Eccentricity: fault.")
+NONE = Verdict("none", (), "bad fit", "No verdict: bad fit")
+WEIGHED = {
+    "nearer, and another fault": (OFFSET, ("eccentricity",), -10.0, NAMED, "none", "explains it"),
+    "nearer, and no fault": (OFFSET, (), -10.0, NAMED, "none", "explains it better"),
+    "as near": (OFFSET, ("eccentricity",), 4.0, NAMED, "fault", "Put [eccentricity] with"),
+    "hardly nearer": (OFFSET, ("eccentricity",), -4.0, NAMED, "fault", "Put [eccentricity] with"),
+    "a mixture": (OFFSET, (*SHORTS, "eccentricity"), 1.0, NAMED, "fault", ""),
+    "nearer, and the same fault": (LOOP, ("short_b",), -50.0, NAMED, "fault", "of another size"),
+    "nearer, and a part of the same": (LOOP, ("eccentricity",), -18.0, BOTH, "fault", ""),
+    "a bad fit, as near": (OFFSET, ("eccentricity",), -1.0, NONE, "none", ""),
+    "a bad fit, far nearer": (OFFSET, ("eccentricity",), -50.0, NONE, "none", "far better"),
+}
 
 
-@pytest.mark.parametrize("rise", [-4.0, 4.0])
-def test_a_form_that_is_about_as_near_is_told_and_forbids_nothing(rise):
-    told, (said,) = weighed([rival(rise), rival(20.0)], NAMED)
-    assert said == (
-        "Put [eccentricity] into the file of the actuator if it may have an eccentricity that is "
-        "fixed in space."
-    )
-    assert told.sentence == (
-        "Short b: fault. Not certain: an eccentricity that is fixed in space (eccentricity 0.2) "
-        "would explain this recording about as well."
-    )
-    assert told.reason == told.sentence.removeprefix("Short b: fault. ")
-    assert told.faults == NAMED.faults
-
-
-def test_a_mixture_is_no_other_explanation_of_what_one_fault_explains():
-    mixture = rival(1.0, ("short_a", "short_b", "short_c", "eccentricity"))
-    assert weighed([mixture], NAMED) == (NAMED, [])
-
-
-def test_a_nearer_form_of_the_same_fault_leaves_its_name():
-    same = Rival(LOOP, ("short_b",), "short b 12 turns", -50.0)
-    told, (said,) = weighed([same], NAMED)
-    assert told == NAMED
-    assert "of another size" in said
-
-
-def test_a_form_without_faults_of_its_own_that_says_the_same_says_nothing():
-    # lanes of another form fit a little better where a rotor all but touches
-    named = Verdict("fault", ("backlash", "eccentricity"), "", "Eccentricity: fault.")
-    same = Rival(LOOP, ("eccentricity",), "eccentricity 0.97", -18.0)
-    assert weighed([same], named) == (named, [])
-    assert weighed([replace(same, rise=0.0)], named) == (named, [])
-
-
-def test_without_a_verdict_only_a_far_better_form_is_told():
-    assert weighed([rival(-1.0)], NONE) == (NONE, [])
-    told, (said,) = weighed([rival(-50.0)], NONE)
-    assert told == NONE
-    assert "far better" in said
+@pytest.mark.parametrize(
+    ("form", "present", "rise", "given", "grade", "said"), WEIGHED.values(), ids=WEIGHED
+)
+def test_another_form_forbids_a_verdict_or_is_told_by_how_well_it_explains(
+    form, present, rise, given, grade, said
+):
+    found, hints = weighed([Rival(form, present, "so much", rise)], given)
+    assert found.grade == grade
+    assert said in " ".join([found.reason, *hints])
+    assert bool(hints or found != given) == bool(said)
 
 
 def test_a_form_that_explains_a_wrong_load_hardly_better_is_not_told():

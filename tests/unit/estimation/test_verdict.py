@@ -34,20 +34,62 @@ def verdict(probable=None, *, faulty=None, large=None, calibrated=True, reach=No
     )
 
 
-def test_an_actuator_without_a_change_is_healthy() -> None:
-    found = verdict()
-    assert (found.grade, found.faults, found.reason) == ("healthy", (), "")
-    assert found.sentence == "Healthy: no fault larger than 2 % of its range."
-    assert str(found) == found.sentence
+OBSTACLES = ["The motor hardly turns. Move it.", "current_a is saturated."]
+FRICTION = "A fault is 60 % probable: " + SAID["friction"] + ", 60 % probable."
+GIVEN = {
+    "nothing": ({}, "healthy", (), "Healthy: no fault larger than 2 % of its range."),
+    "one is certain": (
+        {"probable": {"friction": 0.96}}, "fault", ("friction",),
+        f"Fault: {SAID['friction']}. No other fault larger than 2 % of its range.",
+    ),
+    "by a data sheet": (
+        {"probable": {"friction": 0.96}, "calibrated": False}, "fault", ("friction",), "Fault: ",
+    ),
+    "two are certain": (
+        {"probable": {"friction": 0.99, "gain": 0.98}}, "fault", ("friction", "gain"),
+        f"Two faults: {SAID['friction']} and {BESIDE['gain']}.",
+    ),
+    "one of two": (
+        {"probable": {"friction": 0.6, "short_a": 0.4}, "faulty": 0.99}, "changed", (),
+        f"Changed: {SAID['friction']}, 60 % probable or short_a, so much, 40 % probable; the rec",
+    ),
+    "another is probable": (
+        {"probable": {"friction": 0.99, "short_a": 0.7}}, "fault", ("friction",),
+        f"Fault: {SAID['friction']}. Perhaps also {SAID['short_a']}, 70 % probable. {WARM}",
+    ),
+    "as likely as not": (
+        {"probable": {"friction": 0.6}}, "none", (),
+        f"No verdict: {FRICTION} Use a command that moves the actuator more",
+    ),
+    "as likely as not, by a data sheet": (
+        {"probable": {"friction": 0.6}, "calibrated": False}, "none", (),
+        f"No verdict: {FRICTION} Calibrate with healthy",
+    ),
+    "some are improbable one by one": (
+        {"probable": {"friction": 0.3, "gain": 0.3}, "faulty": 0.51}, "none", (), "No verdict: ",
+    ),
+    "a large one would not show": (
+        {"probable": {"friction": 0.2}, "large": {"friction": 0.06, "gain": 0.04}}, "none", (),
+        "A fault of friction would hardly show in this recording.",
+    ),
+    "a small one is not excluded": (
+        {"probable": {"friction": 0.3}, "large": {"friction": 0.04}}, "healthy", (),
+        "A fault is 30 % probable: friction, so much, 30 % probable.",
+    ),
+    "an obstacle": ({"obstacles": OBSTACLES}, "none", (), f"No verdict: {' '.join(OBSTACLES)}"),
+    "an obstacle to a fault": (
+        {"probable": {"friction": 0.99}, "obstacles": OBSTACLES}, "none", (),
+        f"No verdict: {' '.join(OBSTACLES)}",
+    ),
+}  # fmt: skip
 
 
-def test_a_fault_that_is_certain_is_named() -> None:
-    for calibrated in (True, False):
-        found = verdict({"friction": 0.96}, calibrated=calibrated)
-        assert (found.grade, found.faults, found.reason) == ("fault", ("friction",), "")
-        assert found.sentence == (
-            f"Fault: {SAID['friction']}. No other fault larger than 2 % of its range."
-        )
+@pytest.mark.parametrize(("given", "grade", "faults", "said"), GIVEN.values(), ids=GIVEN)
+def test_a_verdict_follows_from_probabilities_and_what_forbids_one(given, grade, faults, said):
+    found = verdict(**given)
+    assert (found.grade, found.faults) == (grade, faults)
+    assert said in found.sentence
+    assert found.reason in found.sentence
 
 
 @pytest.mark.parametrize(("probable", "none"), [({}, "no fault"), ({"gain": 1}, "No other fault")])
@@ -55,66 +97,6 @@ def test_no_bound_is_stated_that_an_interval_exceeds(probable, none) -> None:
     found = verdict(probable, reach={"short_a": 0.06, "friction": 0.04})
     assert f"{none} found; the least certain is short_a, so much" in found.sentence
     assert "2 %" not in found.sentence
-
-
-def test_several_faults_are_named_in_one_sentence() -> None:
-    found = verdict({"friction": 0.99, "gain": 0.98})
-    assert found.faults == ("friction", "gain")
-    assert found.sentence.startswith(f"Two faults: {SAID['friction']} and {BESIDE['gain']}.")
-
-
-def test_a_fault_that_one_of_several_is_is_a_change_without_a_name() -> None:
-    found = verdict({"friction": 0.6, "short_a": 0.4}, faulty=0.99)
-    assert (found.grade, found.faults) == ("changed", ())
-    assert found.sentence == f"Changed: {found.reason}"
-    assert found.reason.startswith(
-        f"{SAID['friction']}, 60 % probable or short_a, so much, 40 % probable; the recording"
-    )
-    assert found.reason.endswith(WARM)  # what else may be the cause, where there is something
-
-
-def test_a_probable_fault_beside_a_certain_one_is_told_and_not_named() -> None:
-    found = verdict({"friction": 0.99, "short_a": 0.7})
-    assert (found.grade, found.faults) == ("fault", ("friction",))
-    assert found.reason == f"Perhaps also {SAID['short_a']}, 70 % probable. {WARM}"
-    assert found.sentence == f"Fault: {SAID['friction']}. {found.reason}"
-
-
-@pytest.mark.parametrize(
-    ("calibrated", "advice"),
-    [(True, "Use a command that moves the actuator more"), (False, "Calibrate with healthy")],
-)
-def test_a_fault_that_is_as_likely_as_not_gives_no_verdict(calibrated, advice) -> None:
-    found = verdict({"friction": 0.6}, calibrated=calibrated)
-    assert (found.grade, found.faults) == ("none", ())
-    assert found.sentence == f"No verdict: {found.reason}"
-    assert found.reason.startswith(f"A fault is 60 % probable: {SAID['friction']}, 60 % probable.")
-    assert advice in found.reason
-    # several that are improbable one by one
-    assert verdict({"friction": 0.3, "gain": 0.3}, faulty=0.51).grade == "none"
-
-
-def test_nobody_is_healthy_who_may_have_a_large_fault_unseen() -> None:
-    found = verdict({"friction": 0.2}, large={"friction": 0.06, "gain": 0.04})
-    assert (found.grade, found.faults) == ("none", ())
-    assert "A fault of friction would hardly show in this recording." in found.reason
-
-
-def test_a_small_fault_that_is_less_likely_than_not_is_told_beside_health() -> None:
-    found = verdict({"friction": 0.3}, large={"friction": 0.04})
-    assert (found.grade, found.faults) == ("healthy", ())
-    assert found.reason == "A fault is 30 % probable: friction, so much, 30 % probable."
-    assert found.sentence.endswith(found.reason)
-    assert verdict({"friction": 0.04}).reason == ""
-
-
-def test_an_obstacle_forbids_a_verdict_on_whatever_is_found() -> None:
-    obstacles = ["The motor hardly turns. Move it.", "current_a is saturated."]
-    for probable in ({}, {"friction": 0.99}):
-        found = verdict(probable, obstacles=obstacles)
-        assert (found.grade, found.faults) == ("none", ())
-        assert found.reason == " ".join(obstacles)
-        assert found.sentence == f"No verdict: {found.reason}"
 
 
 @pytest.mark.parametrize(

@@ -124,9 +124,6 @@ def test_gain_and_offset_of_the_current_are_put_on_the_answer(record) -> None:
     assert np.allclose(found, 0.97 * response(record) + 0.05, rtol=0.0, atol=1e-12)
 
 
-# Lanes
-
-
 # What cannot be told apart
 
 POINT = {

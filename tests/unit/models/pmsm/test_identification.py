@@ -6,10 +6,6 @@ import numpy as np
 import pytest
 
 import ematwin
-from ematwin.estimation.identify import searched_further
-from ematwin.estimation.local import LocalDescent
-from ematwin.estimation.problem import Problem
-from ematwin.estimation.search import find
 from ematwin.models.pmsm.channels import TERMINALS
 from ematwin.models.pmsm.comparison import PmsmComparison
 from ematwin.models.pmsm.model import MODEL
@@ -68,17 +64,14 @@ def test_another_is_found_by_the_voltages_that_are_measured():
     assert low <= value <= high
 
 
-def test_a_descent_that_ends_beside_the_recording_is_followed_by_a_search():
+def test_faults_to_which_no_descent_from_healthy_leads_are_found_by_a_search():
     faults = {
         "connector_b": 0.18, "sensor_gain_a": 0.43, "short_a": 0.64, "gain": 0.44,
         "dynamic_eccentricity": 0.79, "dynamic_direction": 0.15,
     }  # fmt: skip
-    problem = Problem.of(ematwin.simulate(None, None, faults, ACTUATOR), ACTUATOR)
-    near = find(problem, LocalDescent())
-    assert problem.relative_misfit(near.cost) > 0.1
-    found = searched_further(problem, near, 1, None)
+    found = ematwin.identify(ematwin.simulate(None, None, faults, ACTUATOR), ACTUATOR, exact=True)
     for name, value in faults.items():
-        assert found.point[problem.names.index(name)] == pytest.approx(value, abs=0.03)
+        assert found.values[name] == pytest.approx(value, abs=0.03)
 
 
 def test_voltages_tell_a_short_from_lost_flux(healthy):
