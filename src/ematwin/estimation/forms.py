@@ -163,7 +163,7 @@ def _selected(known: FoundForms, equations: Equations) -> tuple[FoundForms, Equa
         if found and _matters(more, fit):  # or is it other choices of those found before?
             fit = _chosen(fit, found)
         rest = [form for form in rest if form not in new]
-        if _matters(more, fit):
+        if _matters(more, fit) and all(form.is_sound(more.actuator) for form in new):
             gained(more, new)
             rest, absent = [*rest, *absent], []
         else:
@@ -193,7 +193,8 @@ def _selected(known: FoundForms, equations: Equations) -> tuple[FoundForms, Equa
             after=known.after + fit.cost,
         )
     # what noise does not explain is a discrepancy, alike throughout
-    return told, replace(fit, alike=fit.equations.alike(fit.actuator) + _beyond_noise(fit))
+    beyond = max(0.0, fit.cost - _least(fit))
+    return told, replace(fit, alike=fit.equations.alike(fit.actuator) + beyond)
 
 
 def _with_more(
@@ -216,12 +217,12 @@ def _with_more(
 
 
 def _matters(more: EquationFit, fit: EquationFit) -> bool:
-    """Whether forms leave a tenth less beyond noise, and held-back data are explained better.
+    """Whether forms explain a tenth of the residual beyond noise, and held-back data better.
 
-    And they explain more than the equation's own error, which may resemble a form.
+    And more than the equation's own error, which may resemble a form.
     """
-    # each beyond its own noise: ripple of a comparator may resemble a loop, which makes less
-    if _beyond_noise(more) >= 0.9 * _beyond_noise(fit) or not more.beats(fit):
+    noise = min(_least(more), more.cost)
+    if more.cost - noise >= 0.9 * (fit.cost - noise) or not more.beats(fit):
         return False
     own = more.equations.alike(more.actuator)
     return fit.cost - more.cost > DECIDES * (more.weight + own)
@@ -276,8 +277,3 @@ def _with_sections(known: ParameterSet, fit: EquationFit, found: Sequence[Form])
 def _least(fit: EquationFit) -> float:
     """Energy that noise and the errors of its equations leave."""
     return fit.equations.least(fit.actuator)
-
-
-def _beyond_noise(fit: EquationFit) -> float:
-    """Energy that is left beyond that."""
-    return max(0.0, fit.cost - _least(fit))

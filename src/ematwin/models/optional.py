@@ -111,6 +111,7 @@ class Form(NamedTuple):
     fitted: tuple[str, ...] = ()  # places
     # values by place that are chosen from a list, such as sample times
     alternatives: Callable[[Any], Sequence[Values]] = lambda actuator: ()
+    is_sound: Callable[[Any], bool] = lambda actuator: True  # would anyone build it so?
 
 
 class Equation(NamedTuple):

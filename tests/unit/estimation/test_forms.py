@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from ematwin import Noise, Scenario, simulate
 from ematwin.estimation.baseline import uncertain
 from ematwin.estimation.forms import find_forms
 from ematwin.estimation.healthy_fit import HealthyFit
@@ -139,6 +140,41 @@ def test_what_a_file_states_of_its_loops_is_told_along_the_motion_as_well():
 def test_an_actuator_of_the_simple_structure_has_no_form():
     found = find_forms(MODEL, SHEET, compared(other.Structure()))
     assert (found.found, found.actuator) == ((), SHEET)
+
+
+def test_the_ripple_of_a_comparator_is_not_taken_for_a_loop_at_its_border():
+    off = {
+        "motor.resistance": 0.05, "motor.inertia": 0.04, "motor.emf_constant": 0.02,
+        "motor.viscous_damping": 0.1, "motor.friction_torque": 0.1,
+        "transmission.friction_torque": 0.1, "transmission.backlash": 0.15,
+        "drive.supply_voltage": 0.02,
+    }  # fmt: skip
+    rng = np.random.default_rng([751000, 41])  # whose ripple resembles one
+    built = SHEET.changed({
+        place: SHEET.value(place) * math.exp(rng.normal(0.0, x)) for place, x in off.items()
+    })  # fmt: skip
+    slow = Scenario(
+        name="reversals", duration=0.6,
+        command=[{"type": "sine", "amplitude": 0.004, "frequency": 4.0}],
+    )  # fmt: skip
+    healthy = [
+        simulate(
+            "reference", one, actuator=built, noise=Noise(white=0.02, bits=12), seed=751000 + n
+        )
+        for n, one in enumerate(("default", slow, "ramp"))
+    ]
+    assert find_forms(MODEL, SHEET, [MODEL.compare(one, SHEET) for one in healthy]).found == ()
+
+
+def test_loops_and_cogging_are_found_by_the_motor_alone(drive):
+    structure = other.Structure(
+        control_interval=1e-4, speed_integral=0.1, current_interval=5e-5,
+        current_bandwidth=6000.0, lost_voltage=0.5, cogging=0.0015, cogging_phase=0.4,
+    )  # fmt: skip
+    found = find_forms(MODEL, SHEET, compared(structure, without=("output_position",)))
+    assert len(found.found) == len(drive.found)
+    for place in ("speed_loop.integral_gain", "current_loop.lost_voltage", "cogging.torque"):
+        assert found.actuator.value(place) == pytest.approx(drive.actuator.value(place), rel=0.05)
 
 
 def test_cogging_without_a_phase_is_found():

@@ -122,6 +122,16 @@ def _coggings(actuator: Any) -> list[Values]:
     ]
 
 
+def _has_margin(loop: Any, motor: Any) -> bool:
+    """Whether a current loop is stable with a quarter more gain; none is set nearer to its border.
+
+    With x the current at a sample and K = k_p T/L, x' = x - K x is stable up to K = 2, and up to 1
+    if the loop answers a sample late. At its border it resembles a comparator.
+    """
+    gain = loop.proportional_gain * loop.sample_time / motor.inductance
+    return bool(1.25 * gain < 2.0 / (1.0 + loop.delay / loop.sample_time))
+
+
 def _fadings(actuator: Any) -> list[Values]:
     """Stribeck speeds; sliding friction does not show how far bristles bend."""
     gear, bent = actuator.transmission, 5e-4  # rad of the motor
@@ -162,7 +172,7 @@ CURRENT_LOOP = Form(
     lambda a: f"current loop of {1e6 * a.current_loop.sample_time:.3g} us, about "
               f"{1e-3 * (a.current_loop.proportional_gain / a.motor.inductance / _TURN):.2g} kHz",
     ("current_loop.proportional_gain", "current_loop.integral_gain", "current_loop.lost_voltage"),
-    lambda a: _sampled("current_loop", _SAMPLED),
+    lambda a: _sampled("current_loop", _SAMPLED), lambda a: _has_margin(a.current_loop, a.motor),
 )  # fmt: skip
 COGGING = Form(
     "cogging", lambda a: a.cogging is not None, ("cogging.cycles",), _coggings,
