@@ -272,9 +272,12 @@ def _controller(controller: Controller, actuator: Any, values: Values) -> Equati
     windings = {name: values[name] for name in _WINDINGS if name in values}
     motion = controller.motion
     # through the position of an output that follows the motor
-    places = ("transmission.backlash", *_OF_OUTPUT) if motion.follows else ()
+    places = _OF_OUTPUT if motion.follows else ()
     others = ("friction", "backlash", *LOAD, ZERO) if motion.follows else ()
     counted = motion.counts[0] > 0.0
+    # a healthy gap of a count or two is not learnt from counts; beside a fault of it, it counts
+    if motion.follows and ("backlash" in values or not counted):
+        places = ("transmission.backlash", *places)
     # a sampled speed loop that is late would take in the lag of a filter
     ratio = actuator.transmission.ratio
     sampled = _digital(motion.counts, ratio) if counted else (SAMPLED, CURRENT_LOOP)
