@@ -35,7 +35,7 @@ from typing import Any
 import numpy as np
 from joblib import Parallel, delayed
 
-from ematwin import Calibration, Noise, Recording, Scenario, calibrate, identify, simulate
+from ematwin import Calibration, Noise, Scenario, calibrate, identify, simulate
 from ematwin.errors import EmatwinError
 from ematwin.estimation.forms import find_forms
 from ematwin.models.bldc.faults import UNKNOWNS
@@ -217,8 +217,7 @@ def of_unstated(
             parameters, grid, *scenario.histories(grid), faults, now, seed=seed + number
         )
         lacks = without if faults or healthy_too else ()
-        left = {name: x for name, x in found.channels.items() if name not in lacks}
-        return Recording(found.time, left, units=found.units)
+        return found.changed(**dict.fromkeys(lacks))
 
     found: dict[str, Any] = {"name": name, "seed": seed, "judged": []}
     healthy = [record(one, {}, n) for n, one in enumerate(("default", REVERSALS, "ramp"))]
@@ -299,7 +298,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     asked = parser.parse_args()
     if asked.unstated:
-        without = tuple(asked.without.split(","))
+        without = tuple(filter(None, asked.without.split(",")))
         print(
             "| the drive has | forms found | not there | calibration refused | verdicts "
             "| all named | silently wrong | Err%, median / P90 | intervals that hold, % "

@@ -21,6 +21,11 @@ BUILT = SHEET.changed({
     "controller.position_gain": 62.0, "motor.resistance": 2.2, "motor.inertia": 2.6e-6,
     "motor.emf_constant": 0.0741, "motor.friction_torque": 0.016,
 })  # fmt: skip
+# and cogging, none of which the sheet states
+BOTH_LOOPS = other.Structure(
+    control_interval=1e-4, speed_integral=0.1, current_interval=5e-5, current_bandwidth=6000.0,
+    lost_voltage=0.5, cogging=0.0015, cogging_phase=0.4,
+)  # fmt: skip
 
 
 def compared(structure, without=(), duration=0.4, recordings=2, built=BUILT):
@@ -42,11 +47,7 @@ def compared(structure, without=(), duration=0.4, recordings=2, built=BUILT):
 @pytest.fixture(scope="module")
 def of_drive():
     """Recordings of a drive with both loops and cogging, none of which its file states."""
-    structure = other.Structure(
-        control_interval=1e-4, speed_integral=0.1, current_interval=5e-5,
-        current_bandwidth=6000.0, lost_voltage=0.5, cogging=0.0015, cogging_phase=0.4,
-    )  # fmt: skip
-    return compared(structure)
+    return compared(BOTH_LOOPS)
 
 
 @pytest.fixture(scope="module")
@@ -167,11 +168,7 @@ def test_the_ripple_of_a_comparator_is_not_taken_for_a_loop_at_its_border():
 
 
 def test_loops_and_cogging_are_found_by_the_motor_alone(drive):
-    structure = other.Structure(
-        control_interval=1e-4, speed_integral=0.1, current_interval=5e-5,
-        current_bandwidth=6000.0, lost_voltage=0.5, cogging=0.0015, cogging_phase=0.4,
-    )  # fmt: skip
-    found = find_forms(MODEL, SHEET, compared(structure, without=("output_position",)))
+    found = find_forms(MODEL, SHEET, compared(BOTH_LOOPS, without=("output_position",)))
     assert len(found.found) == len(drive.found)
     for place in ("speed_loop.integral_gain", "current_loop.lost_voltage", "cogging.torque"):
         assert found.actuator.value(place) == pytest.approx(drive.actuator.value(place), rel=0.05)

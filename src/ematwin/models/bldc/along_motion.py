@@ -45,7 +45,7 @@ from ematwin.recordings.recording import Recording
 _INSTANT = 1e-10  # s: what is so near is now
 RECENT = 32  # answers that are kept: many of the next differ by a sensor or a mass alone
 _GEAR = ("transmission", "presliding", "compliance")  # sections
-_OF_OUTPUT = {"load_gain": 1.0, "load_offset": 0.0, ZERO: 0.0}  # that follows the motor
+_USUAL = {"load_gain": 1.0, "load_offset": 0.0, ZERO: 0.0}  # of an output that follows the motor
 LEAST = 0.001  # of the recorded current: what simulators of other make differ by
 _, read_more, _ = columns(TruerState)
 
@@ -172,7 +172,7 @@ class Motion:
     """The motion of a recording, all on the motor shaft.
 
     ``motor`` and ``output`` are splines of the angles, ``recorded`` the angles as they came. An
-    output that was not recorded has no spline: it follows the motor (`followed`).
+    output that was not recorded has those of the motor, which it follows (`followed`).
     """
 
     def __init__(self, recording: Recording, actuator: BldcActuator) -> None:
@@ -299,7 +299,7 @@ class Controller:
         given = values or {}
         first, skew = given.get(FIRST_SAMPLE, self.motion.first_sample), given.get("skew", 0.0)
         faults, held = tuple(fault_vector(given).tolist()), given.get(HELD, 0.0)
-        output = tuple(given.get(name, usual) for name, usual in _OF_OUTPUT.items())
+        output = tuple(given.get(name, usual) for name, usual in _USUAL.items())
         current = self._answer(actuator, faults, output, skew, first, held, faster, counts)
         gain, offset = given.get("current_gain", 1.0), given.get("current_offset", 0.0)
         return gain * current + offset - self._seen
@@ -342,7 +342,7 @@ class Controller:
     def _followed(self, sections: tuple[Any, ...], values: tuple[float, ...]) -> np.ndarray:
         """Angle (G,) of an output that follows the motor, of a gear with such sections."""
         actuator = self.motion.sheet.model_copy(update=dict(zip(_GEAR, sections, strict=True)))
-        names = ("friction", "backlash", *_OF_OUTPUT)
+        names = ("friction", "backlash", *_USUAL)
         given = dict(zip(names, values, strict=False))
         return np.asarray(self.motion.followed(self._grid.time, actuator, given)[0])
 

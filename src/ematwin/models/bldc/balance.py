@@ -45,7 +45,7 @@ class TorqueBalance:
         values: Values | None = None,
         slides: np.ndarray | None = None,
     ) -> None:
-        self._recorded, self._values = motion, values
+        self._values = values
         motion = motion.smoother(500.0)  # Hz, of counts: an acceleration's noise grows with f^2
         # below 200 Hz the acceleration of an encoder's position is known
         self.motion, self._low_pass = motion, LowPass(200.0)
@@ -53,10 +53,11 @@ class TorqueBalance:
         self._angle = motion.motor(middle)
         self._recorded_load = motion.alike(motion.load)
         self.w_m, self._dw_m = motion.motor(middle, 1), motion.motor(middle, 2)
-        self.w_o, self._dw_o = motion.output(middle, 1), motion.output(middle, 2)
         if motion.follows:
-            self.w_o = motion.followed(middle, motion.sheet, values)[1]
+            _, self.w_o = motion.followed(middle, motion.sheet, values)
             self._dw_o = np.gradient(self.w_o, middle)
+        else:
+            self.w_o, self._dw_o = motion.output(middle, 1), motion.output(middle, 2)
         # impacts and reversals are left out until the low-pass has forgotten them
         stands = np.abs(self.w_m) < _STANDS * np.abs(self.w_m).max()
         stands |= np.abs(self.w_o) < _STANDS * np.abs(self.w_o).max()
@@ -171,7 +172,7 @@ class TorqueBalance:
 
     def at(self, values: Values) -> "TorqueBalance":
         """The same motion, with an output that follows the motor at other values."""
-        return TorqueBalance(self._recorded, values)
+        return TorqueBalance(self.motion, values)
 
     def left(self, actuator: Any, values: Values | None = None) -> np.ndarray:
         """Needed less made torque, as recorded current (K,), A, where both slide.

@@ -150,11 +150,6 @@ def test_all_equations_hold_along_the_motion_of_a_simulator_of_other_make(lines,
         assert max(0.015, share) < without
 
 
-def without_output(record):
-    channels = {name: x for name, x in record.channels.items() if name != "output_position"}
-    return type(record)(record.time, channels, units=record.units)
-
-
 @pytest.mark.parametrize("lines", [0, 10_000, 2_000])
 @pytest.mark.parametrize("faults", [{}, FAULTS], ids=["healthy", "worn"])
 def test_an_output_that_was_not_recorded_follows_the_motor(lines, faults):
@@ -162,7 +157,7 @@ def test_an_output_that_was_not_recorded_follows_the_motor(lines, faults):
     structure, actuator = as_built(lines)
     record = recorded(structure, actuator, faults=faults)
     known = along_motion.Motion(record, actuator)
-    motion = along_motion.Motion(without_output(record), actuator)
+    motion = along_motion.Motion(record.changed(output_position=None), actuator)
     gap = actuator.transmission.backlash * (1.0 + 99.0 * faults.get("backlash", 0.0))
     away = motion.followed(motion.time, actuator, faults)[0] - known.output(motion.time)
     print(f"{away.std():.2g} rad of {gap:.3g} rad, counts of {known.steps[0]:.2g} rad")
