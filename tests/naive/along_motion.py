@@ -86,3 +86,60 @@ def output(actuator, faults, start, motion, load, dt):
         angle += dt * speed
         found.append(angle)
     return np.array(found)
+
+
+def masses(actuator, faults, currents, load, dt, every, seen, known, begin):
+    """Angles (2, S) of motor and output, and what commutations show beside them (K, 2).
+
+    ``currents`` (S, 3) are means of ``every`` steps ``dt``; ``seen`` rows of time (s) and angle,
+    ``known`` their jitter (s), the turn up to which angles are known, and the density of the
+    acceleration's noise; ``begin`` the angle at first and its standard deviation. A Kalman filter
+    in matrices: state [angle, speed], white noise of the acceleration between what is seen.
+    """
+    gear, windings = actuator.transmission, truer.Windings(actuator, faults)
+    worn, half_gap = 1 + 2 * faults.friction, gear.backlash / 2 * (1 + 99 * faults.backlash)
+    jitter, turn, density = known
+    x_m, w_m, x_o, w_o = begin[0], 0.0, begin[0], 0.0
+    covariance, last, waiting = np.diag([begin[1] ** 2, 0.0]), 0.0, list(seen)
+    found, innovations = [(x_m, x_o)], []
+    for step in range(every * (len(currents) - 1)):
+        sample, part = divmod(step, every)
+        share = (part + 0.5) / every
+        pushes = load[sample] * (1 - share) + load[sample + 1] * share
+        made = float(np.dot(windings.kappa(x_m), currents[sample + 1]))
+        contact = mechanics.contact_torque(
+            x_m, w_m, x_o, w_o, half_gap, gear.contact_stiffness, gear.contact_damping
+        )
+        active = contact - pushes
+        output = worn * mechanics.loaded_dynamic_torque(
+            w_o if w_o != 0 else active, -pushes, gear.friction_torque,
+            gear.efficiency_opposing, gear.efficiency_aiding,
+        )  # fmt: skip
+        motor_friction = worn * actuator.motor.friction_torque
+        w_m = mechanics.next_speed(
+            w_m, made - actuator.motor.viscous_damping * w_m - contact, actuator.motor.inertia,
+            gear.static_ratio * motor_friction, motor_friction, dt,
+        )  # fmt: skip
+        w_o = mechanics.next_speed(
+            w_o, active, gear.output_inertia, gear.static_ratio * output, output, dt
+        )
+        x_m, x_o = x_m + dt * w_m, x_o + dt * w_o
+        while waiting and waiting[0][0] <= (step + 1) * dt:
+            time, angle = waiting.pop(0)
+            span, last = time - last, time
+            moves = np.array([[1.0, span], [0.0, 1.0]])
+            grows = density * np.array([[span**3 / 3, span**2 / 2], [span**2 / 2, span]])
+            covariance = moves @ covariance @ moves.T + grows
+            away = math.remainder(angle - (x_m - ((step + 1) * dt - time) * w_m), turn)
+            variance = covariance[0, 0] + 1e-4**2 + (jitter * w_m) ** 2
+            gain = covariance[:, 0] / variance
+            covariance = covariance - np.outer(gain, covariance[0])
+            innovations.append((away, math.sqrt(variance)))
+            surely = abs(away) > 4 * math.sqrt(variance)
+            turns = gain[1] * away if w_m != 0 or surely else 0.0
+            x_m, w_m = x_m + gain[0] * away, w_m + turns
+            if abs(x_m - x_o) >= half_gap:
+                x_o, w_o = x_o + gain[0] * away, w_o + turns
+        if part == every - 1:
+            found.append((x_m, x_o))
+    return np.array(found).T, np.array(innovations)

@@ -69,6 +69,17 @@ def _show_all(
     )
 
 
+def _begun(problem: Problem, z: np.ndarray, every: Sequence[Along]) -> np.ndarray:
+    """Coordinates (1, d) with the values from which equations ask to set out."""
+    point, chart = problem.chart.to_values(z), problem.chart
+    for along in every:
+        places = problem.places(along.recording)
+        for name, value in along.equation.begins.items():
+            if name in places:
+                point[0, places[name]] = value
+    return chart.project(chart.from_values(point))
+
+
 def informed(
     model: Model,
     actuator: ParameterSet,
@@ -90,10 +101,16 @@ def informed(
     chart, known = problem.chart, None if like is None else like.information
     remainders = {} if known is None else known.remainders
     z = chart.project(chart.from_values(start[None]))
-    values = values_at(problem, z)
-    every = _along(model, actuator, problem, values)
+    every = _along(model, actuator, problem, values_at(problem, z))
     if not every:
         return None
+    z = _begun(problem, z, every)
+
+    def there(some: Sequence[Along]) -> list[Along]:
+        values = values_at(problem, z)
+        return [along.at(values[along.recording], remainders) for along in some]
+
+    every = there(every)
     aliases = partial(model.aliases, actuator)
     rests, begun = {along.equation.rests for along in every}, z
     named = {along.equation.name for along in every}
@@ -103,15 +120,16 @@ def informed(
         # what others rest on rests on them as well: in turn, then together until all agree
         stages += [named - first, named, named]
     told: Collection[str] = ()
+    width: np.ndarray | None = None
     for names in stages:
         some = [along for along in every if along.equation.name in names]
         held = () if names & first else told
-        fit = MotionFit(actuator, problem, some, remainders, aliases, held)
+        fit = MotionFit(actuator, problem, some, remainders, aliases, held, width)
         z = fit.descended(z, most, rough=True)
-        told, values = fit.free, values_at(problem, z)
-        every = [along.at(values[along.recording]) for along in every]
+        told, width = fit.free, fit.information
+        every = there(every)
     every = [along for along in every if along.equation.size > 0.0]
-    fit = MotionFit(actuator, problem, every, remainders, aliases)
+    fit = MotionFit(actuator, problem, every, remainders, aliases, (), width)
     stable = (one for one in (z, begun) if np.isfinite(fit.residuals(one)).all())
     if (here := next(stable, None)) is None:
         return None

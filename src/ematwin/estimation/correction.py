@@ -174,7 +174,7 @@ def _by_regression(
         if near.here.relative_misfit(near.cost) <= AS_GOOD * near.here.recorded_misfit:
             break
         wide = near.peak.information * near.peak.problem.noise**2 / near.cost
-        ways = principal(wide, near.peak.z, problem.chart, _WIDEST)
+        ways = principal(wide, near.peak.z, problem.chart.lower, problem.chart.upper, _WIDEST)
         here = corrected_at(problem, near.peak.point, near.here, ways)
         if here is None:
             break
@@ -189,7 +189,7 @@ def _by_regression(
     if asked == found.rounds:
         return found
     left = found.left
-    ways = principal(peak.information, peak.z, problem.chart, _WIDEST)
+    ways = principal(peak.information, peak.z, problem.chart.lower, problem.chart.upper, _WIDEST)
     if here := corrected_at(problem, peak.point, first, ways):
         noise = max(here.noise, descent.least_noise)
         settings = replace(descent, least_noise=noise)

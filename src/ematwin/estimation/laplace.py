@@ -280,7 +280,7 @@ def _slopes(
     if information is None:
         information = np.eye(len(z)) / _SHORTEST**2
     for _ in range(passes):
-        ways = principal(information, z, chart, still=pivots)
+        ways = principal(information, z, chart.lower, chart.upper, still=pivots)
         here, jacobian = _along(seen, z, ways, chart, seen.size)
         parts = problem.split(jacobian)
         problem.split(here).priors[...], parts.priors[...] = prior, prior_slopes
@@ -296,9 +296,11 @@ def _slopes(
 def principal(
     information: np.ndarray,
     z: np.ndarray,
-    chart: Chart,
+    lower: np.ndarray,
+    upper: np.ndarray,
     longest: float = _LONGEST,
     still: Collection[int] = (),
+    shortest: float = _SHORTEST,
 ) -> np.ndarray:
     """Directions (m, d), a row each, along which slopes are taken at a point (d,).
 
@@ -309,8 +311,8 @@ def principal(
     """
     free = np.setdiff1d(np.arange(len(z)), list(still))
     reach = np.sqrt(np.diag(inverse(information[np.ix_(free, free)])))
-    above, below = chart.upper - z, z - chart.lower
-    near = np.minimum(above, below)[free] < np.clip(reach, _SHORTEST, longest)
+    above, below = upper - z, z - lower
+    near = np.minimum(above, below)[free] < np.clip(reach, shortest, longest)
     kept, far = free[near], free[~near]
     within = information[np.ix_(far, far)]
     scale = np.sqrt(np.maximum(np.diag(within), 1e-12))
@@ -323,7 +325,7 @@ def principal(
     left = np.einsum("nk,kl,nl->n", ways[kept], information, ways[kept])
     ways[kept] /= np.sqrt(np.maximum(left, 1e-12))[:, None]
     size = np.abs(ways[free]).max(axis=1, keepdims=True)
-    return np.asarray(ways[free] * (np.clip(size, _SHORTEST, longest) / size))
+    return np.asarray(ways[free] * (np.clip(size, shortest, longest) / size))
 
 
 def _shown(seen: _Seen, z: np.ndarray, one: Direction) -> np.ndarray | float:

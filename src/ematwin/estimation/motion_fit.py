@@ -15,6 +15,7 @@ from ematwin.estimation.aliases import Aliases, directions
 from ematwin.estimation.constants import DECIDES, WORSE
 from ematwin.estimation.descent import TooFarError
 from ematwin.estimation.equations import found_first_sample, with_secant, with_values
+from ematwin.estimation.laplace import principal
 from ematwin.estimation.levenberg_marquardt import NOTHING
 from ematwin.estimation.prior import Information, Remainder
 from ematwin.estimation.problem import Problem
@@ -50,10 +51,12 @@ class Along(NamedTuple):
         """Of the equation among those of all recordings."""
         return self.recording, self.equation.name
 
-    def at(self, values: Values) -> "Along":
-        """The same where it rests on values that are known better."""
-        at = self.equation.at
-        return self if at is None else self._replace(equation=at(values))
+    def at(self, values: Values, known: Mapping[tuple[int, str], Remainder]) -> "Along":
+        """The same at values that are known better, by the noise of what is ``known`` of it."""
+        at, like = self.equation.at, known.get(self.name)
+        if at is None:
+            return self
+        return self._replace(equation=at(values, None if like is None else like.noise))
 
 
 class MotionFit:
@@ -67,9 +70,11 @@ class MotionFit:
         known: Mapping[tuple[int, str], Remainder],
         aliases: Aliases,
         held: Collection[str] = (),
+        information: np.ndarray | None = None,
     ) -> None:
         self._actuator, self._problem, self._every = actuator, problem, every
         self._aliases = aliases
+        self.information = information  # (d, d), as is known so far
         # of the loops in each recording, s; 0 if unknown
         self.first_samples = [one.recording.first_sample for one in problem.comparisons]
         self._matters = [_matters(one, actuator, problem) for one in every]
@@ -83,7 +88,8 @@ class MotionFit:
         alike = [many * one.equation.alike(actuator) for one in every]
         # what noise and their own errors leave of equations, before a fit
         self._remainders = [
-            before or Remainder(0.0, one.least(actuator) * one.size, share * one.size, 1.0)
+            before
+            or Remainder(0.0, one.least(actuator) * one.size, share * one.size, 1.0, one.noise)
             for before, (_, one), share in zip(self._known, every, alike, strict=True)
         ]
         self._scales = [1.0 / one.deviation(one.norm) for one in self._remainders]
@@ -244,35 +250,60 @@ class MotionFit:
             for places in self._matters
         ]
         asked = [
-            (n, row)
+            (n, np.flatnonzero(np.isin(free, [*({*places.values()} - same[n].keys())])))
             for n, places in enumerate(self._matters)
-            for row in np.flatnonzero(np.isin(free, list(places.values()))).tolist()
-            if free[row] not in same[n]
         ]
 
-        def slope(one: tuple[int, int]) -> np.ndarray:
-            n, row = one
-            step, beside = self._steps[n], z.copy()
-            for length in (step, -step) if z[0, free[row]] + step <= high[row] else (-step,):
-                beside[0, free[row]] = z[0, free[row]] + length
+        def along(one: tuple[int, np.ndarray]) -> tuple[np.ndarray, np.ndarray] | None:
+            """A step (f,), and the change (K,) of the residuals."""
+            n, way = one
+            for side in (1.0, -1.0):
+                beside = chart.project(z + side * way)
                 left = self._scaled(n, chart.to_values(beside)[0])
-                if left is not None:
-                    return np.asarray((left - here[self._parts[n]]) / length)
-            return np.zeros(self._counts[n])
+                if left is not None and not np.array_equal(beside, z):
+                    return (beside - z)[0, free], left - here[self._parts[n]]
+            return None
 
-        high, last = chart.upper[free], self._parts[-1].stop
-        found = np.zeros((free.size, here.size))
-        for (n, row), column in zip(asked, side_by_side(slope, asked), strict=True):
-            found[row, self._parts[n]] = column
+        ways = [(n, way) for n, some in asked for way in self._ways(n, some, z[0])]
+        changes = side_by_side(along, ways)
+        found, last = np.zeros((free.size, here.size)), self._parts[-1].stop
+        for n, some in asked:
+            pairs = zip(ways, changes, strict=True)
+            own = [change for (each, _), change in pairs if each == n and change is not None]
+            moved, changed = (np.array(each) for each in zip(*own, strict=True))
+            found[some, self._parts[n]] = np.linalg.lstsq(moved[:, some], changed, rcond=None)[0]
         rows = {place: row for row, place in enumerate(free.tolist())}
         for part, mine in zip(self._parts, same, strict=True):
             for pivot, one in mine.items():
                 found[rows[pivot], part] = one.same[free] @ found[:, part]
-        steps = np.where(z[0, free] + _STEP <= high, _STEP, -_STEP)
+        steps = np.where(z[0, free] + _STEP <= chart.upper[free], _STEP, -_STEP)
         beside = np.tile(z, (free.size, 1))
         beside[np.arange(free.size), free] += steps
         found[:, last:] = (self._priors(chart.to_values(beside)) - here[last:]) / steps[:, None]
+        self.information = np.zeros((z.shape[1], z.shape[1]))
+        self.information[np.ix_(free, free)] = found @ found.T
         return found
+
+    def _ways(self, n: int, some: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """(m, d) steps along which the nth equation is differenced, by some of the free unknowns.
+
+        Where they are known, the principal directions of the width: what unknowns that compensate
+        each other leave together is small beside what each of them changes.
+        """
+        chart, step, own = self._problem.chart, self._steps[n], self._free[some]
+        ways = np.zeros((own.size, z.size))
+        known = self.information
+        if known is None or not (np.diag(known)[own] > 0.0).all():
+            ways[:, own] = step * np.eye(own.size)
+        else:
+            ways[:, own] = principal(
+                known[np.ix_(own, own)],
+                z[own],
+                chart.lower[own],
+                chart.upper[own],
+                shortest=step,
+            )
+        return ways
 
     def _weigh(self) -> None:
         """Weigh equations anew by independent samples of their noise.

@@ -85,12 +85,14 @@ class Remainder(NamedTuple):
     least : what noise and its own errors leave
     alike : the same of those of its errors that are alike throughout
     independent : samples of the noise
+    noise : of the motion, as of `Equation.noise`
     """
 
     norm: float
     least: float
     alike: float
     independent: float
+    noise: float = 0.0
 
     def deviation(self, norm: float) -> float:
         """Standard deviation of its residuals where so much is left; independent ones count.

@@ -6,6 +6,7 @@ Each is a small object that a `Model` holds or gives; without it the kind is tre
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -129,7 +130,11 @@ class Equation(NamedTuple):
     rests: str = ""  # name of the equation on whose estimates it rests
     judged: bool = True  # whether a verdict needs it to be explained
     step: float = 0.001  # of a coordinate, that is differenced for its slope
-    at: Callable[[Values], "Equation"] | None = None  # it, for values of these unknowns
+    # it, for values of these unknowns, and for this noise of its motion, which is the likeliest one
+    # there where it is None
+    at: "Callable[[Values, float | None], Equation] | None" = None
+    noise: float = 0.0  # of its motion, where that is not as recorded
+    begins: Values = MappingProxyType({})  # values of unknowns that are nearer than healthy ones
     # values by place of one form after the other, some with `FIRST_SAMPLE`, to be chosen together,
     # as times of two loops may pass for one another; tried while more than noise is left
     together: Sequence[Choices] = ()

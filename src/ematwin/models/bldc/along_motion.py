@@ -14,7 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from ematwin.models.bldc.along_currents import LEAST, MOVES, RECENT, Masses
 from ematwin.models.bldc.channels import phase_currents, trapezoid_shape
+from ematwin.models.bldc.commutations import commutations
 from ematwin.models.bldc.constants import TruerState, fault_state, kernel_constants, truer_constants
 from ematwin.models.bldc.counts import (
     CUTOFF,
@@ -43,10 +45,10 @@ from ematwin.numerics.signals import LowPass, white_noise
 from ematwin.recordings.recording import Recording
 
 _INSTANT = 1e-10  # s: what is so near is now
-RECENT = 32  # answers that are kept: many of the next differ by a sensor or a mass alone
-_GEAR = ("transmission", "presliding", "compliance")  # sections
-_USUAL = {"load_gain": 1.0, "load_offset": 0.0, ZERO: 0.0}  # of an output that follows the motor
-LEAST = 0.001  # of the recorded current: what simulators of other make differ by
+_OF_MASSES = (  # sections
+    "motor", "transmission", "presliding", "compliance", "cogging", "emf", "torque_ripple",
+    "eccentricity",
+)  # fmt: skip
 _, read_more, _ = columns(TruerState)
 
 
@@ -158,24 +160,31 @@ def output_along(k, motion, load, spacing, substeps, c, truer):  # type: ignore[
     return found
 
 
-def has_motion(recording: Recording) -> bool:
-    """Whether phase currents, the motor's position and that of the output, or its load, are there.
+def has_motion(recording: Recording, actuator: BldcActuator) -> bool:
+    """Whether phase currents and the load, or both positions, are there.
 
-    Motor and load tell how an output moves that was not recorded.
+    Currents and load tell how what was not recorded moves; of a motor, where it commutates.
     """
-    channels = recording.channels.keys()
-    tells = "motor_position" in channels and bool({"output_position", "load"} & channels)
-    return tells and phase_currents(recording) is not None
+    channels, currents = recording.channels.keys(), phase_currents(recording)
+    if currents is None or not (
+        "load" in channels or {"motor_position", "output_position"} <= channels
+    ):
+        return False
+    shown = "motor_position" in channels
+    return shown or commutations(currents, recording.sample_rate, actuator).when.size > 0
 
 
 class Motion:
     """The motion of a recording, all on the motor shaft.
 
     ``motor`` and ``output`` are splines of the angles, ``recorded`` the angles as they came. An
-    output that was not recorded has those of the motor, which it follows (`followed`).
+    output that was not recorded has those of the motor, which it ``follows`` (`followed`). A motor
+    that was not recorded moves as recorded currents drive both ``masses``, at ``values``.
     """
 
-    def __init__(self, recording: Recording, actuator: BldcActuator) -> None:
+    def __init__(
+        self, recording: Recording, actuator: BldcActuator, values: Values | None = None
+    ) -> None:
         recording = counted(balanced(recording), actuator)
         self.rate, ratio = recording.sample_rate, actuator.transmission.ratio
         inertia = actuator.motor.inertia
@@ -184,20 +193,57 @@ class Motion:
         self.time = np.arange(len(recording)) / self.rate
         self.command = recording.channels["command"] * ratio
         self.load = recording.channels.get("load", np.zeros(len(recording))) / ratio
-        self.currents: Any = phase_currents(recording)
-        self.sheet = actuator
-        motor = recording.channels["motor_position"]
-        output = recording.channels.get("output_position", motor / ratio) * ratio
-        self.follows = "output_position" not in recording.channels
+        currents: Any = phase_currents(recording)
+        self.currents = currents
+        self.sheet, self.values = actuator, values or {}
+        motor, output = recording.motor_position, recording.output_position
+        self._output = None if output is None else output * ratio
+        self.masses: Masses | None = None
+        if motor is None:
+            begin = float(self.command[0])
+            masses = Masses(currents, self.load, self.rate, begin, actuator)
+            self.masses = masses.at(actuator, self.values)
+        self.follows = output is None and motor is not None
         # steps of encoders, rad, 0 without; and of counts as noisy as the positions
         self.counts = steps_of(recording, actuator)
         if self.follows:
             self.counts = self.counts[0], self.counts[0]
+        positions = self._completed(motor)
         self.steps = tuple(
-            counts or step_by_noise(position)
-            for counts, position in zip(self.counts, (motor, output), strict=True)
+            0.0 if recorded is None else counts or step_by_noise(position)
+            for counts, recorded, position in zip(
+                self.counts, (motor, motor if self.follows else output), positions, strict=True
+            )
         )
-        self._move(motor, output, CUTOFF)
+        self._move(*positions, CUTOFF)
+
+    @property
+    def moves(self) -> bool:
+        """Whether some of it was not recorded, and depends on faults and parameters."""
+        return self.follows or self.masses is not None
+
+    def _completed(self, motor: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        """Angles (S,) of motor and output; those of ``masses`` where they were not recorded."""
+        output = self._output
+        if motor is not None:
+            return motor, motor if output is None else output
+        assert self.masses is not None
+        moved = self.masses.moved(self.sheet, self.values)
+        return moved.motor, moved.output if output is None else output
+
+    def at(self, values: Values, noise: float | None = None) -> "Motion":
+        """The same where the currents drive both masses at other values, parameters among them.
+
+        ``noise`` is as of `Masses.at`.
+        """
+        if self.masses is None:
+            return self
+        other = copy.copy(self)
+        places = {name: x for name, x in values.items() if "." in name}
+        other.sheet, other.values = self.sheet.changed(places), values
+        other.masses = self.masses.at(other.sheet, values, noise)
+        other._move(*other._completed(None), self.cutoff)
+        return other
 
     def _move(self, motor: np.ndarray, output: np.ndarray, cutoff: float) -> None:
         """Lay splines through positions (S,), rad on the motor shaft; noisy ones are smoothed."""
@@ -228,14 +274,30 @@ class Motion:
         )  # fmt: skip
         return np.asarray(found[:, ::inner])
 
+    def states(self, time: np.ndarray, actuator: Any, values: Values) -> np.ndarray:
+        """Angle and speed of the motor and angle of the output (3, T) at uniform times, s.
+
+        What was not recorded moves as at these values.
+        """
+        if self.follows:
+            output = self.followed(time, actuator, values)[0]
+            return np.array([self.motor(time), self.motor(time, 1), output])
+        motor, output = self.motor, self.output
+        if self.masses is not None:
+            moved = self.masses.moved(actuator, values)
+            motor = SmoothingSpline(self.time, moved.motor)
+            if self._output is None:
+                output = SmoothingSpline(self.time, moved.output)
+        return np.array([motor(time), motor(time, 1), output(time)])
+
     def twist(self) -> np.ndarray:
         """Angle (S,) by which the motor is ahead of the output."""
         return self.motor.values - self.output.values
 
     def recorded_anew(self) -> "Motion | None":
-        """The motion by encoders whose counts begin elsewhere, or other noise; None if clean."""
+        """The motion with other noise of what was recorded; None if that is clean."""
         # it differs from this one as this one does from the truth
-        if not any(self.steps):
+        if self.masses is None and not any(self.steps):
             return None
         other, splines = copy.copy(self), (self.motor, self.output)
         motor, output = (
@@ -244,6 +306,10 @@ class Motion:
                 splines, self.recorded, self.steps, self.counts, strict=True
             )
         )
+        if self.masses is not None:
+            other.masses = self.masses.seen_anew()
+            other._output = None if self._output is None else output
+            motor, output = other._completed(None)
         other._move(motor, output, self.cutoff)
         return other
 
@@ -265,17 +331,14 @@ class Controller:
 
     def __init__(self, motion: Motion, low_pass: LowPass) -> None:
         self.motion, self._low_pass = motion, low_pass
-        # sensors change an answer, and not the simulation
         self._answer = lru_cache(maxsize=RECENT)(self._simulated)
-        self._output = lru_cache(maxsize=RECENT)(self._followed)  # nor do loops and windings
+        self._states = lru_cache(maxsize=RECENT)(self._moved)
         self._known: tuple[Any, np.ndarray] | None = None  # EMF along the motion
         rate = motion.rate
         count = min(len(motion.time), int(0.4 * rate) + 1)  # 0.4 s are simulated
-        self._grid = grid = TimeGrid(INPUT_INTERVAL, (count - 0.5) / rate, rate)
-        self._states = np.array([
-            motion.motor(grid.time), motion.motor(grid.time, 1), motion.output(grid.time),
-        ])  # fmt: skip
+        self._grid = TimeGrid(INPUT_INTERVAL, (count - 0.5) / rate, rate)
         signed = 0.5 * np.einsum("sk,sk->s", motion.currents, motion.trapezoids)[:count]
+        self._fixed = motion.states(self._grid.time, motion.sheet, motion.values)
         self._begins, self._signed = float(signed[0]), signed[1:]
         self._seen = self._equivalent(motion.currents[1:count])
         self.size = float(np.linalg.norm(self._seen))
@@ -287,10 +350,12 @@ class Controller:
         return self._low_pass.apply(signed, self.motion.rate)
 
     def left(
-        self, actuator: Any, values: Values | None = None, *, faster: float = 1.0,
-        counts: bool = False,
+        self, actuator: Any, values: Values | None = None, windings: Values | None = None, *,
+        faster: float = 1.0, counts: bool = False,
     ) -> np.ndarray:  # fmt: skip
         """Simulated less recorded current (S - 1,), A; ``faster`` divides the step.
+
+        Where ``windings`` are given, the current has these faults and the motion those in values.
 
         At which instants an encoder is read is not known, nor the motion within a count: the loops
         know the mean speed of a sample time and its filter. With ``counts`` they see it in counts
@@ -298,15 +363,19 @@ class Controller:
         """
         given = values or {}
         first, skew = given.get(FIRST_SAMPLE, self.motion.first_sample), given.get("skew", 0.0)
-        faults, held = tuple(fault_vector(given).tolist()), given.get(HELD, 0.0)
-        output = tuple(given.get(name, usual) for name, usual in _USUAL.items())
-        current = self._answer(actuator, faults, output, skew, first, held, faster, counts)
+        # of what was recorded sensors change an answer, and not the simulation
+        moves = MOVES if self.motion.moves else ()
+        faults = tuple(fault_vector({**given, **(windings or {})}).tolist())
+        others = tuple((name, given[name]) for name in moves if name in given)
+        current = self._answer(
+            actuator, faults, others, skew, first, given.get(HELD, 0.0), faster, counts
+        )
         gain, offset = given.get("current_gain", 1.0), given.get("current_offset", 0.0)
         return gain * current + offset - self._seen
 
     def _simulated(
-        self, actuator: Any, faults: tuple[float, ...], output: tuple[float, ...], skew: float,
-        first: float, held: float, faster: float, counts: bool,
+        self, actuator: Any, faults: tuple[float, ...], others: tuple[tuple[str, float], ...],
+        skew: float, first: float, held: float, faster: float, counts: bool,
     ) -> np.ndarray:  # fmt: skip
         """Simulated equivalent current (S - 1,), A; arguments as of `left`."""
         grid, motion = self._grid, self.motion
@@ -319,32 +388,35 @@ class Controller:
         if truer.motor_step > 0.0 and not counts:
             # rad: counts of such an encoder do not show
             truer = truer._replace(motor_step=1e-9, output_step=0.0)
-        angle, speed, _ = self._states[:, 0]
+        states = self._fixed
+        if motion.moves:
+            sections = tuple(getattr(actuator, name) for name in _OF_MASSES)
+            states = self._states(sections, others)
+        angle, speed, _ = states[:, 0]
         c, k = kernel_constants(actuator), np.array(faults)
-        sections = actuator.emf, actuator.torque_ripple, actuator.eccentricity
-        key, known = (faults[2:7], sections, actuator.shorted_turns), self._known
-        if known is None or known[0] != key:  # most candidates have the windings of the last one
-            emf = emf_along(k, self._states[0], c._replace(k_e=1.0), truer)
-            self._known = known = key, np.vstack([self._states, emf])
-        along = known[1]
-        if motion.follows:
-            sections = tuple(getattr(actuator, key) for key in _GEAR)
-            along = along.copy()
-            along[2] = self._output(sections, (*faults[:2], *output[:2])) + output[2]
+        windings = actuator.emf, actuator.torque_ripple, actuator.eccentricity
+        key, known = (faults[2:7], windings, actuator.shorted_turns), self._known
+        if motion.masses is not None or known is None or known[0] != key:
+            # most candidates have the windings of the last one, and the motion
+            emf = emf_along(k, states[0], c._replace(k_e=1.0), truer)
+            self._known = known = key, emf
+        # command and output are counted from the same zero, the motor from its own
+        zero = np.array([[0.0], [0.0], [dict(others).get(ZERO, 0.0)]])
         loops = started(truer, actuator.motor, self._begins, angle, speed, first, held)
         currents = currents_along(
-            k, command, along, grid.time[1], 1.0 / motion.rate, c, dt,
-            self._seen.size, truer,
+            k, command, np.vstack([states + zero, known[1]]), grid.time[1], 1.0 / motion.rate, c,
+            dt, self._seen.size, truer,
             np.array(phases_of(self._begins, actuator.motor.pole_pairs * angle)), np.array(loops),
         )  # fmt: skip
         return self._equivalent(currents)
 
-    def _followed(self, sections: tuple[Any, ...], values: tuple[float, ...]) -> np.ndarray:
-        """Angle (G,) of an output that follows the motor, of a gear with such sections."""
-        actuator = self.motion.sheet.model_copy(update=dict(zip(_GEAR, sections, strict=True)))
-        names = ("friction", "backlash", *_USUAL)
-        given = dict(zip(names, values, strict=False))
-        return np.asarray(self.motion.followed(self._grid.time, actuator, given)[0])
+    def _moved(
+        self, sections: tuple[Any, ...], values: tuple[tuple[str, float], ...]
+    ) -> np.ndarray:
+        """States (3, G) of masses and windings with such sections."""
+        changed = dict(zip(_OF_MASSES, sections, strict=True))
+        actuator = self.motion.sheet.model_copy(update=changed)
+        return self.motion.states(self._grid.time, actuator, dict(values))
 
     def changes(self, actuator: Any) -> dict[str, np.ndarray]:
         """How the residual (S - 1,), A, changes with what may pass for a form."""
@@ -355,7 +427,7 @@ class Controller:
         pace = np.gradient(motion.command[:count], motion.time[:count])[1:]
         late = demand * self._low_pass.apply(pace, motion.rate)
         found = {"skew": late, HELD: np.ones(late.size)}
-        if motion.follows:  # integrated by a term of usual time
+        if motion.moves:  # integrated by a term of usual time
             found[ZERO] = demand * motion.time[1:count] / 0.03
         return found
 

@@ -13,9 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from ematwin.models.bldc.along_currents import LEAST, RECENT
 from ematwin.models.bldc.along_motion import (
-    LEAST,
-    RECENT,
     Motion,
     emf_along,
     fault_vector,

@@ -11,7 +11,8 @@ from functools import partial
 from itertools import product
 from typing import Any
 
-from ematwin.models.bldc.along_motion import LEAST, Controller, Motion, has_motion
+from ematwin.models.bldc.along_currents import LEAST, Masses
+from ematwin.models.bldc.along_motion import Controller, Motion, has_motion
 from ematwin.models.bldc.balance import Contact, Crossing, TorqueBalance
 from ematwin.models.bldc.counts import comparable_cutoff
 from ematwin.models.bldc.faults import HELD, LOAD, ZERO
@@ -235,65 +236,72 @@ def _digital(steps: tuple[float, float], ratio: float) -> tuple[Form, Form]:
 
 
 def equations(recording: Recording, actuator: Any, values: Values | None) -> tuple[Equation, ...]:
-    """Controller of a recording with the motor's position; mechanics where the load is known.
+    """Controller and, where the load is known, mechanics of a recording with phase currents.
 
-    An output that was not recorded follows the motor, at these values of its friction and load.
+    What was not recorded of the motion follows from the currents, at these values.
     """
     # currents in shorted turns brake, and are not recorded
     brakes = values is not None and actuator.shorted_turns is not None
-    if not has_motion(recording) or brakes:
+    if not has_motion(recording, actuator) or brakes:
         return ()
-    motion, given = Motion(recording, actuator), values or {}
-    of_controller = _controller(
-        Controller(motion, LowPass(comparable_cutoff(motion.steps[0]))), actuator, given
-    )
+    motion, given = Motion(recording, actuator, values), values or {}
+    of_controller = _controller(motion, actuator, given)
+    if motion.masses is not None:
+        return of_controller, _masses(motion.masses, actuator)
     if "load" not in recording.channels:
         return (of_controller,)
     balance = TorqueBalance(motion, given)
-    of_mechanics = _mechanics(balance)
     if motion.follows:
-        return of_controller, of_mechanics
+        return of_controller, _mechanics(balance)
     return (
         of_controller,
         _alone(balance, actuator, True, given),
         _alone(balance, actuator, False, given),
-        of_mechanics,
+        _mechanics(balance),
         _contact(balance, actuator, given),  # by torques, which the others tell
     )
 
 
-def _controller(controller: Controller, actuator: Any, values: Values) -> Equation:
+def _controller(motion: Motion, actuator: Any, values: Values) -> Equation:
     """Controller and windings, at these values of the windings' faults.
 
     Faults of a winding show in how the current dips when it commutates, which depends on how the
-    loops sample as much. The torque balance tells them, and the controller is cut off from them
-    (modular inference; Plummer 2015, Stat. Comput. 25, 37-43).
+    loops sample as much. The torques tell them, and the controller is cut off from them (modular
+    inference; Plummer 2015, Stat. Comput. 25, 37-43).
     """
+    controller = Controller(motion, LowPass(comparable_cutoff(motion.steps[0])))
     windings = {name: values[name] for name in _WINDINGS if name in values}
-    motion = controller.motion
-    # through the position of an output that follows the motor
-    places = _OF_OUTPUT if motion.follows else ()
-    others = ("friction", "backlash", *LOAD, ZERO) if motion.follows else ()
-    counted = motion.counts[0] > 0.0
-    # a healthy gap of a count or two is not learnt from counts; beside a fault of it, it counts
-    if motion.follows and ("backlash" in values or not counted):
-        places = ("transmission.backlash", *places)
+    counts = motion.counts
+    places: tuple[str, ...] = ()
+    others: tuple[str, ...] = ()
+    if motion.moves:  # through the positions that were not recorded
+        places, others = _OF_OUTPUT, ("friction", "backlash", *LOAD, ZERO)
+        if motion.masses is not None:
+            places, others = (*_OF_MOTOR, *places), (*others, *_WINDINGS)
+            if actuator.encoder is not None:
+                own, ratio = actuator.encoder, actuator.transmission.ratio
+                counts = own.motor_step, own.output_step * ratio
+        # a healthy gap of a count or two is not learnt from counts; beside a fault of it, it counts
+        if "backlash" in values or not counts[0]:
+            places = ("transmission.backlash", *places)
     # a sampled speed loop that is late would take in the lag of a filter
-    ratio = actuator.transmission.ratio
-    sampled = _digital(motion.counts, ratio) if counted else (SAMPLED, CURRENT_LOOP)
+    sampled = (SAMPLED, CURRENT_LOOP)
+    if counts[0] > 0.0:
+        sampled = _digital(counts, actuator.transmission.ratio)
     return Equation(
         "controller",
-        lambda actuator, values: controller.left(actuator, {**values, **windings}),
+        lambda actuator, values: controller.left(actuator, values, windings),
         controller.size,
         controller.least,
         # torques are told by currents: gains come with the torque constant
         ("controller.position_gain", "controller.speed_gain", "motor.emf_constant",
          "motor.resistance", *places),
         (INTEGRAL, *sampled),
-        ("gain", "skew", HELD, *_SENSOR, *others),
-        rests="mechanics" if motion.follows else "", at=partial(_controller, controller, actuator),
-        # an output that bounces in a wide gap makes it rough
-        step=0.01 if motion.follows else 0.001,
+        tuple(dict.fromkeys(("gain", "skew", HELD, *_SENSOR, *others))),
+        rests="mechanics",
+        at=lambda values, noise: _controller(motion.at(values, noise), actuator, values),
+        noise=0.0 if motion.masses is None else motion.masses.density,
+        step=1e-6 if motion.masses is not None else 0.01 if motion.follows else 0.001,
         # how soon a loop answers hardly matters at a wrong sample time
         together=tuple(
             (partial(_current_times, times, (1.0,)), partial(_current_times, None, (0.0, 1.0)),
@@ -306,6 +314,21 @@ def _controller(controller: Controller, actuator: Any, values: Values) -> Equati
     )  # fmt: skip
 
 
+def _masses(masses: Masses, actuator: Any) -> Equation:
+    """Motor and output as the recorded currents drive them."""
+
+    def at(values: Values, noise: float | None) -> Equation:
+        there = actuator.changed({name: x for name, x in values.items() if "." in name})
+        return _masses(masses.at(there, values, noise), actuator)
+
+    return Equation(
+        "mechanics", masses.left, masses.size, masses.least,
+        (*_OF_MOTOR, "transmission.backlash", *_OF_OUTPUT), (COGGING, ROUNDED, FADING),
+        ("friction", "backlash", *_WINDINGS, *LOAD, *_SENSOR, ZERO),
+        at=at, noise=masses.density, begins=masses.begins, step=1e-6,
+    )  # fmt: skip
+
+
 def _mechanics(balance: TorqueBalance) -> Equation:
     """The torques along the motion."""
     return Equation(
@@ -314,7 +337,7 @@ def _mechanics(balance: TorqueBalance) -> Equation:
          "motor.viscous_damping", "motor.friction_torque", *_FRICTION),
         (COGGING, ROUNDED, FADING),
         ("friction", *_WINDINGS, *LOAD, *_SENSOR),
-        at=(lambda values: _mechanics(balance.at(values))) if balance.motion.follows else None,
+        at=(lambda values, _: _mechanics(balance.at(values))) if balance.motion.follows else None,
     )  # fmt: skip
 
 
@@ -325,7 +348,8 @@ def _contact(balance: TorqueBalance, actuator: Any, values: Values) -> Equation:
         "contact", contact.left, contact.size, contact.least,
         ("transmission.backlash", "transmission.output_inertia", *_FRICTION), (COMPLIANT,),
         ("friction", "backlash", *LOAD),
-        rests="mechanics", judged=False, at=partial(_contact, balance, actuator),
+        rests="mechanics", judged=False,
+        at=lambda values, _: _contact(balance, actuator, values),
         alike=lambda actuator: LEAST,
     )  # fmt: skip
 
@@ -339,7 +363,8 @@ def _alone(balance: TorqueBalance, actuator: Any, of_motor: bool, values: Values
         _OF_MOTOR if of_motor else _OF_OUTPUT, (),
         ("friction", *_WINDINGS, *_SENSOR) if of_motor else ("friction", *LOAD),
         # few samples of small angles
-        rests="mechanics", judged=False, at=partial(_alone, balance, actuator, of_motor),
+        rests="mechanics", judged=False,
+        at=lambda values, _: _alone(balance, actuator, of_motor, values),
         # friction of a motor that has just turned round bends bristles first
         alike=lambda actuator: 0.01 if of_motor else LEAST,
     )  # fmt: skip

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from ematwin.models.bldc import along_motion
+from ematwin.models.bldc.along_currents import masses_along
 from ematwin.models.bldc.balance import Contact, Crossing, TorqueBalance
-from ematwin.models.bldc.channels import PHASES
+from ematwin.models.bldc.channels import PHASES, phase_currents
+from ematwin.models.bldc.commutations import commutations
 from ematwin.models.bldc.constants import TruerState, kernel_constants, truer_constants
 from ematwin.models.bldc.faults import Faults
 from ematwin.models.bldc.parameters import BldcActuator
@@ -64,6 +66,28 @@ def test_an_output_along_the_motion_of_a_motor_is_the_naive_one():
     slow = naive.output(PLAIN, faults, motion[:, 0], middle, pushes, dt)
     assert np.ptp(fast[0] - motion[0]) > 0.05  # it crosses the gap
     np.testing.assert_allclose(fast[0], slow, atol=1e-9)
+
+
+def test_masses_along_currents_are_the_naive_ones():
+    every, count, dt = 20, 400, 2.5e-6
+    time = every * dt * np.arange(count)
+    size = 1.5 * np.sin(250.0 * time)
+    currents = np.array([size, -size, 0.0 * time]).T
+    load, faults = np.where(time > 0.01, 0.02, 0.0), Faults.of({"friction": 0.1, "backlash": 0.05})
+    seen = [(0.0041, 0.2), (0.0078, 0.31), (0.0123, 0.11), (0.0161, -0.4)]
+    known, begin = (8e-6, 0.5, 40.0), (0.3, 0.005)
+    slow, away = naive.masses(PLAIN, faults, currents, load, dt, every, seen, known, begin)
+    when, angle = np.array(seen).T
+    fast, left, _ = masses_along(
+        faults.vector, currents, load, every * dt, every, kernel_constants(PLAIN),
+        truer_constants(PLAIN), np.array([1.0, 0.0]), np.array([when / (every * dt), angle]),
+        np.full(count, np.nan), np.array(known), np.array(begin),
+    )  # fmt: skip
+    assert np.ptp(slow[0]) > 0.3  # rad
+    assert np.ptp(slow[0] - slow[1]) > 0.02
+    # the torque of the currents is the same for some steps
+    np.testing.assert_allclose(fast[[0, 2]], slow, atol=5e-5)
+    np.testing.assert_allclose(left.T, away, atol=5e-5)
 
 
 def recorded(structure, actuator, duration=0.4, faults=None, noise=0.0):
@@ -170,6 +194,55 @@ def test_an_output_that_was_not_recorded_follows_the_motor(lines, faults):
         print(f"{type(one).__name__}: {100 * share:.2f} %, other faults {100 * without:.1f} %")
         assert share < (2.0 * one.least(actuator) if lines else 0.008)
         assert share < without
+
+
+@pytest.mark.parametrize("lines", [0, 2_000])
+@pytest.mark.parametrize("faults", [{}, FAULTS], ids=["healthy", "worn"])
+def test_a_motor_that_was_not_recorded_moves_as_currents_and_commutations_say(lines, faults):
+    """Of a simulator of other make, to a milliradian beside its counts."""
+    structure, actuator = as_built(lines)
+    record = recorded(structure, actuator, duration=0.5, faults=faults, noise=0.02)
+    known = along_motion.Motion(record, actuator)
+    seen = commutations(phase_currents(record), known.rate, actuator)
+    off = seen.angle - known.motor(seen.when / known.rate)
+    off -= seen.turn * np.round(off / seen.turn)
+    print(f"{off.size} commutations, off by {1e3 * off.std():.2g} mrad")
+    assert off.size > 40
+    assert np.quantile(np.abs(off), 0.9) < 4e-3
+    without = record.changed(motor_position=None, output_position=None)
+    motion = along_motion.Motion(without, actuator, faults)
+    last = int(seen.when[-1])
+    away = motion.motor.values - known.motor.values
+    away, output = away[:last], (motion.output.values - known.output.values)[:last]
+    print(f"motor {1e3 * away.std():.2g} mrad, output {1e3 * output.std():.2g} mrad")
+    assert away.std() < 2e-3 + 0.2 * known.steps[0]
+    assert output.std() < 3e-3 + 0.2 * known.steps[0]
+    left = motion.masses.left(actuator, faults)
+    assert 0.4 < np.sqrt(np.mean(left**2)) < 1.6  # standard deviations
+    controller = along_motion.Controller(motion, LowPass())
+    for one in (motion.masses, controller):
+        share, other = (
+            np.linalg.norm(one.left(actuator, {**faults, **given})) / one.size
+            for given in ({}, {"friction": 0.1, "backlash": 0.03})
+        )
+        print(f"{type(one).__name__}: {100 * share:.2f} %, other faults {100 * other:.1f} %")
+        assert share < 2.0 * one.least(actuator)
+        assert other > 2.0 * share
+
+
+@pytest.mark.parametrize("share", [0.0, 0.4])
+def test_masses_are_found_again_where_friction_is_far_off(share):
+    """Twins whose friction is healthy lose the motor between commutations."""
+    structure, actuator = as_built()
+    faults = {"friction": share}
+    record = recorded(structure, actuator, faults=faults, noise=0.02)
+    without = record.changed(motor_position=None, output_position=None)
+    masses = along_motion.Motion(without, actuator).masses
+    begins = masses.begins.get("friction", 0.0)
+    assert abs(begins - share) <= 0.2
+    known = along_motion.Motion(record, actuator).motor.values
+    moved = masses.moved(actuator, {"friction": begins})
+    assert np.abs(moved.motor - known).max() < 0.3  # rad, of sectors of 0.5
 
 
 def test_motor_and_output_keep_their_momentum_where_counts_are_coarse():
