@@ -131,12 +131,14 @@ def masses(actuator, faults, currents, load, dt, every, seen, known, begin):
             grows = density * np.array([[span**3 / 3, span**2 / 2], [span**2 / 2, span]])
             covariance = moves @ covariance @ moves.T + grows
             away = math.remainder(angle - (x_m - ((step + 1) * dt - time) * w_m), turn)
-            variance = covariance[0, 0] + 1e-4**2 + (jitter * w_m) ** 2
-            gain = covariance[:, 0] / variance
+            noise = 1e-4**2 + (jitter * w_m) ** 2
+            deviation = math.sqrt(covariance[0, 0] + noise)
+            innovations.append((away, deviation))
+            surprise = max(1.0, (away / (3 * deviation)) ** 2)
+            covariance = covariance * surprise
+            gain = covariance[:, 0] / (covariance[0, 0] + noise)
             covariance = covariance - np.outer(gain, covariance[0])
-            innovations.append((away, math.sqrt(variance)))
-            surely = abs(away) > 4 * math.sqrt(variance)
-            turns = gain[1] * away if w_m != 0 or surely else 0.0
+            turns = gain[1] * away if w_m != 0 or surprise > 1 else 0.0
             x_m, w_m = x_m + gain[0] * away, w_m + turns
             if abs(x_m - x_o) >= half_gap:
                 x_o, w_o = x_o + gain[0] * away, w_o + turns

@@ -105,11 +105,11 @@ class Presliding(Section):
     }  # fmt: skip
 
     motor_stiffness: float = quantity(
-        "N*m/rad", "stiffness of friction before it slides, motor side", tolerance=1.0, gt=0
+        "N*m/rad", "stiffness of friction before it slides, motor side", tolerance=2.0, gt=0
     )
     output_stiffness: float = quantity(
         "N*m/rad", "stiffness of friction before it slides, output side, on the motor shaft",
-        tolerance=1.0, gt=0,
+        tolerance=2.0, gt=0,
     )  # fmt: skip
     damping: float = quantity(
         "N*m*s/rad", "damping of friction before it slides, on the motor shaft", ge=0

@@ -29,6 +29,7 @@ from ematwin.numerics.signals import white_noise
 LEAST = 0.001  # of the recorded current: what simulators of other make differ by
 RECENT = 32  # answers that are kept: many of the next differ by a sensor or a mass alone
 _STEP = 2.5e-6  # s, at most: steps of 1 us change angles by 0.15 mrad, of 5 us by 0.4
+_SURELY = 3.0  # standard deviations
 _TURNS = 5  # steps with one torque of the currents
 _JITTER = 8e-6  # s: commutations of a simulator of other make came out so far from theirs
 _SWITCHED = 1e-4  # rad, by which a sensor of the rotor may switch sooner or later
@@ -95,14 +96,20 @@ def masses_along(k, currents, load, spacing, substeps, c, truer, more, seen, nea
                 of_speed += known[2] * span
                 away = seen[1, j] - theta_m + (end - seen[0, j]) * spacing * w_m
                 away -= known[1] * np.floor(away / known[1] + 0.5)
-                variance = of_angle + _SWITCHED**2 + (known[0] * w_m) ** 2
+                noise = _SWITCHED**2 + (known[0] * w_m) ** 2
+                variance = of_angle + noise
+                left[0, j], left[1, j] = away, math.sqrt(variance)
+                # whether friction holds the motor at an instant is a matter of chance: by how much
+                # that is beyond what is likely the filter trusts its state less
+                surprise = away**2 / (_SURELY**2 * variance)
+                if surprise > 1.0:
+                    of_angle, of_both = surprise * of_angle, surprise * of_both
+                    of_speed, variance = surprise * of_speed, of_angle + noise
                 share, pace = of_angle / variance, of_both / variance
                 of_speed -= pace * of_both
                 of_both, of_angle = of_both * (1.0 - share), of_angle * (1.0 - share)
-                left[0, j], left[1, j] = away, math.sqrt(variance)
                 # a mass that friction holds is where it is, and an output in the gap by itself
-                surely = away**2 > 16.0 * variance
-                turns = pace * away if (w_m != 0.0) | surely else 0.0
+                turns = pace * away if (w_m != 0.0) | (surprise > 1.0) else 0.0
                 theta_m, w_m = theta_m + share * away, w_m + turns
                 fixed[0, j], fixed[1, j] = share * away, turns
                 if abs(theta_m - theta_o) >= fault.half_gap:
@@ -229,11 +236,12 @@ class Masses:
         """Share of the innovations without any torque that noise leaves."""
         return math.hypot(LEAST, math.sqrt(self._seen.when.size) / self.size)
 
-    def seen_anew(self) -> "Masses":
-        """The same with other noise of what was seen and of the currents."""
-        rng, seen = np.random.default_rng(0), self._seen
+    def seen_anew(self, seed: int) -> "Masses":
+        """The same with other noise of commutations, and of the acceleration by its density."""
+        rng, seen = np.random.default_rng(seed), self._seen
         late = _JITTER * self._rate * rng.standard_normal(seen.when.size)
-        noise = [white_noise(x) for x in self._currents.T]
+        noise = np.array([white_noise(x) for x in self._currents.T])
+        noise *= math.sqrt(self.density / self._usual)
         return self._with(
             _seen=seen._replace(when=np.sort(seen.when + late)),
             _currents=self._currents + noise * rng.standard_normal(self._currents.shape),

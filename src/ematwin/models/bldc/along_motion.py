@@ -294,7 +294,7 @@ class Motion:
         """Angle (S,) by which the motor is ahead of the output."""
         return self.motor.values - self.output.values
 
-    def recorded_anew(self) -> "Motion | None":
+    def recorded_anew(self, seed: int = 0) -> "Motion | None":
         """The motion with other noise of what was recorded; None if that is clean."""
         # it differs from this one as this one does from the truth
         if self.masses is None and not any(self.steps):
@@ -307,7 +307,7 @@ class Motion:
             )
         )
         if self.masses is not None:
-            other.masses = self.masses.seen_anew()
+            other.masses = self.masses.seen_anew(seed)
             other._output = None if self._output is None else output
             motor, output = other._completed(None)
         other._move(motor, output, self.cutoff)
@@ -434,25 +434,31 @@ class Controller:
     def least(self, actuator: Any) -> float:
         """Share of the recorded current that noise and the error of the equation leave."""
         noise = noise_of(self._signed, self._low_pass, self.motion.rate, self._seen.size)
-        # counts of recorded positions, and in the loops
-        others = [] if self._anew is None else [self._anew.left(actuator)]
+        # of recorded positions, or of how the currents drive them, and of counts in the loops
+        values = self.motion.values
+        here, squares = self.left(actuator, values), 0.0
+        if self._anew:
+            away = [float(np.sum((x.left(actuator, values) - here) ** 2)) for x in self._anew]
+            squares += sum(away) / len(away)
         if actuator.encoder is not None:
-            others.append(self.left(actuator, counts=True))
-        here = self.left(actuator) if others else 0.0
-        squares = sum(float(np.sum((one - here) ** 2)) for one in others)
+            squares += float(np.sum((self.left(actuator, values, counts=True) - here) ** 2))
         return math.hypot(math.hypot(noise, math.sqrt(squares)) / self.size, self.alike(actuator))
 
     @cached_property
-    def _anew(self) -> "Controller | None":
-        other = self.motion.recorded_anew()
-        return None if other is None else Controller(other, self._low_pass)
+    def _anew(self) -> "list[Controller]":
+        # of commutations there are few: one draw tells little
+        draws = 1 if self.motion.masses is None else 4
+        others = (self.motion.recorded_anew(seed) for seed in range(draws))
+        return [Controller(one, self._low_pass) for one in others if one is not None]
 
     def alike(self, actuator: Any) -> float:
         """Share that simulators of other make and the ripple of a comparator leave."""
         # ripples of two simulations differ as much as those of a simulation and a recording
         if actuator.current_loop is not None:
             return LEAST
-        ripple = float(np.linalg.norm(self.left(actuator) - self.left(actuator, faster=1.3)))
+        values = self.motion.values
+        faster = self.left(actuator, values, faster=1.3)
+        ripple = float(np.linalg.norm(self.left(actuator, values) - faster))
         return math.hypot(LEAST, ripple / self.size)
 
 

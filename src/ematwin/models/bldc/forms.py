@@ -277,7 +277,7 @@ def _controller(motion: Motion, actuator: Any, values: Values) -> Equation:
     if motion.moves:  # through the positions that were not recorded
         places, others = _OF_OUTPUT, ("friction", "backlash", *LOAD, ZERO)
         if motion.masses is not None:
-            places, others = (*_OF_MOTOR, *places), (*others, *_WINDINGS)
+            places, others = (*_OF_MOTOR, *places, *_bristles(actuator)), (*others, *_WINDINGS)
             if actuator.encoder is not None:
                 own, ratio = actuator.encoder, actuator.transmission.ratio
                 counts = own.motor_step, own.output_step * ratio
@@ -314,6 +314,12 @@ def _controller(motion: Motion, actuator: Any, values: Values) -> Equation:
     )  # fmt: skip
 
 
+def _bristles(actuator: Any) -> tuple[str, ...]:
+    """Places of the stiffness of friction before it slides."""
+    places = "presliding.motor_stiffness", "presliding.output_stiffness"
+    return () if actuator.presliding is None else places
+
+
 def _masses(masses: Masses, actuator: Any) -> Equation:
     """Motor and output as the recorded currents drive them."""
 
@@ -323,7 +329,8 @@ def _masses(masses: Masses, actuator: Any) -> Equation:
 
     return Equation(
         "mechanics", masses.left, masses.size, masses.least,
-        (*_OF_MOTOR, "transmission.backlash", *_OF_OUTPUT), (COGGING, ROUNDED, FADING),
+        (*_OF_MOTOR, "transmission.backlash", *_OF_OUTPUT, *_bristles(actuator)),
+        (COGGING, ROUNDED, FADING),
         ("friction", "backlash", *_WINDINGS, *LOAD, *_SENSOR, ZERO),
         at=at, noise=masses.density, begins=masses.begins, step=1e-6,
     )  # fmt: skip
