@@ -12,10 +12,11 @@ from itertools import product
 from typing import Any
 
 from ematwin.models.bldc.along_currents import LEAST, Masses
-from ematwin.models.bldc.along_motion import Controller, Motion, has_motion
+from ematwin.models.bldc.along_motion import Controller
 from ematwin.models.bldc.balance import Contact, Crossing, TorqueBalance
 from ematwin.models.bldc.counts import comparable_cutoff
 from ematwin.models.bldc.faults import HELD, LOAD, ZERO
+from ematwin.models.bldc.motion import Motion, has_motion
 from ematwin.models.optional import FIRST_SAMPLE, Equation, Form, Values
 from ematwin.models.servo import possible_coggings
 from ematwin.numerics.signals import LowPass

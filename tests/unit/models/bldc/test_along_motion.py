@@ -12,6 +12,7 @@ from ematwin.models.bldc.channels import PHASES, phase_currents
 from ematwin.models.bldc.commutations import commutations
 from ematwin.models.bldc.constants import TruerState, kernel_constants, truer_constants
 from ematwin.models.bldc.faults import Faults
+from ematwin.models.bldc.motion import Motion, output_along
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.numerics.signals import LowPass
 from naive import along_motion as naive
@@ -59,7 +60,7 @@ def test_an_output_along_the_motion_of_a_motor_is_the_naive_one():
     time = dt * np.arange(count)
     motion = np.array([0.05 * np.sin(800.0 * time), 40.0 * np.cos(800.0 * time)])
     load, faults = np.where(time > 0.01, 0.02, 0.0), Faults.of({"friction": 0.3, "backlash": 0.1})
-    fast = along_motion.output_along(
+    fast = output_along(
         faults.vector, motion, load, dt, 1, kernel_constants(PLAIN), truer_constants(PLAIN)
     )
     middle, pushes = (0.5 * (x[..., 1:] + x[..., :-1]) for x in (motion, load))
@@ -132,7 +133,7 @@ def test_steps_of_both_loops_err_by_less_than_the_equation(times):
         "current_loop.sample_time": times[0], "current_loop.delay": times[0],
         "speed_loop.sample_time": times[1],
     })  # fmt: skip
-    motion = along_motion.Motion(recorded(structure, actuator), actuator)
+    motion = Motion(recorded(structure, actuator), actuator)
     usual = along_motion.Controller(motion, LowPass())
     error = np.linalg.norm(usual.left(actuator) - usual.left(actuator, faster=5.0)) / usual.size
     assert 0.0 < error < along_motion.LEAST
@@ -150,7 +151,7 @@ FAULTS = {
 def test_all_equations_hold_along_the_motion_of_a_simulator_of_other_make(lines, faults):
     """Of encoders the equations leave what counts that begin elsewhere say."""
     structure, actuator = as_built(lines)
-    motion = along_motion.Motion(recorded(structure, actuator, faults=faults), actuator)
+    motion = Motion(recorded(structure, actuator, faults=faults), actuator)
     assert 2.0 * np.pi / lines == pytest.approx(motion.steps[0]) if lines else motion.steps[0] == 0
     controller = along_motion.Controller(motion, LowPass())
     balance = TorqueBalance(motion)
@@ -180,8 +181,8 @@ def test_an_output_that_was_not_recorded_follows_the_motor(lines, faults):
     """Of a simulator of other make, to a share of its gap or of a count."""
     structure, actuator = as_built(lines)
     record = recorded(structure, actuator, faults=faults)
-    known = along_motion.Motion(record, actuator)
-    motion = along_motion.Motion(record.changed(output_position=None), actuator)
+    known = Motion(record, actuator)
+    motion = Motion(record.changed(output_position=None), actuator)
     gap = actuator.transmission.backlash * (1.0 + 99.0 * faults.get("backlash", 0.0))
     away = motion.followed(motion.time, actuator, faults)[0] - known.output(motion.time)
     print(f"{away.std():.2g} rad of {gap:.3g} rad, counts of {known.steps[0]:.2g} rad")
@@ -202,7 +203,7 @@ def test_a_motor_that_was_not_recorded_moves_as_currents_and_commutations_say(li
     """Of a simulator of other make, to a milliradian beside its counts."""
     structure, actuator = as_built(lines)
     record = recorded(structure, actuator, duration=0.5, faults=faults, noise=0.02)
-    known = along_motion.Motion(record, actuator)
+    known = Motion(record, actuator)
     seen = commutations(phase_currents(record), known.rate, actuator)
     off = seen.angle - known.motor(seen.when / known.rate)
     off -= seen.turn * np.round(off / seen.turn)
@@ -210,7 +211,7 @@ def test_a_motor_that_was_not_recorded_moves_as_currents_and_commutations_say(li
     assert off.size > 40
     assert np.quantile(np.abs(off), 0.9) < 4e-3
     without = record.changed(motor_position=None, output_position=None)
-    motion = along_motion.Motion(without, actuator, faults)
+    motion = Motion(without, actuator, faults)
     last = int(seen.when[-1])
     away = motion.motor.values - known.motor.values
     away, output = away[:last], (motion.output.values - known.output.values)[:last]
@@ -237,10 +238,10 @@ def test_masses_are_found_again_where_friction_is_far_off(share):
     faults = {"friction": share}
     record = recorded(structure, actuator, faults=faults, noise=0.02)
     without = record.changed(motor_position=None, output_position=None)
-    masses = along_motion.Motion(without, actuator).masses
+    masses = Motion(without, actuator).masses
     begins = masses.begins.get("friction", 0.0)
     assert abs(begins - share) <= 0.2
-    known = along_motion.Motion(record, actuator).motor.values
+    known = Motion(record, actuator).motor.values
     moved = masses.moved(actuator, {"friction": begins})
     assert np.abs(moved.motor - known).max() < 0.3  # rad, of sectors of 0.5
 
@@ -249,7 +250,7 @@ def test_motor_and_output_keep_their_momentum_where_counts_are_coarse():
     """Aided by the load, the output leaves its face in each turn; its own counts are fine."""
     structure, actuator = as_built(2_000)
     record = recorded(replace(structure, output_lines=8192), actuator)
-    balance = TorqueBalance(along_motion.Motion(record, actuator))
+    balance = TorqueBalance(Motion(record, actuator))
     share = np.linalg.norm(balance.left(actuator)) / balance.size
     print(f"{100 * share:.2f} %, noise {100 * balance.least(actuator):.2f} %")
     assert share < 1.15 * balance.least(actuator)
@@ -262,7 +263,7 @@ def test_each_mass_shows_alone_while_the_output_crosses_the_gap(lines, faults, m
     """By how much inertia and friction of each are off, where the gap is crossed; 2 % noise."""
     structure, actuator = as_built(lines)
     record = recorded(structure, actuator, faults=faults, noise=0.02)
-    balance = TorqueBalance(along_motion.Motion(record, actuator))
+    balance = TorqueBalance(Motion(record, actuator))
     apart = Contact(balance, actuator, faults).apart()
     for mass, of_motor in (("motor", True), ("transmission", False)):
         alone = Crossing(balance, apart, actuator, of_motor=of_motor)
@@ -281,7 +282,7 @@ def test_each_mass_shows_alone_while_the_output_crosses_the_gap(lines, faults, m
 def test_ripple_of_a_comparator_is_noise_of_the_angle_in_the_gap():
     faults = {"backlash": 0.3}
     record = recorded(another_actuator.Structure(), PLAIN, faults=faults, noise=0.02)
-    balance = TorqueBalance(along_motion.Motion(record, PLAIN))
+    balance = TorqueBalance(Motion(record, PLAIN))
     apart = Contact(balance, PLAIN, faults).apart()
     motor = Crossing(balance, apart, PLAIN, of_motor=True)
     share = np.linalg.norm(motor.left(PLAIN, faults)) / motor.size
@@ -295,7 +296,7 @@ def test_an_output_that_friction_stops_in_the_gap_does_not_count_as_moving():
     structure = replace(structure, output_lines=8192)
     faults = {"friction": 0.6, "backlash": 0.2}
     record = recorded(structure, actuator, faults=faults, noise=0.02)
-    balance = TorqueBalance(along_motion.Motion(record, actuator))
+    balance = TorqueBalance(Motion(record, actuator))
     apart = Contact(balance, actuator, faults).apart()
     output = Crossing(balance, apart, actuator, of_motor=False)
     left = output.left(actuator, faults)
@@ -310,7 +311,7 @@ def test_an_output_that_friction_stops_in_the_gap_does_not_count_as_moving():
 def test_a_crossing_that_is_straight_to_the_last_digit_shows_no_less_than_noise():
     record = recorded(another_actuator.Structure(), PLAIN, noise=0.02)
     straight = record.changed(output_position=np.linspace(0.0, 1.0, len(record)))
-    balance = TorqueBalance(along_motion.Motion(straight, PLAIN))
+    balance = TorqueBalance(Motion(straight, PLAIN))
     output = Crossing(balance, np.ones(len(record), bool), PLAIN, of_motor=False)
     assert output.left(PLAIN).size > 1000
     assert output.least(PLAIN) == pytest.approx(1.0, rel=0.01)
@@ -320,7 +321,7 @@ def test_a_gear_that_gives_more_than_its_file_says_does_not_seem_to_cross_its_ga
     """While its faces touch the output feels the motor, at twists that a stiff gear never has."""
     structure, actuator = as_built()
     soft = replace(structure, gear_stiffness=100.0)
-    balance = TorqueBalance(along_motion.Motion(recorded(soft, actuator), actuator))
+    balance = TorqueBalance(Motion(recorded(soft, actuator), actuator))
     apart = Contact(balance, actuator).apart()
     output = Crossing(balance, apart, actuator, of_motor=False)
     assert apart.sum() > 100
@@ -342,7 +343,7 @@ def test_equations_see_each_fault_and_sensor(name):
         channels["command"] = np.interp(late, record.time, channels["command"])
     elif name == "current_gain":
         channels |= {k: sensors[name] * x for k, x in channels.items() if k in PHASES}
-    motion = along_motion.Motion(type(record)(record.time, channels, units=record.units), actuator)
+    motion = Motion(type(record)(record.time, channels, units=record.units), actuator)
     balance = TorqueBalance(motion)
     every = [
         along_motion.Controller(motion, LowPass()), balance,

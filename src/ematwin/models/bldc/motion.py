@@ -1,0 +1,238 @@
+"""How motor and output of a recording move, with what was not recorded of it.
+
+docs/models.md, "Forms that no file states". Recorded positions are splines; an output that was not
+recorded follows the motor, and a motor that was not moves as the recorded currents drive it.
+"""
+
+import copy
+import math
+from typing import Any
+
+import numpy as np
+
+from ematwin.models.bldc.along_currents import Masses
+from ematwin.models.bldc.channels import phase_currents, trapezoid_shape
+from ematwin.models.bldc.commutations import commutations
+from ematwin.models.bldc.constants import fault_state, kernel_constants, truer_constants
+from ematwin.models.bldc.counts import (
+    CUTOFF,
+    SmoothingSpline,
+    recorded_anew,
+    step_by_noise,
+    steps_of,
+)
+from ematwin.models.bldc.faults import UNKNOWNS
+from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.bldc.phase_sensors import balanced
+from ematwin.models.bldc.reference_step import ReferenceState, move_masses
+from ematwin.models.bldc.simulate import INPUT_INTERVAL
+from ematwin.models.bldc.zeros import counted
+from ematwin.models.optional import Values
+from ematwin.numerics.compile import loop, step
+from ematwin.numerics.scalar import THIRD_TURN
+from ematwin.recordings.recording import Recording
+
+
+@step
+def between(values, g, s):  # type: ignore[no-untyped-def]
+    """The value at a share ``s`` of the way from a point of an array to the next."""
+    return values[g] + s * (values[g + 1] - values[g])
+
+
+@loop
+def output_along(k, motion, load, spacing, substeps, c, truer):  # type: ignore[no-untyped-def]
+    """Angles and speeds (2, G) of an output that a motor pushes which moves as it was recorded.
+
+    Parameters
+    ----------
+    k : (8,) array, fault vector
+    motion : (2, G) array, angle and speed of the motor; the output begins beside it, at its speed
+    load : (G,) array, N m on the motor shaft
+    spacing, substeps : s, of these points, and steps between them
+    c, truer : as of `batch.reference_trace`
+    """
+    fault = fault_state(k, c.half_gap)
+    found = np.empty((2, load.size))
+    theta_o, w_o, bent_o, dt = motion[0, 0], motion[1, 0], 0.0, spacing / substeps
+    for g in range(load.size):
+        found[0, g], found[1, g] = theta_o, w_o
+        for n in range(substeps if g < load.size - 1 else 0):
+            s = (n + 0.5) / substeps
+            now = ReferenceState(
+                0.0, 0.0, 0.0, between(motion[1], g, s), between(motion[0], g, s), w_o, theta_o,
+                1.0, 0.0, 0.0, 0.0, 0.0, bent_o,
+            )  # fmt: skip
+            pushes = between(load, g, s)
+            _, _, w_o, theta_o, _, bent_o = move_masses(now, 0.0, pushes, fault, c, truer, dt)
+    return found
+
+
+def has_motion(recording: Recording, actuator: BldcActuator) -> bool:
+    """Whether phase currents and the load, or both positions, are there.
+
+    Currents and load tell how what was not recorded moves; of a motor, where it commutates.
+    """
+    channels, currents = recording.channels.keys(), phase_currents(recording)
+    if currents is None or not (
+        "load" in channels or {"motor_position", "output_position"} <= channels
+    ):
+        return False
+    shown = "motor_position" in channels
+    return shown or commutations(currents, recording.sample_rate, actuator).when.size > 0
+
+
+class Motion:
+    """The motion of a recording, all on the motor shaft.
+
+    ``motor`` and ``output`` are splines of the angles, ``recorded`` the angles as they came. An
+    output that was not recorded has those of the motor, which it ``follows`` (`followed`). A motor
+    that was not recorded moves as recorded currents drive both ``masses``, at ``values``.
+    """
+
+    def __init__(
+        self, recording: Recording, actuator: BldcActuator, values: Values | None = None
+    ) -> None:
+        recording = counted(balanced(recording), actuator)
+        self.rate, ratio = recording.sample_rate, actuator.transmission.ratio
+        inertia = actuator.motor.inertia
+        self.share = inertia / (inertia + actuator.transmission.output_inertia)  # of the motor
+        self.first_sample = recording.first_sample  # s, of sampled loops
+        self.time = np.arange(len(recording)) / self.rate
+        self.command = recording.channels["command"] * ratio
+        self.load = recording.channels.get("load", np.zeros(len(recording))) / ratio
+        currents: Any = phase_currents(recording)
+        self.currents = currents
+        self.sheet, self.values = actuator, values or {}
+        motor, output = recording.motor_position, recording.output_position
+        self._output = None if output is None else output * ratio
+        self.masses: Masses | None = None
+        if motor is None:
+            begin = float(self.command[0])
+            masses = Masses(currents, self.load, self.rate, begin, actuator)
+            self.masses = masses.at(actuator, self.values)
+        self.follows = output is None and motor is not None
+        # steps of encoders, rad, 0 without; and of counts as noisy as the positions
+        self.counts = steps_of(recording, actuator)
+        if self.follows:
+            self.counts = self.counts[0], self.counts[0]
+        positions = self._completed(motor)
+        self.steps = tuple(
+            0.0 if recorded is None else counts or step_by_noise(position)
+            for counts, recorded, position in zip(
+                self.counts, (motor, motor if self.follows else output), positions, strict=True
+            )
+        )
+        self._move(*positions, CUTOFF)
+
+    @property
+    def moves(self) -> bool:
+        """Whether some of it was not recorded, and depends on faults and parameters."""
+        return self.follows or self.masses is not None
+
+    def _completed(self, motor: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        """Angles (S,) of motor and output; those of ``masses`` where they were not recorded."""
+        output = self._output
+        if motor is not None:
+            return motor, motor if output is None else output
+        assert self.masses is not None
+        moved = self.masses.moved(self.sheet, self.values)
+        return moved.motor, moved.output if output is None else output
+
+    def at(self, values: Values, noise: float | None = None) -> "Motion":
+        """The same where the currents drive both masses at other values, parameters among them.
+
+        ``noise`` is as of `Masses.at`.
+        """
+        if self.masses is None:
+            return self
+        other = copy.copy(self)
+        places = {name: x for name, x in values.items() if "." in name}
+        other.sheet, other.values = self.sheet.changed(places), values
+        other.masses = self.masses.at(other.sheet, values, noise)
+        other._move(*other._completed(None), self.cutoff)
+        return other
+
+    def _move(self, motor: np.ndarray, output: np.ndarray, cutoff: float) -> None:
+        """Lay splines through positions (S,), rad on the motor shaft; noisy ones are smoothed."""
+        self.cutoff, self.recorded = cutoff, (motor, output)
+        self.motor, self.output = (
+            SmoothingSpline(self.time, position, cutoff if step else math.inf)
+            for position, step in zip((motor, output), self.steps, strict=True)
+        )
+        # a mean belongs to the middle of its interval
+        electrical = self.sheet.motor.pole_pairs * self.motor(self.time - 0.5 / self.rate)
+        self.trapezoids = trapezoid_shape(electrical[:, None] - THIRD_TURN * np.arange(3))
+
+    def followed(self, time: np.ndarray, actuator: Any, values: Values | None = None) -> np.ndarray:
+        """Angles and speeds (2, T) of an output that follows the motor, at uniform times, s."""
+        # faster wiggles of counts would shake the output off the face that pushes it
+        motor, given = self.smoother(500.0).motor, values or {}  # Hz
+        if places := {name: x for name, x in given.items() if "." in name}:
+            actuator = actuator.changed(places)
+        spacing, ratio = float(time[1] - time[0]), actuator.transmission.ratio
+        inner = math.ceil(spacing / INPUT_INTERVAL - 1e-9)
+        fine = time[0] + spacing / inner * np.arange(inner * (time.size - 1) + 1)
+        load = given.get("load_gain", 1.0) * np.interp(fine, self.time, self.load)
+        found = output_along(
+            fault_vector(given), np.array([motor(fine), motor(fine, 1)]),
+            load + given.get("load_offset", 0.0) / ratio, spacing / inner,
+            math.ceil(spacing / inner / actuator.steps.reference - 1e-9),
+            kernel_constants(actuator), truer_constants(actuator),
+        )  # fmt: skip
+        return np.asarray(found[:, ::inner])
+
+    def states(self, time: np.ndarray, actuator: Any, values: Values) -> np.ndarray:
+        """Angle and speed of the motor and angle of the output (3, T) at uniform times, s.
+
+        What was not recorded moves as at these values.
+        """
+        if self.follows:
+            output = self.followed(time, actuator, values)[0]
+            return np.array([self.motor(time), self.motor(time, 1), output])
+        motor, output = self.motor, self.output
+        if self.masses is not None:
+            moved = self.masses.moved(actuator, values)
+            motor = SmoothingSpline(self.time, moved.motor)
+            if self._output is None:
+                output = SmoothingSpline(self.time, moved.output)
+        return np.array([motor(time), motor(time, 1), output(time)])
+
+    def twist(self) -> np.ndarray:
+        """Angle (S,) by which the motor is ahead of the output."""
+        return self.motor.values - self.output.values
+
+    def recorded_anew(self, seed: int = 0) -> "Motion | None":
+        """The motion with other noise of what was recorded; None if that is clean."""
+        # it differs from this one as this one does from the truth
+        if self.masses is None and not any(self.steps):
+            return None
+        other, splines = copy.copy(self), (self.motor, self.output)
+        motor, output = (
+            recorded_anew(spline.values, position, size, counts > 0.0)
+            for spline, position, size, counts in zip(
+                splines, self.recorded, self.steps, self.counts, strict=True
+            )
+        )
+        if self.masses is not None:
+            other.masses = self.masses.seen_anew(seed)
+            other._output = None if self._output is None else output
+            motor, output = other._completed(None)
+        other._move(motor, output, self.cutoff)
+        return other
+
+    def smoother(self, cutoff: float) -> "Motion":
+        """The motion with noise smoothed further, Hz; itself if it has none."""
+        if not any(self.steps):
+            return self
+        other = copy.copy(self)
+        other._move(*self.recorded, cutoff)
+        return other
+
+    def alike(self, trace: np.ndarray) -> np.ndarray:
+        """A trace (S,) smoothed as the positions are."""
+        return SmoothingSpline(self.time, trace, self.cutoff).values if any(self.steps) else trace
+
+
+def fault_vector(given: Values) -> np.ndarray:
+    """(8,) of faults by name, which may lie beyond their bounds while a healthy twin is judged."""
+    return np.array([given.get(one.name, one.healthy) for one in UNKNOWNS])
