@@ -12,7 +12,7 @@ import numpy as np
 
 from ematwin.errors import EmatwinError
 from ematwin.estimation.aliases import Aliases, directions
-from ematwin.estimation.constants import DECIDES, WORSE
+from ematwin.estimation.constants import DECIDES, SIGMAS, WORSE
 from ematwin.estimation.descent import TooFarError
 from ematwin.estimation.equations import found_first_sample, with_secant, with_values
 from ematwin.estimation.laplace import principal
@@ -296,12 +296,9 @@ class MotionFit:
         if known is None or not (np.diag(known)[own] > 0.0).all():
             ways[:, own] = step * np.eye(own.size)
         else:
-            ways[:, own] = principal(
-                known[np.ix_(own, own)],
-                z[own],
-                chart.lower[own],
-                chart.upper[own],
-                shortest=step,
+            # as wide as the interval: over less, ripple would count for as much as what changes
+            ways[:, own] = SIGMAS * principal(
+                known[np.ix_(own, own)], z[own], chart.lower[own], chart.upper[own], shortest=step
             )
         return ways
 

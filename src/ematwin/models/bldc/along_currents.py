@@ -32,6 +32,7 @@ _STEP = 2.5e-6  # s, at most: steps of 1 us change angles by 0.15 mrad, of 5 us 
 _SURELY = 3.0  # standard deviations
 _TURNS = 5  # steps with one torque of the currents
 _JITTER = 8e-6  # s: commutations of a simulator of other make came out so far from theirs
+_LATE = 4e-6  # s: so far all of them were off in the mean
 _SWITCHED = 1e-4  # rad, by which a sensor of the rotor may switch sooner or later
 _TRUST = tuple(10.0**n for n in range(-1, 8))  # times the density of what noise of currents makes
 _LOST = 1e3  # times that density: something is far off
@@ -234,7 +235,12 @@ class Masses:
 
     def least(self, actuator: Any) -> float:
         """Share of the innovations without any torque that noise leaves."""
-        return math.hypot(LEAST, math.sqrt(self._seen.when.size) / self.size)
+        return math.hypot(self.alike(actuator), math.sqrt(self._seen.when.size) / self.size)
+
+    def alike(self, actuator: Any) -> float:
+        """The same that commutations which all come late leave, and simulators of other make."""
+        late = _LATE / _JITTER * math.sqrt(self._seen.when.size)
+        return math.hypot(LEAST, late / self.size)
 
     def seen_anew(self, seed: int) -> "Masses":
         """The same with other noise of commutations, and of the acceleration by its density."""

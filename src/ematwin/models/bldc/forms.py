@@ -237,7 +237,7 @@ def _digital(steps: tuple[float, float], ratio: float) -> tuple[Form, Form]:
 
 
 def equations(recording: Recording, actuator: Any, values: Values | None) -> tuple[Equation, ...]:
-    """Controller and, where the load is known, mechanics of a recording with phase currents.
+    """Controller and mechanics of a recording with phase currents; without a load if it has none.
 
     What was not recorded of the motion follows from the currents, at these values.
     """
@@ -249,8 +249,6 @@ def equations(recording: Recording, actuator: Any, values: Values | None) -> tup
     of_controller = _controller(motion, actuator, given)
     if motion.masses is not None:
         return of_controller, _masses(motion.masses, actuator)
-    if "load" not in recording.channels:
-        return (of_controller,)
     balance = TorqueBalance(motion, given)
     if motion.follows:
         return of_controller, _mechanics(balance)
@@ -334,6 +332,7 @@ def _masses(masses: Masses, actuator: Any) -> Equation:
         (COGGING, ROUNDED, FADING),
         ("friction", "backlash", *_WINDINGS, *LOAD, *_SENSOR, ZERO),
         at=at, noise=masses.density, begins=masses.begins, step=1e-6,
+        alike=masses.alike,
     )  # fmt: skip
 
 

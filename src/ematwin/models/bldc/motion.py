@@ -68,17 +68,11 @@ def output_along(k, motion, load, spacing, substeps, c, truer):  # type: ignore[
 
 
 def has_motion(recording: Recording, actuator: BldcActuator) -> bool:
-    """Whether phase currents and the load, or both positions, are there.
-
-    Currents and load tell how what was not recorded moves; of a motor, where it commutates.
-    """
-    channels, currents = recording.channels.keys(), phase_currents(recording)
-    if currents is None or not (
-        "load" in channels or {"motor_position", "output_position"} <= channels
-    ):
-        return False
-    shown = "motor_position" in channels
-    return shown or commutations(currents, recording.sample_rate, actuator).when.size > 0
+    """Whether phase currents are there, and the motor's position or commutations that show it."""
+    currents = phase_currents(recording)
+    if currents is None or recording.motor_position is not None:
+        return currents is not None
+    return commutations(currents, recording.sample_rate, actuator).when.size > 0
 
 
 class Motion:
