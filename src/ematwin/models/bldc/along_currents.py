@@ -29,7 +29,7 @@ from ematwin.numerics.signals import white_noise
 LEAST = 0.001  # of the recorded current: what simulators of other make differ by
 RECENT = 32  # answers that are kept: many of the next differ by a sensor or a mass alone
 _STEP = 2.5e-6  # s, at most: steps of 1 us change angles by 0.15 mrad, of 5 us by 0.4
-_SURELY = 3.0  # standard deviations
+_SURELY = 3.0  # standard deviations of an innovation: more is a surprise
 _TURNS = 5  # steps with one torque of the currents
 _JITTER = 8e-6  # s: commutations of a simulator of other make came out so far from theirs
 _LATE = 4e-6  # s: so far all of them were off in the mean
@@ -182,6 +182,7 @@ class Masses:
 
     def _with(self, **changed: Any) -> "Masses":
         other = copy.copy(self)
+        other.__dict__.pop("size", None)
         other.__dict__ |= changed
         other._recent = lru_cache(maxsize=RECENT)(other._moved)
         return other

@@ -52,4 +52,6 @@ def commutations(currents: np.ndarray, rate: float, actuator: BldcActuator) -> C
     near = np.full(len(currents), math.nan)
     near[clear] = sector * (2.0 * idle[clear])
     when = before + shares.sum(axis=1) - falls
-    return Commutations(when, sector * (1.5 + 2.0 * third), near, 3.0 * sector)
+    order = np.argsort(when, kind="stable")
+    angle = sector * (1.5 + 2.0 * third)
+    return Commutations(when[order], angle[order], near, 3.0 * sector)
