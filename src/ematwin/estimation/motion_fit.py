@@ -26,6 +26,7 @@ from ematwin.numerics.linear_algebra import bounded_squares
 from ematwin.numerics.side_by_side import side_by_side
 
 _STEP = 1e-3  # of a coordinate: priors are smooth
+_FIRST = 1e-6  # the same of a rough equation while nothing is known: shorter than what is rough
 # shares of a step and its dampings that are tried, one after the other
 _TRIES = ((1.0, 0.0), (0.3, 0.0), (1.0, 1e-3), (1.0, 0.1))
 _SLOWER = 0.5  # of the gain before: by less than that secants no longer agree with the equations
@@ -95,7 +96,8 @@ class MotionFit:
         self._scales = [1.0 / one.deviation(one.norm) for one in self._remainders]
         # of a coordinate: ripple is another at each value, and slopes have to stand out from it
         self._steps = [
-            max(one.equation.step, 3.0 * share) for one, share in zip(every, alike, strict=True)
+            one.equation.step and max(one.equation.step, 3.0 * share)
+            for one, share in zip(every, alike, strict=True)
         ]
         matters = {name: n for places in self._matters for name, n in places.items()}
         self.free = matters.keys() - {*held}
@@ -294,13 +296,13 @@ class MotionFit:
         ways = np.zeros((own.size, z.size))
         known = self.information
         if known is None or not (np.diag(known)[own] > 0.0).all():
-            ways[:, own] = step * np.eye(own.size)
-        else:
-            # as wide as the interval: over less, ripple would count for as much as what changes
-            ways[:, own] = SIGMAS * principal(
-                known[np.ix_(own, own)], z[own], chart.lower[own], chart.upper[own], shortest=step
-            )
-        return ways
+            ways[:, own] = (step or _FIRST) * np.eye(own.size)
+            return ways
+        ways[:, own] = SIGMAS * principal(
+            known[np.ix_(own, own)], z[own], chart.lower[own], chart.upper[own], shortest=_FIRST
+        )
+        # products of unknowns bend what is the same along straight lines
+        return ways * (step / np.abs(ways).max(axis=1, keepdims=True)) if step else ways
 
     def _weigh(self) -> None:
         """Weigh equations anew by independent samples of their noise.

@@ -129,7 +129,7 @@ class Equation(NamedTuple):
     unknowns: tuple[str, ...] = ()  # names of faults, load and sensors that matter to it
     rests: str = ""  # name of the equation on whose estimates it rests
     judged: bool = True  # whether a verdict needs it to be explained
-    step: float = 0.001  # of a coordinate, that is differenced for its slope
+    step: float = 0.001  # of a coordinate, that is differenced; 0: as wide as an interval, if rough
     # it, for values of these unknowns, and for this noise of its motion, which is the likeliest one
     # there where it is None
     at: "Callable[[Values, float | None], Equation] | None" = None

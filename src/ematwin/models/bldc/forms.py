@@ -300,7 +300,7 @@ def _controller(motion: Motion, actuator: Any, values: Values) -> Equation:
         rests="mechanics",
         at=lambda values, noise: _controller(motion.at(values, noise), actuator, values),
         noise=0.0 if motion.masses is None else motion.masses.density,
-        step=1e-6 if motion.masses is not None else 0.01 if motion.follows else 0.001,
+        step=0.0 if motion.masses is not None else 0.01 if motion.follows else 0.001,
         # how soon a loop answers hardly matters at a wrong sample time
         together=tuple(
             (partial(_current_times, times, (1.0,)), partial(_current_times, None, (0.0, 1.0)),
@@ -331,7 +331,7 @@ def _masses(masses: Masses, actuator: Any) -> Equation:
         (*_OF_MOTOR, "transmission.backlash", *_OF_OUTPUT, *_bristles(actuator)),
         (COGGING, ROUNDED, FADING),
         ("friction", "backlash", *_WINDINGS, *LOAD, *_SENSOR, ZERO),
-        at=at, noise=masses.density, begins=masses.begins, step=1e-6,
+        at=at, noise=masses.density, begins=masses.begins, step=0.0,
         alike=masses.alike,
     )  # fmt: skip
 
