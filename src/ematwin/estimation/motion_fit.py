@@ -173,7 +173,7 @@ class MotionFit:
         unexplained = max(
             left.norm / one.equation.size
             if left.norm > WORSE * left.least and one.equation.judged
-            else 0.0
+            else one.equation.unexplained
             for left, one in zip(self._remainders, self._every, strict=True)
         )
         chart, left = self._problem.chart, np.append(moved, rest)

@@ -153,6 +153,7 @@ class Masses:
         noise = 0.76 * float(np.mean([white_noise(x) for x in currents.T]))
         usual = float(np.sqrt(np.mean(currents**2)))
         self._usual = (unit * math.hypot(noise, LEAST * usual)) ** 2 / rate
+        self._whole = (unit * usual) ** 2 / rate  # of noise as large as the currents
         self.density = self._usual
         self.begins: Values = {}  # nearer than those that were given
         self._recent = lru_cache(maxsize=RECENT)(self._moved)
@@ -193,6 +194,11 @@ class Masses:
         free = self._sheet.model_copy(update={"presliding": None, "cogging": None})
         still = self._with(_currents=0.0 * self._currents, _load=0.0 * self._load)
         return float(np.linalg.norm(still.left(free, {"friction": -0.5})))  # which leaves none
+
+    @property
+    def unexplained(self) -> float:
+        """Share of the currents that would be noise, beyond that which they have."""
+        return math.sqrt(max(0.0, self.density - self._usual) / self._whole)
 
     def moved(self, actuator: Any, values: Values) -> Moved:
         """How they moved, with faults, load and sensors by name."""

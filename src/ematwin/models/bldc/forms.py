@@ -332,7 +332,7 @@ def _masses(masses: Masses, actuator: Any) -> Equation:
         (COGGING, ROUNDED, FADING),
         ("friction", "backlash", *_WINDINGS, *LOAD, *_SENSOR, ZERO),
         at=at, noise=masses.density, begins=masses.begins, step=0.0,
-        alike=masses.alike,
+        alike=masses.alike, unexplained=masses.unexplained,
     )  # fmt: skip
 
 
