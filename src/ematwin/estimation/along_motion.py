@@ -80,6 +80,11 @@ def _begun(problem: Problem, z: np.ndarray, every: Sequence[Along]) -> np.ndarra
     return chart.project(chart.from_values(point))
 
 
+def _noise(every: Sequence[Along]) -> float:
+    """The largest noise of a motion that was not recorded; 0 where all were."""
+    return max(along.equation.noise for along in every)
+
+
 def informed(
     model: Model,
     actuator: ParameterSet,
@@ -121,13 +126,16 @@ def informed(
         stages += [named - first, named, named]
     told: Collection[str] = ()
     width: np.ndarray | None = None
-    for names in stages:
+    while stages:
+        names, noise = stages.pop(0), _noise(every)
         some = [along for along in every if along.equation.name in names]
         held = () if names & first else told
         fit = MotionFit(actuator, problem, some, remainders, aliases, held, width)
         z = fit.descended(z, most, rough=True)
         told, width = fit.free, fit.information
         every = there(every)
+        if names == first and _noise(every) < noise:
+            stages.insert(0, first)  # what was noise tells more now
     every = [along for along in every if along.equation.size > 0.0]
     fit = MotionFit(actuator, problem, every, remainders, aliases, (), width)
     stable = (one for one in (z, begun) if np.isfinite(fit.residuals(one)).all())
