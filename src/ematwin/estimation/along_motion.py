@@ -115,7 +115,8 @@ def informed(
         values = values_at(problem, z)
         return [along.at(values[along.recording], remainders) for along in some]
 
-    every = there(every)
+    if _noise(every) > 0.0:
+        every = there(every)
     aliases = partial(model.aliases, actuator)
     rests, begun = {along.equation.rests for along in every}, z
     named = {along.equation.name for along in every}

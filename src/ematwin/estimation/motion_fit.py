@@ -272,8 +272,10 @@ class MotionFit:
         for n, some in asked:
             pairs = zip(ways, changes, strict=True)
             own = [change for (each, _), change in pairs if each == n and change is not None]
-            moved, changed = (np.array(each) for each in zip(*own, strict=True))
-            found[some, self._parts[n]] = np.linalg.lstsq(moved[:, some], changed, rcond=None)[0]
+            if own:  # else a loop is unstable beside this point, whatever changes
+                moved, changed = (np.array(each) for each in zip(*own, strict=True))
+                slopes = np.linalg.lstsq(moved[:, some], changed, rcond=None)[0]
+                found[some, self._parts[n]] = slopes
         rows = {place: row for row, place in enumerate(free.tolist())}
         for part, mine in zip(self._parts, same, strict=True):
             for pivot, one in mine.items():

@@ -128,6 +128,11 @@ class Controller:
         self._seen = self._equivalent(motion.currents[1:count])
         self.size = float(np.linalg.norm(self._seen))
 
+    def at(self, values: Values, noise: float | None) -> "Controller":
+        """The same along the motion at other values (`Motion.at`)."""
+        motion = self.motion.at(values, noise)
+        return self if motion is self.motion else Controller(motion, self._low_pass)
+
     def _equivalent(self, currents: np.ndarray) -> np.ndarray:
         """The filtered equivalent current (S - 1,), A."""
         shapes = self.motion.trapezoids[1 : len(currents) + 1]

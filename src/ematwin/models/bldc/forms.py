@@ -246,7 +246,8 @@ def equations(recording: Recording, actuator: Any, values: Values | None) -> tup
     if not has_motion(recording, actuator) or brakes:
         return ()
     motion, given = Motion(recording, actuator, values), values or {}
-    of_controller = _controller(motion, actuator, given)
+    low_pass = LowPass(comparable_cutoff(motion.steps[0]))
+    of_controller = _controller(Controller(motion, low_pass), actuator, given)
     if motion.masses is not None:
         return of_controller, _masses(motion.masses, actuator)
     balance = TorqueBalance(motion, given)
@@ -261,16 +262,15 @@ def equations(recording: Recording, actuator: Any, values: Values | None) -> tup
     )
 
 
-def _controller(motion: Motion, actuator: Any, values: Values) -> Equation:
+def _controller(controller: Controller, actuator: Any, values: Values) -> Equation:
     """Controller and windings, at these values of the windings' faults.
 
     Faults of a winding show in how the current dips when it commutates, which depends on how the
     loops sample as much. The torques tell them, and the controller is cut off from them (modular
     inference; Plummer 2015, Stat. Comput. 25, 37-43).
     """
-    controller = Controller(motion, LowPass(comparable_cutoff(motion.steps[0])))
     windings = {name: values[name] for name in _WINDINGS if name in values}
-    counts = motion.counts
+    motion, counts = controller.motion, controller.motion.counts
     places: tuple[str, ...] = ()
     others: tuple[str, ...] = ()
     if motion.moves:  # through the positions that were not recorded
@@ -298,7 +298,7 @@ def _controller(motion: Motion, actuator: Any, values: Values) -> Equation:
         (INTEGRAL, *sampled),
         tuple(dict.fromkeys(("gain", "skew", HELD, *_SENSOR, *others))),
         rests="mechanics",
-        at=lambda values, noise: _controller(motion.at(values, noise), actuator, values),
+        at=lambda values, noise: _controller(controller.at(values, noise), actuator, values),
         noise=0.0 if motion.masses is None else motion.masses.density,
         step=0.0 if motion.masses is not None else 0.01 if motion.follows else 0.001,
         # how soon a loop answers hardly matters at a wrong sample time
