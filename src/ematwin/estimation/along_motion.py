@@ -98,7 +98,7 @@ def informed(
     Everything is free, and descends from ``start`` (d,). `TooFarError` if more than ``most``
     squared standard deviations would be left. ``like`` is a problem of the same recordings, with
     which this one is compared: its standard deviations count, and its first samples. None where
-    only the fast model is needed, where no recording has equations (positions are lacking), or
+    only the fast model is needed, where no recording has equations (phase currents are lacking), or
     where loops would be unstable at the start.
     """
     if not problem.lacks_forms:

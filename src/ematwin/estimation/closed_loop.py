@@ -1,8 +1,8 @@
 """Healthy recordings as their closed loop shows them.
 
-Equations along the motion (`ematwin.estimation.along_motion`) need recorded positions. A drive that
-was calibrated by them may be judged without, by the closed loop of its reference, which takes a
-form that it lacks for faults. How far it does so shows on healthy recordings.
+Equations along the motion (`ematwin.estimation.along_motion`) need more than one current. A drive
+that was calibrated by them may be judged by that, in the closed loop of its reference, which takes
+a form that it lacks for faults. How far it does so shows on healthy recordings.
 """
 
 from collections.abc import Sequence

@@ -16,7 +16,7 @@ from ematwin.errors import EmatwinError
 from ematwin.estimation.constants import TWO_SIGMA
 from ematwin.estimation.prior import Prior
 from ematwin.models.comparison import correlation_time
-from ematwin.models.optional import FIRST_SAMPLE, Equation, Values
+from ematwin.models.optional import FIRST_SAMPLE, Equation, Values, with_values
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
 from ematwin.numerics.side_by_side import side_by_side
@@ -350,11 +350,6 @@ def _changed_by(
     )
     noise = equation.least(actuator) * equation.size / math.sqrt(left.size / correlation_time(left))
     return parts, 1.0 - 1.0 / np.sqrt(1.0 + (sizes / noise) ** 2)
-
-
-def with_values(actuator: ParameterSet, values: Values) -> ParameterSet:
-    """The actuator with values by place; others are of a recording."""
-    return actuator.changed({name: value for name, value in values.items() if "." in name})
 
 
 def stated_values(template: ParameterSet) -> dict[str, tuple[float, float]]:

@@ -29,12 +29,11 @@ from ematwin.estimation.equations import (
     coordinate,
     has_sign,
     stated_values,
-    with_values,
 )
 from ematwin.estimation.prior import Prior
 from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison
-from ematwin.models.optional import Choices, Equation, Form, Values
+from ematwin.models.optional import Choices, Equation, Form, Values, with_values
 from ematwin.models.parameter_set import ParameterSet
 
 SURE = 0.004  # least standard error: simulators of other make differ by so much of a parameter

@@ -14,13 +14,13 @@ from ematwin.errors import EmatwinError
 from ematwin.estimation.aliases import Aliases, directions
 from ematwin.estimation.constants import DECIDES, SIGMAS, WORSE
 from ematwin.estimation.descent import TooFarError
-from ematwin.estimation.equations import found_first_sample, with_secant, with_values
+from ematwin.estimation.equations import found_first_sample, with_secant
 from ematwin.estimation.laplace import principal
 from ematwin.estimation.levenberg_marquardt import NOTHING
 from ematwin.estimation.prior import Information, Remainder
 from ematwin.estimation.problem import Problem
 from ematwin.models.comparison import correlation_time
-from ematwin.models.optional import FIRST_SAMPLE, Equation, Values
+from ematwin.models.optional import FIRST_SAMPLE, Equation, Values, with_values
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.numerics.linear_algebra import bounded_squares
 from ematwin.numerics.side_by_side import side_by_side

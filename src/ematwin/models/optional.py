@@ -21,6 +21,12 @@ Choices = Sequence[Callable[[Any], Sequence[Values]]]
 FIRST_SAMPLE = "first_sample"  # s, of `Recording.first_sample`, among values by name
 
 
+def with_values(actuator: ParameterSet, values: Values) -> ParameterSet:
+    """The actuator with values by place; others are of a recording."""
+    places = {name: value for name, value in values.items() if "." in name}
+    return actuator.changed(places) if places else actuator
+
+
 @dataclass(frozen=True)
 class Signal:
     """A trace for a figure."""

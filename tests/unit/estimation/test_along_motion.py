@@ -208,6 +208,6 @@ def test_phase_currents_show_every_fault_without_positions(recording, lacks):
     print(found)
     assert set(found.verdict.faults) == FAULTS.keys()
     for name, value in FAULTS.items():
-        assert found.values[name] == pytest.approx(value, abs=0.007 if lacks == "output" else 0.012)
+        assert found.values[name] == pytest.approx(value, abs=0.005 if lacks == "output" else 0.012)
         low, high = found.intervals[name]
         assert low - 0.001 < value < high + 0.001

@@ -19,7 +19,7 @@ import numpy as np
 
 from ematwin.models.bldc.commutations import commutations
 from ematwin.models.bldc.constants import fault_state, kernel_constants, truer_constants
-from ematwin.models.bldc.faults import UNKNOWNS, ZERO
+from ematwin.models.bldc.faults import UNKNOWNS, ZERO, fault_vector
 from ematwin.models.bldc.motor import torque_of_cogging
 from ematwin.models.bldc.reference_step import ReferenceState, all_emf_constants, move_masses
 from ematwin.models.optional import Values
@@ -206,13 +206,13 @@ class Masses:
 
     def _moved(self, actuator: Any, values: tuple[tuple[str, float], ...]) -> Moved:
         given = {**MOVES, **dict(values)}
-        faults = np.array([given.get(one.name, one.healthy) for one in UNKNOWNS])
         ratio, seen = actuator.transmission.ratio, self._seen
         offset = given["current_offset"] * actuator.motor.emf_constant
         # they stand somewhere in the gap
         begins = [self._begin - given[ZERO], self._sheet.transmission.backlash]
         found, (away, spreads), fixed = masses_along(
-            faults, self._currents, given["load_gain"] * self._load + given["load_offset"] / ratio,
+            fault_vector(given), self._currents,
+            given["load_gain"] * self._load + given["load_offset"] / ratio,
             1.0 / self._rate, math.ceil(1.0 / (self._rate * _STEP) - 1e-9),
             kernel_constants(actuator), truer_constants(actuator),
             np.array([1.0, -offset]) / given["current_gain"], np.array(seen[:2]), seen.near,

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.models.bldc.along_currents import LEAST, MOVES, RECENT
+from ematwin.models.bldc.along_currents import LEAST, RECENT
 from ematwin.models.bldc.constants import TruerState, fault_state, kernel_constants, truer_constants
-from ematwin.models.bldc.faults import HELD, ZERO
-from ematwin.models.bldc.motion import Motion, between, fault_vector
+from ematwin.models.bldc.faults import HELD, ZERO, fault_vector
+from ematwin.models.bldc.motion import Motion, between
 from ematwin.models.bldc.reference_step import (
     ReferenceState,
     all_emf_constants,
@@ -30,10 +30,6 @@ from ematwin.numerics.lanes import columns
 from ematwin.numerics.signals import LowPass, white_noise
 
 _INSTANT = 1e-10  # s: what is so near is now
-_OF_MASSES = (  # sections
-    "motor", "transmission", "presliding", "compliance", "cogging", "emf", "torque_ripple",
-    "eccentricity",
-)  # fmt: skip
 _, read_more, _ = columns(TruerState)
 
 
@@ -154,9 +150,8 @@ class Controller:
         given = values or {}
         first, skew = given.get(FIRST_SAMPLE, self.motion.first_sample), given.get("skew", 0.0)
         # of what was recorded sensors change an answer, and not the simulation
-        moves = MOVES if self.motion.moves else ()
         faults = tuple(fault_vector({**given, **(windings or {})}).tolist())
-        others = tuple((name, given[name]) for name in moves if name in given)
+        others = tuple((name, given[name]) for name in self.motion.moves if name in given)
         current = self._answer(
             actuator, faults, others, skew, first, given.get(HELD, 0.0), faster, counts
         )
@@ -180,7 +175,7 @@ class Controller:
             truer = truer._replace(motor_step=1e-9, output_step=0.0)
         states = self._fixed
         if motion.moves:
-            sections = tuple(getattr(actuator, name) for name in _OF_MASSES)
+            sections = tuple(getattr(actuator, name) for name in motion.sections)
             states = self._states(sections, others)
         angle, speed, _ = states[:, 0]
         c, k = kernel_constants(actuator), np.array(faults)
@@ -203,8 +198,8 @@ class Controller:
     def _moved(
         self, sections: tuple[Any, ...], values: tuple[tuple[str, float], ...]
     ) -> np.ndarray:
-        """States (3, G) of masses and windings with such sections."""
-        changed = dict(zip(_OF_MASSES, sections, strict=True))
+        """States (3, G) of an actuator with such sections."""
+        changed = dict(zip(self.motion.sections, sections, strict=True))
         actuator = self.motion.sheet.model_copy(update=changed)
         return self.motion.states(self._grid.time, actuator, dict(values))
 

@@ -17,7 +17,8 @@ from ematwin.models.bldc.along_currents import LEAST, RECENT
 from ematwin.models.bldc.along_motion import emf_along, noise_of
 from ematwin.models.bldc.constants import FaultState, fault_state, kernel_constants, truer_constants
 from ematwin.models.bldc.counts import speed_noise
-from ematwin.models.bldc.motion import Motion, fault_vector
+from ematwin.models.bldc.faults import fault_vector
+from ematwin.models.bldc.motion import Motion
 from ematwin.models.optional import Values
 from ematwin.numerics.compile import plain
 from ematwin.numerics.signals import LowPass, filtered, white_noise

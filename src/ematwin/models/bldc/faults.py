@@ -76,6 +76,13 @@ UNKNOWNS = (
 )  # fmt: skip
 
 FAULTS = tuple(one.name for one in UNKNOWNS)
+
+
+def fault_vector(given: Values) -> np.ndarray:
+    """(8,) of faults by name, which may lie beyond their bounds while a healthy twin is judged."""
+    return np.array([given.get(one.name, one.healthy) for one in UNKNOWNS])
+
+
 LOAD = ("load_gain", "load_offset")  # corrections of the recorded load
 HELD = "integral"  # A, of the speed loop's demand
 ZERO = "output_zero"  # rad on the motor shaft, of command and output beside the motor

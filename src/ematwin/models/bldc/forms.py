@@ -17,7 +17,7 @@ from ematwin.models.bldc.balance import Contact, Crossing, TorqueBalance
 from ematwin.models.bldc.counts import comparable_cutoff
 from ematwin.models.bldc.faults import HELD, LOAD, ZERO
 from ematwin.models.bldc.motion import Motion, has_motion
-from ematwin.models.optional import FIRST_SAMPLE, Equation, Form, Values
+from ematwin.models.optional import FIRST_SAMPLE, Equation, Form, Values, with_values
 from ematwin.models.servo import possible_coggings
 from ematwin.numerics.signals import LowPass
 from ematwin.recordings.recording import Recording
@@ -296,7 +296,7 @@ def _controller(controller: Controller, actuator: Any, values: Values) -> Equati
         ("controller.position_gain", "controller.speed_gain", "motor.emf_constant",
          "motor.resistance", *places),
         (INTEGRAL, *sampled),
-        tuple(dict.fromkeys(("gain", "skew", HELD, *_SENSOR, *others))),
+        ("gain", "skew", HELD, *_SENSOR, *others),
         rests="mechanics",
         at=lambda values, noise: _controller(controller.at(values, noise), actuator, values),
         noise=0.0 if motion.masses is None else motion.masses.density,
@@ -323,8 +323,7 @@ def _masses(masses: Masses, actuator: Any) -> Equation:
     """Motor and output as the recorded currents drive them."""
 
     def at(values: Values, noise: float | None) -> Equation:
-        there = actuator.changed({name: x for name, x in values.items() if "." in name})
-        return _masses(masses.at(there, values, noise), actuator)
+        return _masses(masses.at(with_values(actuator, values), values, noise), actuator)
 
     return Equation(
         "mechanics", masses.left, masses.size, masses.least,

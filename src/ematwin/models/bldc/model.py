@@ -72,7 +72,7 @@ class BldcModel(servo.ServoModel):
     def equations(
         self, recording: Recording, actuator: Any, values: Values | None = None
     ) -> tuple[Equation, ...]:
-        """Controller and torque balance, where the motor's position was recorded."""
+        """Controller and mechanics along the motion, where phase currents were recorded."""
         from ematwin.models.bldc.forms import equations
 
         return equations(recording, actuator, values)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.models.bldc.along_currents import Masses
+from ematwin.models.bldc.along_currents import MOVES, Masses
 from ematwin.models.bldc.channels import phase_currents, trapezoid_shape
 from ematwin.models.bldc.commutations import commutations
 from ematwin.models.bldc.constants import fault_state, kernel_constants, truer_constants
@@ -21,16 +21,20 @@ from ematwin.models.bldc.counts import (
     step_by_noise,
     steps_of,
 )
-from ematwin.models.bldc.faults import UNKNOWNS
+from ematwin.models.bldc.faults import ZERO, fault_vector
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import balanced
 from ematwin.models.bldc.reference_step import ReferenceState, move_masses
 from ematwin.models.bldc.simulate import INPUT_INTERVAL
 from ematwin.models.bldc.zeros import counted
-from ematwin.models.optional import Values
+from ematwin.models.optional import Values, with_values
 from ematwin.numerics.compile import loop, step
 from ematwin.numerics.scalar import THIRD_TURN
 from ematwin.recordings.recording import Recording
+
+_FOLLOWS = ("friction", "backlash", "load_gain", "load_offset", ZERO)
+_OF_GEAR = ("transmission", "presliding", "compliance")
+_OF_MOTOR = ("motor", "cogging", "emf", "torque_ripple", "eccentricity")
 
 
 @step
@@ -96,7 +100,8 @@ class Motion:
         self.load = recording.channels.get("load", np.zeros(len(recording))) / ratio
         currents: Any = phase_currents(recording)
         self.currents = currents
-        self.sheet, self.values = actuator, values or {}
+        self.sheet: Any = actuator
+        self.values = values or {}
         motor, output = recording.motor_position, recording.output_position
         self._output = None if output is None else output * ratio
         self.masses: Masses | None = None
@@ -119,9 +124,14 @@ class Motion:
         self._move(*positions, CUTOFF)
 
     @property
-    def moves(self) -> bool:
-        """Whether some of it was not recorded, and depends on faults and parameters."""
-        return self.follows or self.masses is not None
+    def moves(self) -> tuple[str, ...]:
+        """Faults, load and sensors by name on which what was not recorded of it depends."""
+        return tuple(MOVES) if self.masses is not None else _FOLLOWS if self.follows else ()
+
+    @property
+    def sections(self) -> tuple[str, ...]:
+        """Sections of an actuator on which that depends."""
+        return _OF_GEAR if self.masses is None else (*_OF_GEAR, *_OF_MOTOR)
 
     def _completed(self, motor: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Angles (S,) of motor and output; those of ``masses`` where they were not recorded."""
@@ -140,8 +150,7 @@ class Motion:
         if self.masses is None:
             return self
         other = copy.copy(self)
-        places = {name: x for name, x in values.items() if "." in name}
-        other.sheet, other.values = self.sheet.changed(places), values
+        other.sheet, other.values = with_values(self.sheet, values), values
         other.masses = self.masses.at(other.sheet, values, noise)
         other._move(*other._completed(None), self.cutoff)
         return other
@@ -161,8 +170,7 @@ class Motion:
         """Angles and speeds (2, T) of an output that follows the motor, at uniform times, s."""
         # faster wiggles of counts would shake the output off the face that pushes it
         motor, given = self.smoother(500.0).motor, values or {}  # Hz
-        if places := {name: x for name, x in given.items() if "." in name}:
-            actuator = actuator.changed(places)
+        actuator = with_values(actuator, given)
         spacing, ratio = float(time[1] - time[0]), actuator.transmission.ratio
         inner = math.ceil(spacing / INPUT_INTERVAL - 1e-9)
         fine = time[0] + spacing / inner * np.arange(inner * (time.size - 1) + 1)
@@ -225,8 +233,3 @@ class Motion:
     def alike(self, trace: np.ndarray) -> np.ndarray:
         """A trace (S,) smoothed as the positions are."""
         return SmoothingSpline(self.time, trace, self.cutoff).values if any(self.steps) else trace
-
-
-def fault_vector(given: Values) -> np.ndarray:
-    """(8,) of faults by name, which may lie beyond their bounds while a healthy twin is judged."""
-    return np.array([given.get(one.name, one.healthy) for one in UNKNOWNS])

@@ -20,7 +20,7 @@ from ematwin.models.bldc.constants import (
     kernel_constants,
     truer_constants,
 )
-from ematwin.models.bldc.faults import FAULTS, FIXED, HELD, UNKNOWNS, ZERO
+from ematwin.models.bldc.faults import FAULTS, FIXED, HELD, ZERO, fault_vector
 from ematwin.models.bldc.inverter import gate_signals
 from ematwin.models.bldc.monitor_step import (
     MonitorState,
@@ -169,7 +169,7 @@ def reference_answer(
     # a command that was recorded late makes all of the twin late, and its load must be as late
     load = np.interp(grid.time - values.get("skew", 0.0), time, load)
     load = values.get("load_gain", 1.0) * load + values.get("load_offset", 0.0)
-    faults = np.array([values.get(one.name, one.healthy) for one in UNKNOWNS])
+    faults = fault_vector(values)
     zero = values.get(ZERO, 0.0)
     command = np.interp(grid.time, time, recording.command) * ratio - zero
     if recording.motor_position is None:  # it stands where the output is
