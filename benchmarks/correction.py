@@ -38,6 +38,7 @@ from joblib import Parallel, delayed
 from ematwin import Calibration, Noise, Scenario, calibrate, identify, simulate
 from ematwin.errors import EmatwinError
 from ematwin.estimation.forms import find_forms
+from ematwin.models.bldc.channels import PHASES, signed_current
 from ematwin.models.bldc.faults import UNKNOWNS
 from ematwin.models.bldc.model import MODEL
 from ematwin.models.bldc.parameters import BldcActuator
@@ -193,11 +194,13 @@ def forms_of(actuator: BldcActuator) -> set[str]:
 
 
 def of_unstated(
-    name: str, seed: int, mixtures: int, without: tuple[str, ...] = (), healthy_too: bool = False
-) -> dict[str, Any]:
+    name: str, seed: int, mixtures: int, without: tuple[str, ...] = (), healthy_too: bool = False,
+    one_current: bool = False,
+) -> dict[str, Any]:  # fmt: skip
     """What calibration finds of a drive whose file states no form, and what follows.
 
-    Judged recordings are ``without`` some channels, and healthy ones too if so asked.
+    Judged recordings are ``without`` some channels, and healthy ones too if so asked. With
+    ``one_current`` all recordings hold the equivalent current in place of those of the phases.
     """
     from naive import another_actuator as other
 
@@ -216,6 +219,9 @@ def of_unstated(
         found = other.simulate(
             parameters, grid, *scenario.histories(grid), faults, now, seed=seed + number
         )
+        if one_current:
+            current = signed_current(found, truth.motor.pole_pairs)
+            found = found.changed(**dict.fromkeys(PHASES), current=current)
         lacks = without if faults or healthy_too else ()
         return found.changed(**dict.fromkeys(lacks))
 
@@ -295,6 +301,7 @@ def main() -> None:
     parser.add_argument("--only", help="the row of this name alone")
     parser.add_argument("--without", default="", help="channels that judged recordings lack")
     parser.add_argument("--healthy-too", action="store_true", help="healthy ones lack them as well")
+    parser.add_argument("--one-current", action="store_true", help="in place of three phases")
     parser.add_argument("--workers", type=int, default=2)
     asked = parser.parse_args()
     if asked.unstated:
@@ -309,7 +316,9 @@ def main() -> None:
             if asked.only in (None, name):
                 seeds = [asked.first + 1000 * (1 + n) for n in range(asked.unstated)]
                 found = Parallel(asked.workers)(
-                    delayed(of_unstated)(name, seed, asked.mixtures, without, asked.healthy_too)
+                    delayed(of_unstated)(
+                        name, seed, asked.mixtures, without, asked.healthy_too, asked.one_current
+                    )
                     for seed in seeds
                 )
                 for one in found:

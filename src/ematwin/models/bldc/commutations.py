@@ -11,7 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ematwin.models.bldc.channels import trapezoid_shape
+from ematwin.models.bldc.motor import hall_sector
 from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.numerics.compile import plain
+from ematwin.numerics.scalar import THIRD_TURN
 from ematwin.numerics.signals import white_noise
 
 _CLEAR = 8.0  # standard deviations of the noise, of the current in both phases that carry one
@@ -43,9 +47,7 @@ def commutations(currents: np.ndarray, rate: float, actuator: BldcActuator) -> C
     between = before[:, None] + np.arange(1, _LONGEST + 1)
     shares = currents[np.minimum(between, len(currents) - 1), ends[:, None]] / carried[:, None]
     shares = np.where(between <= after[:, None], np.clip(shares, 0.0, 1.0), 0.0)
-    # a third of the supply's voltage makes it fall
-    winding = 0.5 * actuator.motor.inductance
-    falls = 1.5 * np.abs(carried) * winding / actuator.drive.supply_voltage * rate
+    falls = 0.5 * _falling_time(np.abs(carried), actuator) * rate
     # c and b change at 90 degrees, and so on; in the middle of two boundaries b is open
     third = 3 - idle[before] - idle[after]  # the phase that carries on
     sector = math.pi / 3.0 / actuator.motor.pole_pairs  # on the shaft
@@ -55,3 +57,37 @@ def commutations(currents: np.ndarray, rate: float, actuator: BldcActuator) -> C
     order = np.argsort(when, kind="stable")
     angle = sector * (1.5 + 2.0 * third)
     return Commutations(when[order], angle[order], near, 3.0 * sector)
+
+
+def divided(
+    current: np.ndarray, motor: np.ndarray, rate: float, actuator: BldcActuator
+) -> np.ndarray:
+    """Phase currents (S, 3), A, that make an equivalent ``current`` (S,) at angles ``motor``, rad.
+
+    Of two phases that conduct: the third one's ends linearly after it has commutated.
+    """
+    parts, lags = 4, THIRD_TURN * np.arange(3)
+    samples = np.arange(current.size)
+    within = (np.arange(parts * current.size) + 0.5) / parts - 1.0  # a mean ends at its sample
+    electrical = actuator.motor.pole_pairs * np.interp(within, samples, motor)
+    sector = np.array(plain(hall_sector)(electrical), dtype=int)
+    pairs = trapezoid_shape(math.pi / 3.0 * (np.arange(6.0) + 1.0)[:, None] - lags)
+    begins = np.flatnonzero(np.diff(sector)) + 1
+    last = np.searchsorted(begins, np.arange(sector.size), side="right") - 1
+    before = np.where(last < 0, sector, sector[np.r_[begins, 1][last] - 1])
+    ago = np.where(last < 0, math.inf, np.arange(sector.size) - np.r_[begins, 0][last])
+    falls = np.repeat(_falling_time(np.abs(current), actuator), parts) * rate * parts
+    left = np.clip(1.0 - (ago + 0.5) / np.maximum(falls, 1e-9), 0.0, 1.0)[:, None]
+    carried = left * pairs[before] + (1.0 - left) * pairs[sector]
+    carried = carried.reshape(-1, parts, 3).mean(axis=1)
+    middle = electrical.reshape(-1, parts).mean(axis=1)
+    shapes = trapezoid_shape(middle[:, None] - lags)
+    shown = 0.5 * np.einsum("sk,sk->s", carried, shapes)
+    return np.asarray(carried * (current / shown)[:, None])
+
+
+def _falling_time(current: np.ndarray, actuator: BldcActuator) -> np.ndarray:
+    """Time, s, in which a phase that has ended loses its ``current``, A."""
+    # a third of the supply's voltage makes it fall
+    winding = 0.5 * actuator.motor.inductance
+    return np.asarray(3.0 * current * winding / actuator.drive.supply_voltage)

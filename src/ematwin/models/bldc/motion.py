@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from ematwin.models.bldc.along_currents import MOVES, Masses
-from ematwin.models.bldc.channels import phase_currents, trapezoid_shape
-from ematwin.models.bldc.commutations import commutations
+from ematwin.models.bldc.channels import phase_currents, signed_current, trapezoid_shape
+from ematwin.models.bldc.commutations import commutations, divided
 from ematwin.models.bldc.constants import fault_state, kernel_constants, truer_constants
 from ematwin.models.bldc.counts import (
     CUTOFF,
@@ -72,11 +72,13 @@ def output_along(k, motion, load, spacing, substeps, c, truer):  # type: ignore[
 
 
 def has_motion(recording: Recording, actuator: BldcActuator) -> bool:
-    """Whether phase currents are there, and the motor's position or commutations that show it."""
+    """Whether currents are there that the motor's position, or commutations, put to phases."""
+    if recording.motor_position is not None:
+        return signed_current(recording, actuator.motor.pole_pairs) is not None
     currents = phase_currents(recording)
-    if currents is None or recording.motor_position is not None:
-        return currents is not None
-    return commutations(currents, recording.sample_rate, actuator).when.size > 0
+    return currents is not None and bool(
+        commutations(currents, recording.sample_rate, actuator).when.size
+    )
 
 
 class Motion:
@@ -99,10 +101,12 @@ class Motion:
         self.command = recording.channels["command"] * ratio
         self.load = recording.channels.get("load", np.zeros(len(recording))) / ratio
         currents: Any = phase_currents(recording)
+        motor, output = recording.motor_position, recording.output_position
+        if currents is None:
+            currents = divided(recording.channels["current"], motor, self.rate, actuator)
         self.currents = currents
         self.sheet: Any = actuator
         self.values = values or {}
-        motor, output = recording.motor_position, recording.output_position
         self._output = None if output is None else output * ratio
         self.masses: Masses | None = None
         if motor is None:

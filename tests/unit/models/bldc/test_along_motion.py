@@ -8,8 +8,14 @@ import pytest
 from ematwin.models.bldc import along_motion
 from ematwin.models.bldc.along_currents import masses_along
 from ematwin.models.bldc.balance import Contact, Crossing, TorqueBalance
-from ematwin.models.bldc.channels import PHASES, phase_currents
-from ematwin.models.bldc.commutations import commutations
+from ematwin.models.bldc.channels import (
+    PHASES,
+    phase_currents,
+    projected,
+    signed_current,
+    trapezoid_shape,
+)
+from ematwin.models.bldc.commutations import commutations, divided
 from ematwin.models.bldc.constants import TruerState, kernel_constants, truer_constants
 from ematwin.models.bldc.faults import Faults
 from ematwin.models.bldc.motion import Motion, output_along
@@ -125,6 +131,12 @@ def as_built(lines=0):
     return structure, actuator.changed(counts) if lines else actuator
 
 
+def with_one_current(record, actuator):
+    """The equivalent current in place of those of the phases."""
+    current = signed_current(record, actuator.motor.pole_pairs)
+    return record.changed(**dict.fromkeys(PHASES), current=current)
+
+
 @pytest.mark.parametrize("times", [(62.5e-6, 5e-5), (6.3e-5, 6.25e-5)])
 def test_steps_of_both_loops_err_by_less_than_the_equation(times):
     """Sample times of which a step is no part had left 0.9 %."""
@@ -145,13 +157,38 @@ FAULTS = {
 }  # fmt: skip
 
 
+@pytest.mark.parametrize("faults", [{}, FAULTS], ids=["healthy", "worn"])
+@pytest.mark.parametrize("lines", [0, 2_000])
+def test_phases_of_one_current_are_those_of_a_simulator_of_other_make(lines, faults):
+    """As shares of the current in steady conduction, and of the torque of each phase."""
+    structure, actuator = as_built(lines)
+    record = recorded(structure, actuator, faults=faults)
+    one, pairs = with_one_current(record, actuator), actuator.motor.pole_pairs
+    found = divided(one.current, record.motor_position, record.sample_rate, actuator)
+    known, angle = phase_currents(record), pairs * record.motor_position
+    np.testing.assert_allclose(found.sum(axis=1), 0.0, atol=1e-12)
+    assert np.std(found - known) < 0.03 * np.std(known)
+    again = projected(found, angle - 0.5 * np.gradient(angle))
+    assert np.std(again - one.current) < 0.005 * np.std(one.current)
+    for phase in range(3):
+        shape = trapezoid_shape(angle - 2.0 * np.pi / 3.0 * phase)
+        torque, recorded_torque = shape * found[:, phase], shape * known[:, phase]
+        gain = torque @ recorded_torque / (recorded_torque @ recorded_torque)
+        assert gain == pytest.approx(1.0, abs=0.002)
+
+
 @pytest.mark.parametrize(
-    ("lines", "faults"), [(0, {}), (10_000, {}), (2_000, {}), (0, FAULTS), (10_000, FAULTS)]
-)
-def test_all_equations_hold_along_the_motion_of_a_simulator_of_other_make(lines, faults):
+    ("lines", "faults", "phases"),
+    [
+        (0, {}, 3), (10_000, {}, 3), (2_000, {}, 3), (0, FAULTS, 3), (10_000, FAULTS, 3),
+        (0, FAULTS, 1), (10_000, FAULTS, 1),
+    ],
+)  # fmt: skip
+def test_all_equations_hold_along_the_motion_of_a_simulator_of_other_make(lines, faults, phases):
     """Of encoders the equations leave what counts that begin elsewhere say."""
     structure, actuator = as_built(lines)
-    motion = Motion(recorded(structure, actuator, faults=faults), actuator)
+    record = recorded(structure, actuator, faults=faults)
+    motion = Motion(record if phases == 3 else with_one_current(record, actuator), actuator)
     assert 2.0 * np.pi / lines == pytest.approx(motion.steps[0]) if lines else motion.steps[0] == 0
     controller = along_motion.Controller(motion, LowPass())
     balance = TorqueBalance(motion)
