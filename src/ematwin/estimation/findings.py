@@ -17,7 +17,13 @@ from ematwin.estimation.estimate import Estimate
 from ematwin.estimation.intervals import Interval
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
-from ematwin.estimation.verdict import INTERVAL, Verdict, judged, most_misfit
+from ematwin.estimation.verdict import (
+    INTERVAL,
+    Verdict,
+    judged,
+    most_healthy_misfit,
+    most_misfit,
+)
 from ematwin.models.base import Model
 from ematwin.models.channels_agree import LATEST
 from ematwin.models.parameter_set import ParameterSet
@@ -110,11 +116,16 @@ def obstacles_to(
         # recordings too are near instability, and check nothing
         loops = 0.0 if baseline.misfit > WORST else misfit
         misfit, limit = max(known.unexplained, loops), WORST
-    elif problem.lacks_forms and baseline.misfit > WORST:
+    elif baseline.along_motion:
         told.append(
-            "The twin explains healthy recordings of this actuator along their motion only: in "
-            f"closed loop it leaves {100.0 * baseline.misfit:.2g} % of them. Record all positions "
-            "and the load, as there."
+            "The faults of this actuator show along its motion, and this recording does not have "
+            "enough of it. Record the load and all currents and positions, as in the healthy ones."
+        )
+    elif baseline.misfit > most_healthy_misfit(baseline.expected_misfit, has_reference):
+        told.append(
+            f"In closed loop the twin leaves {100.0 * baseline.misfit:.2g} % of the healthy "
+            "recordings of this actuator unexplained: what it lacks may pass for a fault. Record "
+            "the load and all currents and positions, here and for calibrate."
         )
     if misfit > max(limit, WORSE * problem.expected_misfit):
         usual = (

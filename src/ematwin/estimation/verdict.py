@@ -78,6 +78,15 @@ def most_misfit(healthy: float, has_reference: bool = False, scatter: float = 0.
     return min(max(least, WORSE * math.hypot(healthy, scatter)), WORST)
 
 
+def most_healthy_misfit(expected: float, has_reference: bool) -> float:
+    """The relative misfit of healthy recordings up to which a closed loop judges others.
+
+    A twin with a reference that leaves far more than the ``expected`` misfit lacks something that
+    passes for faults.
+    """
+    return max(EXPLAINED, WORSE * expected) if has_reference else WORST
+
+
 def judged(
     probability: Mapping[str, float],  # by fault, that it is as far from healthy as matters
     faulty: float,  # the probability that any of them is

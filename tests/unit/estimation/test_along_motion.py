@@ -10,8 +10,7 @@ from bldc_inputs import HALF
 from ematwin import Calibration, Noise, identify, simulate
 from ematwin.estimation.along_motion import informed
 from ematwin.estimation.assess import unassessed
-from ematwin.estimation.baseline import Baseline, ClosedLoop, with_all_free
-from ematwin.estimation.closed_loop import closed_loop
+from ematwin.estimation.baseline import Baseline, with_all_free
 from ematwin.estimation.findings import obstacles_to
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
@@ -158,7 +157,7 @@ def test_equations_that_show_every_fault_check_beside_the_closed_loop(
     told = obstacles_to("load", recording, problem, end, 0.5, assessed, baseline)
     if whole and healthy < 0.1:  # twice what healthy recordings leave
         assert not obstacles_to("load", recording, problem, end, 0.07, assessed, baseline)
-    only = [text for text in told if "along their motion only" in text]
+    only = [text for text in told if "what it lacks may pass for a fault" in text]
     assert len(only) == (not whole)  # a closed loop that leaves half of healthy ones judges nothing
     told = [text for text in told if text not in only]
     assert [text[: text.index(" unexplained")].removeprefix("The twin ") for text in told] == said
@@ -179,26 +178,20 @@ def test_a_form_that_explains_what_equations_leave_is_told(turning):
         assert "An eccentricity that is fixed in space explains it better" in found.verdict.sentence
 
 
-def test_healthy_recordings_show_what_their_closed_loop_leaves_and_takes_for_faults():
-    healthy = simulate("reference", HALF, actuator=DRIVE, noise=Noise(white=0.02), seed=5)
-    baseline = replace(Baseline.of_template(MODEL, DRIVE), recordings=1)
-    loop = closed_loop(MODEL, DRIVE, baseline, [MODEL.compare(healthy, DRIVE)])
-    assert loop is not None
-    assert 0.001 < loop.misfit < 0.02  # white noise of 2 %, smoothed
-    assert max(loop.scatter.values()) < 0.02
-
-
-def test_a_single_current_is_judged_by_healthy_closed_loops(recording):
-    """Phases would show how the motor moves."""
+def test_one_current_shows_every_fault_beside_the_motor_alone(recording):
+    """Without its position nothing tells the phases that conduct, and there is no verdict."""
     sheet = Baseline.of_template(MODEL, DRIVE)
-    baseline = replace(sheet, misfit=0.5, recordings=3, closed_loop=ClosedLoop(0.02, {}))
+    known = Calibration(DRIVE, replace(sheet, misfit=0.005, recordings=3, along_motion=True))
     current = equivalent_current(recording, DRIVE.motor.pole_pairs)[0]
-    others = ("motor_position", "motor_speed", "output_position", "output_speed", *PHASES)
-    without = recording.changed(**{**dict.fromkeys(others), "current": current})
-    found = identify(without, Calibration(DRIVE, baseline))
+    seen = recording.changed(**dict.fromkeys(PHASES), current=current)
+    found = identify(seen, DRIVE, exact=True)
     print(found)
-    # by the template's tolerances friction and gain may be anything of their size
-    assert {"short_b", "eccentricity"} <= set(found.verdict.faults) <= FAULTS.keys()
+    assert set(found.verdict.faults) == FAULTS.keys()
+    for name, value in FAULTS.items():
+        low, high = found.intervals[name]
+        assert low - 0.001 < value < high + 0.001
+    found = identify(seen.changed(motor_position=None, motor_speed=None), known)
+    assert "this recording does not have enough of it" in found.verdict.sentence
 
 
 @pytest.mark.parametrize("lacks", ["output", "motor", "output motor"])

@@ -15,7 +15,7 @@ from ematwin.models.bldc import channels as recorded
 from ematwin.models.bldc.counts import said_of_steps
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import phase_sensors
-from ematwin.models.bldc.zeros import COHERENT, zeros
+from ematwin.models.bldc.zeros import COHERENT, MOST, zero_by_dips, zeros
 from ematwin.models.plausibility import FEWEST, check_agreement, check_sizes, check_sum
 from ematwin.models.servo import check_motion
 from ematwin.numerics.signals import LowPass
@@ -149,6 +149,8 @@ def check_order(record: Recording, actuator: BldcActuator) -> list[str]:
     and half of it or less if not. `RecordError` if another order, sign or zero fits far better.
     """
     currents = recorded.phase_currents(record)
+    if currents is None:
+        _check_zero_of_one_current(record, actuator)
     if currents is None or record.motor_position is None:
         return []
     every = max(1, len(record) // 5_000)  # samples looked at
@@ -219,6 +221,18 @@ def check_order(record: Recording, actuator: BldcActuator) -> list[str]:
     raise RecordError(
         f"The motor position is not counted from phase a: {counted}. Give that in the map."
     )
+
+
+def _check_zero_of_one_current(record: Recording, actuator: BldcActuator) -> None:
+    """Raise `RecordError` where its dips show commutations elsewhere than the motor's position."""
+    found = zero_by_dips(record, actuator)
+    if found is not None and abs(found) > MOST:
+        raise RecordError(
+            "The motor position is not counted from phase a: the current dips "
+            f"{np.degrees(-found):.0f} deg electrical beside the commutations. Give offset = "
+            f"{found / actuator.motor.pole_pairs:.3g} rad for motor_position in the map, or that "
+            "and so many sixths of an electrical turn."
+        )
 
 
 class _Fit(NamedTuple):

@@ -4,7 +4,8 @@ docs/models.md, "Zeros of angles". The twin counts the motor's angle from where 
 rises through zero, and the output's from where the motor stands in the middle of the gap. The
 phases that conduct tell the electrical angle. Commutation takes a while, which looks like an angle
 to the one side or the other by the sense of rotation: the mean of both is right within 0.3 degrees,
-and one alone within 5.
+and one alone within 5. One equivalent current tells the angle up to a sixth of a turn, where a
+current loop lets it dip after each commutation.
 """
 
 import math
@@ -12,14 +13,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ematwin.models.bldc.channels import phase_currents, projected
+from ematwin.models.bldc.channels import phase_currents, projected, signed_current
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.comparison import Placed
-from ematwin.numerics.signals import Remembered, white_noise
+from ematwin.numerics.signals import LowPass, Remembered, white_noise
 from ematwin.recordings.recording import Recording
 
 _LOOKED_AT = 5_000  # samples
 _COARSE = math.radians(1.0)
+_SURE = math.radians(0.75)
+MOST = math.radians(15.0)  # electrical: beyond, phases may be swapped, or another sixth is right
+_SIXTH = math.pi / 3.0
 COHERENT = 0.85  # of the mean square current that lies on the right shapes
 _FOUND = Remembered[float | None]()
 
@@ -48,7 +52,7 @@ class Zeros:
             electrical = math.degrees(self.motor * actuator.motor.pole_pairs)
             found.append(
                 f"The motor position is counted from {-electrical:+.1f} deg electrical of phase a, "
-                "as the phases that conduct show; this was corrected."
+                "as the currents show; this was corrected."
             )
         if self.output:
             found.append(
@@ -63,20 +67,67 @@ def zeros(recording: Recording, actuator: BldcActuator) -> Zeros | None:
     motor, currents = recording.motor_position, phase_currents(recording)
     if motor is None:
         return None
-    pole_pairs, electrical = actuator.motor.pole_pairs, 0.0
+    pole_pairs, electrical, found = actuator.motor.pole_pairs, 0.0, None
     every = slice(None, None, -(-len(recording) // _LOOKED_AT))
     angle = pole_pairs * motor[every]
     ways = _ways(angle)
-    if len(ways) < 2:
-        return None
-    if currents is not None:
-        most = math.radians(15.0)  # electrical: beyond, phases may be swapped (`wiring`)
-        steps = np.arange(-most, most + 0.5 * _COARSE, _COARSE)
+    if currents is None:
+        found = zero_by_dips(recording, actuator)
+    elif len(ways) == 2:
+        steps = np.arange(-MOST, MOST + 0.5 * _COARSE, _COARSE)
         found = _best(currents[every], angle, steps, ways)
-        if found is not None and abs(found) >= math.radians(0.75):
-            electrical = found
-    lacks = Zeros(electrical / pole_pairs, _apart(recording, actuator, electrical / pole_pairs))
+    if found is not None and _SURE <= abs(found) <= MOST:
+        electrical = found / pole_pairs
+    lacks = Zeros(electrical, _apart(recording, actuator, electrical) if len(ways) == 2 else 0.0)
     return lacks if lacks.motor or lacks.output else None
+
+
+def zero_by_dips(recording: Recording, actuator: BldcActuator) -> float | None:
+    """Offset (rad, electrical, within a sixth of a turn) of a motor angle beside one current.
+
+    By a matched filter: a pulse at each commutation, against the current, that decays within a
+    millisecond. None where no offset stands out, as of a comparator, whose current hardly dips.
+    """
+    pole_pairs = actuator.motor.pole_pairs
+    current = signed_current(recording, pole_pairs)
+    if current is None or recording.motor_position is None:
+        return None
+    some, rate = slice(0, 4 * _LOOKED_AT), recording.sample_rate
+    current, angle = current[some], pole_pairs * recording.motor_position[some]
+
+    def passed(trace: np.ndarray, cutoff: float) -> np.ndarray:
+        fast = LowPass(min(cutoff, 0.2 * rate)).apply(trace, rate)
+        width = 2 * round(0.0015 * rate) + 1
+        fast = fast - np.convolve(fast, np.full(width, 1.0 / width), "same")
+        return np.asarray(fast / max(float(np.linalg.norm(fast)), 1e-300))
+
+    def look() -> float | None:
+        recorded, offsets = passed(current, 2000.0), np.arange(-0.5 * _SIXTH, 0.5 * _SIXTH, _COARSE)
+        alike = np.array(
+            [passed(_pulses(current, angle + offset), 1500.0) @ recorded for offset in offsets]
+        )
+        best = int(np.argmax(alike))
+        away = np.abs(np.remainder(offsets - offsets[best] + 0.5 * _SIXTH, _SIXTH) - 0.5 * _SIXTH)
+        others = float(alike[away > math.radians(8.0)].max())
+        # without dips the best of all is 0.08 at most, and little better than others
+        if alike[best] < max(0.08, 2.5 * others):
+            return None
+        before, top, after = alike[best - 1], alike[best], alike[(best + 1) % alike.size]
+        return float(offsets[best] + 0.5 * _COARSE * (before - after) / (before - 2 * top + after))
+
+    return _FOUND.of((current, angle), look)
+
+
+def _pulses(current: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Pulses (S,) against a current where the electrical angle (S,), rad, passes a commutation."""
+    turned = angle / _SIXTH - 0.5
+    sector, found = np.floor(turned), np.zeros(angle.size)
+    before = np.flatnonzero(np.diff(sector))
+    edge = np.maximum(sector[before], sector[before + 1])
+    share = (edge - turned[before]) / (turned[before + 1] - turned[before])
+    found[before] -= (1.0 - share) * current[before]
+    found[before + 1] -= share * current[before]
+    return found
 
 
 def counted(recording: Recording, actuator: BldcActuator) -> Recording:

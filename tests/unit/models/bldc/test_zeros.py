@@ -8,8 +8,10 @@ import pytest
 
 import ematwin
 from ematwin import Noise
+from ematwin.errors import RecordError
 from ematwin.models.bldc.channels import PHASES, signed_current
 from ematwin.models.bldc.comparison import BldcComparison
+from ematwin.models.bldc.plausibility import check_plausible
 from ematwin.models.bldc.zeros import counted, zeros
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.scenario import Scenario, Step
@@ -89,6 +91,46 @@ def test_the_zero_of_a_motor_position_is_found(electrical, faults):
     assert once.motor_position == pytest.approx(right, abs=math.radians(0.4) / POLE_PAIRS)
     good, left = signed_current(record, POLE_PAIRS), signed_current(once, POLE_PAIRS)
     assert np.mean((good - left) ** 2) < 1e-3 * np.mean(good**2)
+
+
+@cache
+def of_one_current(scenario: str, *faults: tuple[str, float], loops: bool = True) -> Recording:
+    """A recording of one current; with ``loops`` of a drive as it is built."""
+    actuator = load_actuator("servo48-drive") if loops else ACTUATOR
+    found = ematwin.simulate("reference", scenario, dict(faults), actuator, noise=NOISE, seed=5)
+    return found.changed(**dict.fromkeys(PHASES), current=signed_current(found, POLE_PAIRS))
+
+
+@pytest.mark.parametrize("scenario", ["default", "ramp"])
+@pytest.mark.parametrize("electrical", [-13.0, -4.0, 2.0, 13.0])
+@pytest.mark.parametrize("faults", FAULTY)
+def test_the_zero_of_a_motor_position_is_found_by_the_dips_of_one_current(
+    scenario, electrical, faults
+):
+    shown = mounted(of_one_current(scenario, *faults.items()), electrical)
+    found = zeros(shown, ACTUATOR)
+    assert math.degrees(found.motor * POLE_PAIRS) == pytest.approx(-electrical, abs=1.0)
+
+
+@pytest.mark.parametrize("faults", FAULTY)
+def test_good_zeros_beside_one_current_are_left_alone(faults):
+    assert zeros(of_one_current("default", *faults.items()), ACTUATOR) is None
+
+
+@pytest.mark.parametrize("faults", FAULTY)
+def test_a_comparator_shows_no_zero(faults):
+    shown = mounted(of_one_current("default", *faults.items(), loops=False), 10.0)
+    assert zeros(shown, ACTUATOR).motor == 0.0
+
+
+@pytest.mark.parametrize("electrical", [-25.0, 100.0])
+def test_commutations_elsewhere_are_refused(electrical):
+    shown = mounted(of_one_current("default"), electrical)
+    with pytest.raises(RecordError, match="is not counted from phase a: the current dips") as said:
+        check_plausible(shown, ACTUATOR)
+    turned = float(str(said.value).partition("offset = ")[2].split()[0])
+    off = math.remainder(math.degrees(turned * POLE_PAIRS) + electrical, 60.0)
+    assert abs(off) < 1.0
 
 
 @pytest.mark.parametrize("faults", FAULTY)
