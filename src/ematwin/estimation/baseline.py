@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -40,6 +40,13 @@ class NominalParameter:
     determined: bool  # the recordings say more of it than the template does
 
 
+class ClosedLoop(NamedTuple):
+    """What healthy recordings show in closed loop; fields as of `Baseline`."""
+
+    misfit: float
+    scatter: Mapping[str, float]
+
+
 @dataclass(frozen=True)
 class Baseline:
     """Prior knowledge of an actuator."""
@@ -55,7 +62,8 @@ class Baseline:
     known: frozenset[str] = frozenset()  # as good as exactly, and without drift
     forms: str = ""  # on those that healthy recordings show and the file had left out
     absent_forms: tuple[str, ...] = ()  # names of those that explain nothing
-    along_motion: bool = False  # equations along their motion show every fault
+    # of recordings that the closed loop judges, where equations along the motion give the rest
+    closed_loop: "ClosedLoop | None" = None
 
     @property
     def calibrated(self) -> bool:
@@ -109,8 +117,8 @@ class Baseline:
             "has_load": self.has_load,
             "forms": self.forms,
             "absent_forms": list(self.absent_forms),
-            "along_motion": self.along_motion,
             **{name: value for name, value in numbers.items() if math.isfinite(value)},
+            **({} if self.closed_loop is None else {"closed_loop": self.closed_loop._asdict()}),
         }
 
     @classmethod
@@ -129,6 +137,7 @@ class Baseline:
             if not np.allclose(covariance, covariance.T):
                 raise ValueError("a covariance that is not symmetric")
             np.linalg.cholesky(covariance)
+            closed = table.get("closed_loop")
             return cls(
                 Prior(names, mean, covariance),
                 float(table.get("misfit", math.nan)),
@@ -138,7 +147,9 @@ class Baseline:
                 bool(table["has_load"]),
                 forms=str(table.get("forms", "")),
                 absent_forms=tuple(map(str, table.get("absent_forms", ()))),
-                along_motion=bool(table.get("along_motion", False)),
+                closed_loop=None
+                if closed is None
+                else ClosedLoop(float(closed["misfit"]), _plain_floats(closed["scatter"])),
             )
 
 

@@ -21,8 +21,8 @@ from ematwin.estimation.verdict import (
     INTERVAL,
     Verdict,
     judged,
-    most_healthy_misfit,
     most_misfit,
+    most_of_healthy,
 )
 from ematwin.models.base import Model
 from ematwin.models.channels_agree import LATEST
@@ -116,12 +116,9 @@ def obstacles_to(
         # recordings too are near instability, and check nothing
         loops = 0.0 if baseline.misfit > WORST else misfit
         misfit, limit = max(known.unexplained, loops), WORST
-    elif baseline.along_motion:
-        told.append(
-            "The faults of this actuator show along its motion, and this recording does not have "
-            "enough of it. Record the load and all currents and positions, as in the healthy ones."
-        )
-    elif baseline.misfit > most_healthy_misfit(baseline.expected_misfit, has_reference):
+    elif has_reference and baseline.misfit > most_of_healthy(
+        baseline.expected_misfit, problem.lacks_forms
+    ):
         told.append(
             f"In closed loop the twin leaves {100.0 * baseline.misfit:.2g} % of the healthy "
             "recordings of this actuator unexplained: what it lacks may pass for a fault. Record "

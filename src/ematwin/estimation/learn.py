@@ -24,6 +24,7 @@ from ematwin.estimation.baseline import (
     nominal_parameters,
     uncertain,
 )
+from ematwin.estimation.closed_loop import closed_loop
 from ematwin.estimation.constants import EXPLAINED, IMPLAUSIBLE, SEARCHED, TWO_SIGMA, WORSE, WORST
 from ematwin.estimation.correction import Corrected
 from ematwin.estimation.forms import SURE, FoundForms, find_forms
@@ -35,8 +36,9 @@ from ematwin.estimation.healthy_fit import (
     refuse_odd,
 )
 from ematwin.estimation.prior import Prior, coordinate
+from ematwin.estimation.problem import Problem
 from ematwin.estimation.random_effects import learn_effects
-from ematwin.estimation.verdict import most_healthy_misfit
+from ematwin.estimation.verdict import most_of_healthy
 from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
@@ -154,8 +156,12 @@ def _learnt(
     scatter: Mapping[str, float] = {}
     if frees_parameters(model):  # else the healthy population tells
         scatter = healthy_bias(model, actuator, baseline, comparisons, beside)
-    told = end.peak.problem.is_told
-    baseline = replace(baseline, scatter=scatter, along_motion=told)
+    baseline = replace(baseline, scatter=scatter)
+    if told := end.peak.problem.is_told:
+        progress(0.85)
+        loop = closed_loop(model, actuator, baseline, comparisons)
+        baseline = replace(baseline, closed_loop=loop)
+        misfit = misfit if loop is None else loop.misfit
     progress(1.0)
     advice = (
         "Check the sheet and what is built in. If this actuator may be worn, do not learn from "
@@ -167,7 +173,7 @@ def _learnt(
         _tied(prior),
         [
             *(f"{sentence} {advice}" for sentence in beyond.values()),
-            *_notes(misfit, floor, told, comparisons[0].has_reference),
+            *_notes(misfit, floor, told, end.peak.problem),
         ],
         forms,
         beside,
@@ -224,17 +230,20 @@ def _tied(prior: Prior) -> list[tuple[str, ...]]:
     return [one for one in dict.fromkeys(groups) if len(one) > 1]
 
 
-def _notes(misfit: float, floor: float, told: bool, has_reference: bool) -> list[str]:
+def _notes(misfit: float, floor: float, told: bool, problem: Problem) -> list[str]:
     """Sentences on what healthy recordings leave; ``told`` as `Problem.is_told`."""
     left = f"The twin leaves {100.0 * misfit:.1f} % of the healthy recordings unexplained"
-    if misfit > most_healthy_misfit(floor, has_reference):
+    most = WORST
+    if problem.comparisons[0].has_reference:
+        most = most_of_healthy(floor, problem.lacks_forms)
+    if misfit > most:
         return [
-            f"{left} once its loops are closed, as behind coarse encoders. Recordings are judged "
-            "by the equations along their motion alone."
+            f"{left} once its loops are closed, as near instability. Recordings are judged by the "
+            "equations along their motion alone."
             if told
-            else f"{left}, and so judges no recording: this actuator has something that the twin "
-            "has not, such as loops near instability. Record the load and all currents and "
-            "positions, by which calibrate finds more."
+            else f"{left}, and judges no recording: this actuator has something that the twin has "
+            "not, such as loops near instability. Record the load and all currents and positions, "
+            "by which calibrate finds more."
         ]
     if misfit < WORSE * floor:
         return []

@@ -78,13 +78,13 @@ def most_misfit(healthy: float, has_reference: bool = False, scatter: float = 0.
     return min(max(least, WORSE * math.hypot(healthy, scatter)), WORST)
 
 
-def most_healthy_misfit(expected: float, has_reference: bool) -> float:
-    """The relative misfit of healthy recordings up to which a closed loop judges others.
+def most_of_healthy(expected: float, lacks_forms: bool) -> float:
+    """The most that a twin with a reference may leave of healthy recordings for its closed loop.
 
-    A twin with a reference that leaves far more than the ``expected`` misfit lacks something that
-    passes for faults.
+    Known forms that ``lacks_forms`` says only the reference has scatter. Else what is left beyond
+    the ``expected`` misfit is of a form that is not known, and passes for faults.
     """
-    return max(EXPLAINED, WORSE * expected) if has_reference else WORST
+    return WORST if lacks_forms else max(EXPLAINED, WORSE * expected)
 
 
 def judged(
