@@ -240,6 +240,16 @@ def test_an_alarm_is_seen_and_silenced(alarmed):
         fleet[serial].acknowledge("rust")
 
 
+def test_an_alarm_is_seen_though_nobody_watched_before(tmp_path):
+    SimulatedFleet(2, 3.0, 40.0, seed=3, end=END).fill(FleetStore(tmp_path))
+    first = next(one for one in Fleet(tmp_path, now=END) if any(
+        alarm.step != "none" for alarm in one.alarms().values()
+    ))  # fmt: skip
+    seen = first.acknowledge()
+    later = Fleet(tmp_path, now=END + timedelta(days=1))[first.serial_number].alarms()
+    assert all(later[name].acknowledged for name in seen)
+
+
 def test_maintainers_answer_in_the_shell(alarmed, ematwin):
     folder, serial, name = alarmed
     answer = ematwin("fleet", "acknowledge", folder, serial, name, "--note", "Kim")

@@ -203,6 +203,19 @@ class FleetActuator:
             )
         return found
 
+    def update(self) -> list[dict[str, Any]]:
+        """Keep its alarms that have changed in the store; gives these."""
+        changed = []
+        for name, alarm in self.alarms().items():
+            before = self.before(name)
+            if alarm.step != ("none" if before is None else before.step):
+                told = {"magnitude": name, "step": alarm.step, "why": alarm.why}
+                noted = self.fleet.store.note(self.serial_number, "alarm", self.fleet.now, **told)
+                self.history.append(noted)
+                self.events.append(noted)
+                changed.append({"serial_number": self.serial_number, **told})
+        return changed
+
     def overhaul(self, when: str | datetime, note: str = "") -> None:
         """State that it was repaired or exchanged: from then on it begins as the fleet does.
 
@@ -221,6 +234,7 @@ class FleetActuator:
 
         It is shown as acknowledged until its step changes. `InputError` without such an alarm.
         """
+        self.update()  # it counts from when the alarm is first seen
         alarmed = [name for name, one in self.alarms().items() if one.step != "none"]
         names = [one for one in alarmed if magnitude in (None, one)]
         if not names:

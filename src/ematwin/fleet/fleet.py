@@ -134,17 +134,7 @@ class Fleet:
 
     def update(self) -> list[dict[str, Any]]:
         """Look at all alarms, and keep in the store those that have changed; gives these."""
-        changed = []
-        for unit in self:
-            for name, alarm in unit.alarms().items():
-                before = unit.before(name)
-                if alarm.step != ("none" if before is None else before.step):
-                    told = {"magnitude": name, "step": alarm.step, "why": alarm.why}
-                    noted = self.store.note(unit.serial_number, "alarm", self.now, **told)
-                    unit.history.append(noted)
-                    unit.events.append(noted)
-                    changed.append({"serial_number": unit.serial_number, **told})
-        return changed
+        return [one for unit in self for one in unit.update()]
 
     def table(self) -> list[dict[str, Any]]:
         """A row for each actuator, the most urgent first; names of fields as in ISO 13374.
