@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ematwin.errors import RecordError
+from ematwin.numerics.signals import rounding
 from ematwin.recordings.recording import Recording
 
 PHASES = ("current_a", "current_b", "current_c")
@@ -102,7 +103,8 @@ def check_sum(record: Recording) -> list[str]:
         return []
     currents = np.column_stack([record.channels[name] for name in PHASES])
     scale = _rms(currents)
-    good = 0.2 * scale  # the sum of three good channels is less
+    rounded = float(np.linalg.norm([rounding(one) for one in currents.T]))
+    good = 0.2 * scale + rounded  # the sum of three good channels is less
     offset = currents.sum(axis=1).mean()
     total = _rms(currents.sum(axis=1) - offset)
     warnings = []

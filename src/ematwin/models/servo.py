@@ -16,6 +16,7 @@ from ematwin.models.plausibility import PHASES
 from ematwin.models.scenario import Scenario
 from ematwin.models.simulating import recording_of
 from ematwin.models.unknown import Unknown
+from ematwin.numerics.signals import rounding
 from ematwin.recordings.channel import Channel, Derivation
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
@@ -176,10 +177,14 @@ def star_laws(recording: Recording, phases: Sequence[str], text: str, most: floa
         return []
     values = {name: recording.channels[name] for name in phases}
     size = float(np.sqrt(np.mean([one**2 for one in values.values()])))
-    # sensors and converters of phases differ by less than 5 % of it
+    rounded = float(np.linalg.norm([rounding(one) for one in values.values()]))
+    # sensors and converters of phases differ by less than 5 % of it, and by their rounding
     return [
-        Law(text, values, lambda taken: np.sum([*taken.values()], axis=0), 0.05 * size, most * size)
-    ]
+        Law(
+            text, values, lambda taken: np.sum([*taken.values()], axis=0), 0.05 * size + rounded,
+            most * size + rounded,
+        )
+    ]  # fmt: skip
 
 
 def current_laws(recording: Recording) -> list[Law]:

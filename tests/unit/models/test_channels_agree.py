@@ -186,3 +186,22 @@ def test_without_laws_a_late_channel_is_named_where_the_twin_does_not_explain_it
     )
     found = late_channel(SimpleNamespace(comparisons=[comparison]), {"friction": 1.0})
     assert [text[: len(part)] for text, part in zip(found, said, strict=True)] == said
+
+
+@pytest.mark.parametrize("step", [0.1, 0.2])
+def test_a_coarse_converter_is_no_dead_sensor(step):
+    """Eight bits of an oscilloscope: a small current stands at zero for many samples."""
+    time = np.arange(5000) / RATE
+    current = 1.0 * np.sin(2.0 * np.pi * 2.0 * time)
+    sector = np.floor(6.0 * 0.3 * np.sin(2.0 * np.pi * 2.0 * time)).astype(int) % 3
+    phases = np.array([np.roll([1.0, -1.0, 0.0], n) for n in range(3)])[sector] * current[:, None]
+    rng = np.random.default_rng(3)
+    seen = step * np.round((phases + 0.02 * rng.standard_normal(phases.shape)) / step)
+    command = 0.005 * np.sin(2.0 * np.pi * 2.0 * time)
+    names = ("current_a", "current_b", "current_c")
+    record = Recording(time, {"command": command, **dict(zip(names, seen.T, strict=True))})
+    model = model_of(BRUSHLESS)
+    assert contradictions(model, record, BRUSHLESS) == {}
+    for dead in (0.0 * time, np.where(time > 0.5, seen[2500, 0], seen[:, 0])):
+        found = contradictions(model, record.changed(current_a=dead), BRUSHLESS)
+        assert list(found) == [("current_a",)]
