@@ -234,6 +234,13 @@ class HealthyFit:
         return problem, ends
 
 
+def lacking_load(model: Model, comparisons: Sequence[Comparison]) -> str:
+    """A sentence where no recording holds the load, which looks like much else; "" else."""
+    if model.load is None or any(model.load in one.recording.channels for one in comparisons):
+        return ""
+    return f" None of them holds {model.load}: if there was one, record it."
+
+
 def refuse_odd(fit: HealthyFit, comparisons: Sequence[Comparison], misfit: float) -> None:
     """Refuse a recording without which the others agree; return if there is none."""
     left = []
@@ -243,16 +250,17 @@ def refuse_odd(fit: HealthyFit, comparisons: Sequence[Comparison], misfit: float
     best = int(np.argmin(left))
     if left[best] > 0.5 * misfit:
         return  # no better without any of them: the twin lacks something
+    load = lacking_load(fit.model, comparisons)
     if len(comparisons) == 2:
         raise RecordError(
             f"The two recordings contradict each other: together the twin leaves "
             f"{100.0 * misfit:.1f} % of them unexplained, alone {100.0 * left[best]:.1f} %. One of "
-            "them is faulty or of another actuator; leave it out, or give a third."
+            f"them is faulty or of another actuator; leave it out, or give a third.{load}"
         )
     raise RecordError(
         f"{_name_of(comparisons, best)} is unlike the other healthy recordings: with it the "
         f"twin leaves {100.0 * misfit:.1f} % unexplained, without it {100.0 * left[best]:.1f} %. "
-        "If it is faulty or of another actuator, leave it out."
+        f"If it is faulty or of another actuator, leave it out.{load}"
     )
 
 

@@ -33,6 +33,7 @@ from ematwin.estimation.healthy_fit import (
     Progress,
     expected_misfit,
     healthy_bias,
+    lacking_load,
     refuse_odd,
 )
 from ematwin.estimation.prior import Prior, coordinate
@@ -135,6 +136,7 @@ def _learnt(
             f"recordings unexplained, where noise would leave {100.0 * floor:.1f} %. They are of "
             "another actuator or a worn one, which identify judges by the template, or the "
             "template lacks something that this actuator has, such as its loops."
+            + lacking_load(model, comparisons)
         )
     values = found.values
     actuator = forms.actuator.changed({place: values[place] for place in places})

@@ -175,6 +175,12 @@ def test_a_recording_unlike_the_other_healthy_ones_is_refused():
         ematwin.calibrate([run(1), run(2), run(3, short_a=0.4)], "servo48")
 
 
+def test_recordings_that_contradict_each_other_may_lack_their_load():
+    healthy = [run(1), run(2), run(3, short_a=0.4)]
+    with pytest.raises(RecordError, match=r"leave it out\. None of them holds load: if there was"):
+        ematwin.calibrate([one.changed(load=None) for one in healthy], "servo48")
+
+
 def test_what_is_of_a_population_is_refused():
     with pytest.raises(InputError, match=r"judged by the values.*; leave known out"):
         ematwin.calibrate([run(1)], "servo48", known={"dry": ["run60.csv"]})
