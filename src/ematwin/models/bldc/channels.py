@@ -76,11 +76,10 @@ def signed_current(record: Recording, pole_pairs: int) -> np.ndarray | None:
     currents = phase_currents(record)
     if record.motor_position is not None and currents is not None:
         return projected(currents, pole_pairs * record.motor_position)
-    current = record.current
-    if current is None or any(name in record.channels for name in PHASES):
-        return None
-    # noise makes a magnitude negative as well
-    return current if current.min() < -0.05 * np.abs(current).max() else None
+    no_phases = not any(name in record.channels for name in PHASES)
+    if no_phases and record.current is not None and (record.current < 0.0).any():
+        return record.current
+    return None
 
 
 def equivalent_current(
