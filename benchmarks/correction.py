@@ -38,7 +38,6 @@ from joblib import Parallel, delayed
 from ematwin import Calibration, Noise, Scenario, calibrate, identify, simulate
 from ematwin.errors import EmatwinError
 from ematwin.estimation.forms import find_forms
-from ematwin.models.bldc.channels import PHASES, signed_current
 from ematwin.models.bldc.faults import UNKNOWNS
 from ematwin.models.bldc.model import MODEL
 from ematwin.models.bldc.parameters import BldcActuator
@@ -202,6 +201,7 @@ def of_unstated(
     Judged recordings are ``without`` some channels, and healthy ones too if so asked. With
     ``one_current`` all recordings hold the equivalent current in place of those of the phases.
     """
+    from bldc_inputs import with_one_current
     from naive import another_actuator as other
 
     rng = np.random.default_rng([seed, 42])
@@ -220,8 +220,7 @@ def of_unstated(
             parameters, grid, *scenario.histories(grid), faults, now, seed=seed + number
         )
         if one_current:
-            current = signed_current(found, truth.motor.pole_pairs)
-            found = found.changed(**dict.fromkeys(PHASES), current=current)
+            found = with_one_current(found)
         lacks = without if faults or healthy_too else ()
         return found.changed(**dict.fromkeys(lacks))
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from ematwin.models.bldc.channels import signed_current
+from ematwin.models.bldc.channels import PHASES, signed_current
 from ematwin.models.bldc.model import MODEL
 from ematwin.numerics.signals import LowPass
 
@@ -65,6 +65,11 @@ def signed(record):
     """Equivalent current (S,), A, of a recording by either model, with its sign."""
     current = signed_current(record, MODEL.parameters.load().motor.pole_pairs)
     return record.current if current is None else current
+
+
+def with_one_current(record):
+    """A recording with its signed equivalent current in place of those of the phases."""
+    return record.changed(**dict.fromkeys(PHASES), current=signed(record))
 
 
 def equivalent(record):

@@ -235,15 +235,15 @@ def _tied(prior: Prior) -> list[tuple[str, ...]]:
 def _notes(misfit: float, floor: float, told: bool, problem: Problem) -> list[str]:
     """Sentences on what healthy recordings leave; ``told`` as `Problem.is_told`."""
     left = f"The twin leaves {100.0 * misfit:.1f} % of the healthy recordings unexplained"
-    most = WORST
+    judges, most = f"judges none where it leaves more than {100.0 * WORST:.0f} %", WORST
     if problem.comparisons[0].has_reference:
-        most = most_of_healthy(floor, problem.lacks_forms)
+        judges, most = "judges no recording", most_of_healthy(floor, problem.lacks_forms)
     if misfit > most:
         return [
             f"{left} once its loops are closed, as near instability. Recordings are judged by the "
             "equations along their motion alone."
             if told
-            else f"{left}, and judges no recording: this actuator has something that the twin has "
+            else f"{left}, and {judges}: this actuator has something that the twin has "
             "not, such as loops near instability. Record the load and all currents and positions, "
             "by which calibrate finds more."
         ]

@@ -103,8 +103,7 @@ def check_sum(record: Recording) -> list[str]:
         return []
     currents = np.column_stack([record.channels[name] for name in PHASES])
     scale = _rms(currents)
-    rounded = float(np.linalg.norm([rounding(one) for one in currents.T]))
-    good = 0.2 * scale + rounded  # the sum of three good channels is less
+    good = 0.2 * scale + rounding(currents.T)  # the sum of three good channels is less
     offset = currents.sum(axis=1).mean()
     total = _rms(currents.sum(axis=1) - offset)
     warnings = []

@@ -177,7 +177,7 @@ def star_laws(recording: Recording, phases: Sequence[str], text: str, most: floa
         return []
     values = {name: recording.channels[name] for name in phases}
     size = float(np.sqrt(np.mean([one**2 for one in values.values()])))
-    rounded = float(np.linalg.norm([rounding(one) for one in values.values()]))
+    rounded = rounding(np.array([*values.values()]))
     # sensors and converters of phases differ by less than 5 % of it, and by their rounding
     return [
         Law(

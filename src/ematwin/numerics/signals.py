@@ -90,13 +90,15 @@ def means(trace: np.ndarray, stride: int) -> np.ndarray:
     return np.concatenate([trace[:1], parts.mean(axis=1)])
 
 
-def rounding(signal: np.ndarray) -> float:
-    """RMS of the rounding of a signal (S,) to its smallest step (Widrow and Kollar 2008).
+def rounding(signals: np.ndarray) -> float:
+    """RMS of the rounding of a sum of signals (n, S), each to its smallest step.
 
-    0 of so few values that they may be those of a sensor that is dead but for some false reads.
+    Widrow and Kollar (2008). None of so few values that they may be those of a sensor that is dead
+    but for some false reads.
     """
-    steps = np.diff(np.unique(signal))
-    return float(steps.min()) / math.sqrt(12.0) if steps.size >= 5 else 0.0
+    steps = (np.diff(np.unique(one)) for one in signals)
+    found = [float(one.min()) for one in steps if one.size >= 5]
+    return float(np.linalg.norm(found)) / math.sqrt(12.0)
 
 
 def white_noise(trace: np.ndarray) -> float:

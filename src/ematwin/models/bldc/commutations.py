@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ematwin.models.bldc.channels import trapezoid_shape
-from ematwin.models.bldc.motor import hall_sector
+from ematwin.models.bldc.channels import projected, trapezoid_shape
+from ematwin.models.bldc.motor import SIXTH_TURN, hall_sector
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.numerics.compile import plain
 from ematwin.numerics.scalar import THIRD_TURN
@@ -50,7 +50,7 @@ def commutations(currents: np.ndarray, rate: float, actuator: BldcActuator) -> C
     falls = 0.5 * _falling_time(np.abs(carried), actuator) * rate
     # c and b change at 90 degrees, and so on; in the middle of two boundaries b is open
     third = 3 - idle[before] - idle[after]  # the phase that carries on
-    sector = math.pi / 3.0 / actuator.motor.pole_pairs  # on the shaft
+    sector = SIXTH_TURN / actuator.motor.pole_pairs  # on the shaft
     near = np.full(len(currents), math.nan)
     near[clear] = sector * (2.0 * idle[clear])
     when = before + shares.sum(axis=1) - falls
@@ -66,23 +66,20 @@ def divided(
 
     Of two phases that conduct: the third one's ends linearly after it has commutated.
     """
-    parts, lags = 4, THIRD_TURN * np.arange(3)
-    samples = np.arange(current.size)
+    parts, samples = 4, np.arange(current.size)
     within = (np.arange(parts * current.size) + 0.5) / parts - 1.0  # a mean ends at its sample
     electrical = actuator.motor.pole_pairs * np.interp(within, samples, motor)
-    sector = np.array(plain(hall_sector)(electrical), dtype=int)
-    pairs = trapezoid_shape(math.pi / 3.0 * (np.arange(6.0) + 1.0)[:, None] - lags)
-    begins = np.flatnonzero(np.diff(sector)) + 1
-    last = np.searchsorted(begins, np.arange(sector.size), side="right") - 1
-    before = np.where(last < 0, sector, sector[np.r_[begins, 1][last] - 1])
-    ago = np.where(last < 0, math.inf, np.arange(sector.size) - np.r_[begins, 0][last])
+    sector, every = np.array(plain(hall_sector)(electrical), dtype=int), np.arange(within.size)
+    middles = SIXTH_TURN * (np.arange(6.0) + 1.0)
+    pairs = trapezoid_shape(middles[:, None] - THIRD_TURN * np.arange(3))
+    commutated = np.r_[False, np.diff(sector) != 0]
+    last = np.maximum.accumulate(np.where(commutated, every, 0))
+    before = sector[np.maximum(last - 1, 0)]
     falls = np.repeat(_falling_time(np.abs(current), actuator), parts) * rate * parts
-    left = np.clip(1.0 - (ago + 0.5) / np.maximum(falls, 1e-9), 0.0, 1.0)[:, None]
+    left = np.clip(1.0 - (every - last + 0.5) / np.maximum(falls, 1e-9), 0.0, 1.0)[:, None]
     carried = left * pairs[before] + (1.0 - left) * pairs[sector]
     carried = carried.reshape(-1, parts, 3).mean(axis=1)
-    middle = electrical.reshape(-1, parts).mean(axis=1)
-    shapes = trapezoid_shape(middle[:, None] - lags)
-    shown = 0.5 * np.einsum("sk,sk->s", carried, shapes)
+    shown = projected(carried, electrical.reshape(-1, parts).mean(axis=1))
     return np.asarray(carried * (current / shown)[:, None])
 
 

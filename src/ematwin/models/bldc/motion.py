@@ -73,12 +73,12 @@ def output_along(k, motion, load, spacing, substeps, c, truer):  # type: ignore[
 
 def has_motion(recording: Recording, actuator: BldcActuator) -> bool:
     """Whether currents are there that the motor's position, or commutations, put to phases."""
-    if recording.motor_position is not None:
-        return signed_current(recording, actuator.motor.pole_pairs) is not None
     currents = phase_currents(recording)
-    return currents is not None and bool(
-        commutations(currents, recording.sample_rate, actuator).when.size
-    )
+    if currents is None:
+        one = signed_current(recording, actuator.motor.pole_pairs)
+        return recording.motor_position is not None and one is not None
+    shown = recording.motor_position is not None
+    return shown or commutations(currents, recording.sample_rate, actuator).when.size > 0
 
 
 class Motion:

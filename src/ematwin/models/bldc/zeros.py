@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ematwin.models.bldc.channels import phase_currents, projected, signed_current
+from ematwin.models.bldc.motor import SIXTH_TURN
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.comparison import Placed
 from ematwin.numerics.signals import LowPass, Remembered, white_noise
@@ -23,7 +24,6 @@ _LOOKED_AT = 5_000  # samples
 _COARSE = math.radians(1.0)
 _SURE = math.radians(0.75)
 MOST = math.radians(15.0)  # electrical: beyond, phases may be swapped, or another sixth is right
-_SIXTH = math.pi / 3.0
 COHERENT = 0.85  # of the mean square current that lies on the right shapes
 _FOUND = Remembered[float | None]()
 
@@ -102,12 +102,15 @@ def zero_by_dips(recording: Recording, actuator: BldcActuator) -> float | None:
         return np.asarray(fast / max(float(np.linalg.norm(fast)), 1e-300))
 
     def look() -> float | None:
-        recorded, offsets = passed(current, 2000.0), np.arange(-0.5 * _SIXTH, 0.5 * _SIXTH, _COARSE)
+        recorded, offsets = (
+            passed(current, 2000.0),
+            np.arange(-0.5 * SIXTH_TURN, 0.5 * SIXTH_TURN, _COARSE),
+        )
         alike = np.array(
             [passed(_pulses(current, angle + offset), 1500.0) @ recorded for offset in offsets]
         )
         best = int(np.argmax(alike))
-        away = np.abs(np.remainder(offsets - offsets[best] + 0.5 * _SIXTH, _SIXTH) - 0.5 * _SIXTH)
+        away = np.abs(np.angle(np.exp(6j * (offsets - offsets[best])))) / 6.0
         others = float(alike[away > math.radians(8.0)].max())
         # without dips the best of all is 0.08 at most, and little better than others
         if alike[best] < max(0.08, 2.5 * others):
@@ -120,7 +123,7 @@ def zero_by_dips(recording: Recording, actuator: BldcActuator) -> float | None:
 
 def _pulses(current: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """Pulses (S,) against a current where the electrical angle (S,), rad, passes a commutation."""
-    turned = angle / _SIXTH - 0.5
+    turned = angle / SIXTH_TURN - 0.5
     sector, found = np.floor(turned), np.zeros(angle.size)
     before = np.flatnonzero(np.diff(sector))
     edge = np.maximum(sector[before], sector[before + 1])

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bldc_inputs import with_one_current
 from ematwin.models.bldc import along_motion
 from ematwin.models.bldc.along_currents import masses_along
 from ematwin.models.bldc.balance import Contact, Crossing, TorqueBalance
@@ -12,7 +13,6 @@ from ematwin.models.bldc.channels import (
     PHASES,
     phase_currents,
     projected,
-    signed_current,
     trapezoid_shape,
 )
 from ematwin.models.bldc.commutations import commutations, divided
@@ -131,12 +131,6 @@ def as_built(lines=0):
     return structure, actuator.changed(counts) if lines else actuator
 
 
-def with_one_current(record, actuator):
-    """The equivalent current in place of those of the phases."""
-    current = signed_current(record, actuator.motor.pole_pairs)
-    return record.changed(**dict.fromkeys(PHASES), current=current)
-
-
 @pytest.mark.parametrize("times", [(62.5e-6, 5e-5), (6.3e-5, 6.25e-5)])
 def test_steps_of_both_loops_err_by_less_than_the_equation(times):
     """Sample times of which a step is no part had left 0.9 %."""
@@ -163,7 +157,7 @@ def test_phases_of_one_current_are_those_of_a_simulator_of_other_make(lines, fau
     """As shares of the current in steady conduction, and of the torque of each phase."""
     structure, actuator = as_built(lines)
     record = recorded(structure, actuator, faults=faults)
-    one, pairs = with_one_current(record, actuator), actuator.motor.pole_pairs
+    one, pairs = with_one_current(record), actuator.motor.pole_pairs
     found = divided(one.current, record.motor_position, record.sample_rate, actuator)
     known, angle = phase_currents(record), pairs * record.motor_position
     np.testing.assert_allclose(found.sum(axis=1), 0.0, atol=1e-12)
@@ -188,7 +182,7 @@ def test_all_equations_hold_along_the_motion_of_a_simulator_of_other_make(lines,
     """Of encoders the equations leave what counts that begin elsewhere say."""
     structure, actuator = as_built(lines)
     record = recorded(structure, actuator, faults=faults)
-    motion = Motion(record if phases == 3 else with_one_current(record, actuator), actuator)
+    motion = Motion(record if phases == 3 else with_one_current(record), actuator)
     assert 2.0 * np.pi / lines == pytest.approx(motion.steps[0]) if lines else motion.steps[0] == 0
     controller = along_motion.Controller(motion, LowPass())
     balance = TorqueBalance(motion)

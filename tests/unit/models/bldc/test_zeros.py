@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import ematwin
+from bldc_inputs import with_one_current
 from ematwin import Noise
 from ematwin.errors import RecordError
 from ematwin.models.bldc.channels import PHASES, signed_current
@@ -98,7 +99,7 @@ def of_one_current(scenario: str, *faults: tuple[str, float], loops: bool = True
     """A recording of one current; with ``loops`` of a drive as it is built."""
     actuator = load_actuator("servo48-drive") if loops else ACTUATOR
     found = ematwin.simulate("reference", scenario, dict(faults), actuator, noise=NOISE, seed=5)
-    return found.changed(**dict.fromkeys(PHASES), current=signed_current(found, POLE_PAIRS))
+    return with_one_current(found)
 
 
 @pytest.mark.parametrize("scenario", ["default", "ramp"])
