@@ -91,14 +91,17 @@ def output(actuator, faults, start, motion, load, dt):
 def masses(actuator, faults, currents, load, dt, every, seen, known, begin):
     """Angles (2, S) of motor and output, and what commutations show beside them (K, 2).
 
-    ``currents`` (S, 3) are means of ``every`` steps ``dt``; ``seen`` rows of time (s) and angle,
-    ``known`` their jitter (s), the turn up to which angles are known, and the density of the
-    acceleration's noise; ``begin`` the angle at first and its standard deviation. A Kalman filter
-    in matrices: state [angle, speed], white noise of the acceleration between what is seen.
+    ``currents`` are means of ``every`` steps ``dt``, of the phases (S, 3) or of the two that
+    conduct (S, 1); ``seen`` rows of time (s) and angle, ``known`` their jitter (s), the turn up to
+    which angles are known, the density of the acceleration's noise, and the share of what is no
+    commutation in a sector; ``begin`` the angle at first and its standard deviation. A Kalman
+    filter in matrices: state [angle, speed], white noise of the acceleration between what is seen.
     """
     gear, windings = actuator.transmission, truer.Windings(actuator, faults)
     worn, half_gap = 1 + 2 * faults.friction, gear.backlash / 2 * (1 + 99 * faults.backlash)
-    jitter, turn, density = known
+    jitter, turn, density, others = known
+    pairs = [(1, -1, 0), (1, 0, -1), (0, 1, -1), (-1, 1, 0), (-1, 0, 1), (0, -1, 1)]
+    sector = math.radians(60.0) / actuator.motor.pole_pairs
     x_m, w_m, x_o, w_o = begin[0], 0.0, begin[0], 0.0
     covariance, last, waiting = np.diag([begin[1] ** 2, 0.0]), 0.0, list(seen)
     found, innovations = [(x_m, x_o)], []
@@ -106,7 +109,10 @@ def masses(actuator, faults, currents, load, dt, every, seen, known, begin):
         sample, part = divmod(step, every)
         share = (part + 0.5) / every
         pushes = load[sample] * (1 - share) + load[sample + 1] * share
-        made = float(np.dot(windings.kappa(x_m), currents[sample + 1]))
+        current = currents[sample + 1]
+        if len(current) == 1:
+            current = current * np.array(pairs[math.floor(x_m / sector - 0.5) % 6])
+        made = float(np.dot(windings.kappa(x_m), current))
         contact = mechanics.contact_torque(
             x_m, w_m, x_o, w_o, half_gap, gear.contact_stiffness, gear.contact_damping
         )
@@ -133,10 +139,17 @@ def masses(actuator, faults, currents, load, dt, every, seen, known, begin):
             away = math.remainder(angle - (x_m - ((step + 1) * dt - time) * w_m), turn)
             noise = 1e-4**2 + (jitter * w_m) ** 2
             deviation = math.sqrt(covariance[0, 0] + noise)
-            innovations.append((away, deviation))
+            seldom = others / sector
+            dense = math.exp(-0.5 * (away / deviation) ** 2) / (math.sqrt(2 * math.pi) * deviation)
+            peak = 1.0 / (math.sqrt(2 * math.pi) * deviation)
+            # minus twice the logarithm of the likelihood, over that of an angle as expected
+            far = math.sqrt(2 * math.log((peak + seldom) / (dense + seldom)))
+            spread = 1.0 / (math.sqrt(2 * math.pi) * (peak + seldom))
+            innovations.append((math.copysign(far, away) * spread, spread))
             surprise = max(1.0, (away / (3 * deviation)) ** 2)
             covariance = covariance * surprise
-            gain = covariance[:, 0] / (covariance[0, 0] + noise)
+            probable = dense / (dense + seldom)
+            gain = probable * covariance[:, 0] / (covariance[0, 0] + noise)
             covariance = covariance - np.outer(gain, covariance[0])
             turns = gain[1] * away if w_m != 0 or surprise > 1 else 0.0
             x_m, w_m = x_m + gain[0] * away, w_m + turns

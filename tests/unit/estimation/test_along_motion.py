@@ -10,12 +10,10 @@ from bldc_inputs import HALF, with_one_current
 from ematwin import Calibration, Noise, identify, simulate
 from ematwin.estimation.along_motion import informed
 from ematwin.estimation.assess import unassessed
-from ematwin.estimation.baseline import Baseline, ClosedLoop, with_all_free
-from ematwin.estimation.closed_loop import closed_loop
+from ematwin.estimation.baseline import Baseline, with_all_free
 from ematwin.estimation.findings import obstacles_to
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
-from ematwin.models.bldc.channels import PHASES, equivalent_current
 from ematwin.models.registry import load_actuator, model_of
 
 DRIVE = load_actuator("servo48").changed({
@@ -179,35 +177,28 @@ def test_a_form_that_explains_what_equations_leave_is_told(turning):
         assert "An eccentricity that is fixed in space explains it better" in found.verdict.sentence
 
 
-def test_healthy_recordings_show_what_their_closed_loop_leaves_and_takes_for_faults():
-    healthy = simulate("reference", HALF, actuator=DRIVE, noise=Noise(white=0.02), seed=5)
-    baseline = replace(Baseline.of_template(MODEL, DRIVE), recordings=1)
-    loop = closed_loop(MODEL, DRIVE, baseline, [MODEL.compare(healthy, DRIVE)])
-    assert loop is not None
-    assert 0.001 < loop.misfit < 0.02  # white noise of 2 %, smoothed
-    assert max(loop.scatter.values()) < 0.02
-
-
-def test_a_single_current_is_judged_by_healthy_closed_loops(recording):
-    """Phases would show how the motor moves."""
-    sheet = Baseline.of_template(MODEL, DRIVE)
-    baseline = replace(sheet, misfit=0.5, recordings=3, closed_loop=ClosedLoop(0.02, {}))
-    current = equivalent_current(recording, DRIVE.motor.pole_pairs)[0]
-    others = ("motor_position", "motor_speed", "output_position", "output_speed", *PHASES)
-    without = recording.changed(**{**dict.fromkeys(others), "current": current})
-    found = identify(without, Calibration(DRIVE, baseline))
-    print(found)
-    # by the template's tolerances friction and gain may be anything of their size
-    assert {"short_b", "eccentricity"} <= set(found.verdict.faults) <= FAULTS.keys()
-
-
-def test_one_current_shows_every_fault_beside_the_motor(recording):
-    found = identify(with_one_current(recording), DRIVE, exact=True)
+@pytest.mark.parametrize(
+    ("lacks", "most"), [((), 0.007), (("motor",), 0.012), (("motor", "output"), 0.012)]
+)
+def test_one_current_shows_every_fault(recording, lacks, most):
+    """With positions, and without: it dips where the drive commutates."""
+    names = [f"{side}_{what}" for side in lacks for what in ("position", "speed")]
+    record = with_one_current(recording).changed(**dict.fromkeys(names))
+    found = identify(record, DRIVE, exact=True)
     print(found)
     assert set(found.verdict.faults) == FAULTS.keys()
     for name, value in FAULTS.items():
+        assert found.values[name] == pytest.approx(value, abs=most)
         low, high = found.intervals[name]
         assert low - 0.001 < value < high + 0.001
+
+
+def test_a_comparator_shows_no_commutations_in_one_current():
+    """Its ripple resembles a few."""
+    plain = load_actuator("servo48")
+    seen = simulate("reference", actuator=plain, noise=Noise(white=0.02), seed=4)
+    without = with_one_current(seen).changed(motor_position=None, motor_speed=None)
+    assert not MODEL.equations(without, plain)
 
 
 @pytest.mark.parametrize(("left", "judged"), [(0.01, True), (0.03, False)])

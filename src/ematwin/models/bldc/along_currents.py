@@ -20,7 +20,8 @@ import numpy as np
 from ematwin.models.bldc.commutations import commutations
 from ematwin.models.bldc.constants import fault_state, kernel_constants, truer_constants
 from ematwin.models.bldc.faults import UNKNOWNS, ZERO, fault_vector
-from ematwin.models.bldc.motor import torque_of_cogging
+from ematwin.models.bldc.inverter import dot, gate_signals
+from ematwin.models.bldc.motor import hall_sector, torque_of_cogging
 from ematwin.models.bldc.reference_step import ReferenceState, all_emf_constants, move_masses
 from ematwin.models.optional import Values
 from ematwin.numerics.compile import loop
@@ -30,6 +31,7 @@ LEAST = 0.001  # of the recorded current: what simulators of other make differ b
 RECENT = 32  # answers that are kept: many of the next differ by a sensor or a mass alone
 _STEP = 2.5e-6  # s, at most: steps of 1 us change angles by 0.15 mrad, of 5 us by 0.4
 _SURELY = 3.0  # standard deviations of an innovation: more is a surprise
+_ROOT_TWO_PI = math.sqrt(2.0 * math.pi)
 _TURNS = 5  # steps with one torque of the currents
 _JITTER = 8e-6  # s: commutations of a simulator of other make came out so far from theirs
 _LATE = 4e-6  # s: so far all of them were off in the mean
@@ -50,15 +52,17 @@ def masses_along(k, currents, load, spacing, substeps, c, truer, more, seen, nea
     Parameters
     ----------
     k : (8,) array, fault vector
-    currents : (S, 3) array, A, means of the phases since the last sample
+    currents : (S, 3) array, A, means of the phases since the last sample; (S, 1) of the current
+        through the two that conduct
     load : (S,) array, N m on the motor shaft
     spacing, substeps : s, of samples, and steps between them
     c, truer : as of `batch.reference_trace`
     more : (2,) array, factor on the torque of the currents, and N m that add to it
     seen : (2, K) array, of commutations: when, in samples, and at which angle of the motor, rad
-    near : (S,) array, rad, of the middle of its sector; NaN where that is unknown
-    known : (3,) array: s, standard deviation of when they came; rad, multiples of which angles
-        lack; rad^2/s^3, density of the noise of the acceleration
+    near : (S,) array, rad, near which the motor is; NaN where that is unknown
+    known : (5,) array: s, standard deviation of when they came; rad, multiples of which angles
+        lack; rad^2/s^3, density of the noise of the acceleration; rad, how far from ``near`` it is;
+        1/rad, density of what is no commutation
     state : (2,) array, rad, where both begin at rest, and how well that is known
 
     Returns
@@ -83,8 +87,11 @@ def masses_along(k, currents, load, spacing, substeps, c, truer, more, seen, nea
                 middle = theta_m + 0.5 * _TURNS * dt * w_m
                 kappas = all_emf_constants(middle, fault, c, truer)
                 torque = more[1] + torque_of_cogging(middle, truer)
-                for phase in range(3):
-                    torque += more[0] * kappas[phase] * currents[g + 1, phase]
+                if currents.shape[1] == 1:
+                    i = gate_signals(hall_sector(c.pole_pairs * middle), currents[g + 1, 0])
+                else:
+                    i = currents[g + 1, 0], currents[g + 1, 1], currents[g + 1, 2]
+                torque += more[0] * dot(kappas, i)
             pushes = load[g] + (n + 0.5) / substeps * (load[g + 1] - load[g])
             w_m, theta_m, w_o, theta_o, bent_m, bent_o = move_masses(
                 now, torque, pushes, fault, c, truer, dt
@@ -99,14 +106,21 @@ def masses_along(k, currents, load, spacing, substeps, c, truer, more, seen, nea
                 away -= known[1] * np.floor(away / known[1] + 0.5)
                 noise = _SWITCHED**2 + (known[0] * w_m) ** 2
                 variance = of_angle + noise
-                left[0, j], left[1, j] = away, math.sqrt(variance)
+                # what was seen may be something else, which is as likely anywhere
+                deviation, likely = math.sqrt(variance), math.exp(-0.5 * away**2 / variance)
+                other = known[4] * _ROOT_TWO_PI * deviation
+                true = 1.0 if other == 0.0 else likely / (likely + other)
+                left[0, j], left[1, j] = away, deviation / (1.0 + other)
+                if other > 0.0:
+                    far = math.sqrt(2.0 * math.log((1.0 + other) / (likely + other)))
+                    left[0, j] = math.copysign(far * left[1, j], away)
                 # whether friction holds the motor at an instant is a matter of chance: by how much
                 # that is beyond what is likely the filter trusts its state less
                 surprise = away**2 / (_SURELY**2 * variance)
                 if surprise > 1.0:
                     of_angle, of_both = surprise * of_angle, surprise * of_both
                     of_speed, variance = surprise * of_speed, of_angle + noise
-                share, pace = of_angle / variance, of_both / variance
+                share, pace = true * of_angle / variance, true * of_both / variance
                 of_speed -= pace * of_both
                 of_both, of_angle = of_both * (1.0 - share), of_angle * (1.0 - share)
                 # a mass that friction holds is where it is, and an output in the gap by itself
@@ -120,9 +134,8 @@ def masses_along(k, currents, load, spacing, substeps, c, truer, more, seen, nea
         if g < load.size - 1 and near[g + 1] == near[g + 1]:
             away = near[g + 1] - theta_m
             away -= known[1] * np.floor(away / known[1] + 0.5)
-            # half a sector beyond its ends: it is lost
-            most = known[1] / 3.0
-            beyond = min(away + most, 0.0) + max(away - most, 0.0)
+            # further off it is lost
+            beyond = min(away + known[3], 0.0) + max(away - known[3], 0.0)
             theta_m, theta_o = theta_m + beyond, theta_o + beyond
     return found, left, fixed
 
@@ -137,20 +150,26 @@ class Moved(NamedTuple):
 
 
 class Masses:
-    """Both masses along recorded currents (S, 3), A, and their ``load`` (S,), N m.
+    """Both masses along recorded currents, A, and their ``load`` (S,), N m.
 
-    They ``begin`` at rest at an angle, rad; all on the motor shaft.
+    Currents are those of the phases (S, 3), or one equivalent current (S,), whose commutations are
+    told apart by where the motor is ``near`` (S,), rad. Both masses ``begin`` at rest at an angle,
+    rad; all on the motor shaft.
     """
 
     def __init__(
-        self, currents: np.ndarray, load: np.ndarray, rate: float, begin: float, sheet: Any
-    ) -> None:
-        self._currents, self._load, self._rate, self._begin = currents, load, rate, begin
-        self._sheet, self._seen = sheet, commutations(currents, rate, sheet)
+        self, currents: np.ndarray, load: np.ndarray, rate: float, begin: float, sheet: Any,
+        near: np.ndarray | None = None,
+    ) -> None:  # fmt: skip
+        self._every = commutations(currents, rate, sheet)
+        self._seen = self._every if near is None else self._every.placed(near, near)
+        self._currents = currents = currents.reshape(len(currents), -1)
+        self._load, self._rate, self._begin, self._sheet = load, rate, begin, sheet
         inertia = sheet.motor.inertia + sheet.transmission.output_inertia
         unit = sheet.motor.emf_constant / inertia
         # each phase makes half of the torque constant, the open one less
-        noise = 0.76 * float(np.mean([white_noise(x) for x in currents.T]))
+        share = 1.0 if near is not None else 0.76
+        noise = share * float(np.mean([white_noise(x) for x in currents.T]))
         usual = float(np.sqrt(np.mean(currents**2)))
         self._usual = (unit * math.hypot(noise, LEAST * usual)) ** 2 / rate
         self._whole = (unit * usual) ** 2 / rate  # of noise as large as the currents
@@ -178,6 +197,9 @@ class Masses:
             # between commutations a motor may be lost whose friction is far off
             others = [{**values, "friction": one} for one in _FRICTIONS if one > own]
             best, begins = best_of([values, *others])
+        if self._currents.shape[1] == 1:
+            moved = best.moved(actuator, begins).motor
+            best = best._with(_seen=self._every.placed(moved, self._seen.near))
         best.begins = {name: x for name, x in begins.items() if x != values.get(name)}
         return best
 
@@ -216,7 +238,8 @@ class Masses:
             1.0 / self._rate, math.ceil(1.0 / (self._rate * _STEP) - 1e-9),
             kernel_constants(actuator), truer_constants(actuator),
             np.array([1.0, -offset]) / given["current_gain"], np.array(seen[:2]), seen.near,
-            np.array([_JITTER, seen.turn, self.density]), np.array(begins),
+            np.array([_JITTER, seen.turn, self.density, seen.within, seen.other]),
+            np.array(begins),
         )  # fmt: skip
         left = away / spreads
         log_density = -float(0.5 * left @ left + np.log(spreads).sum())

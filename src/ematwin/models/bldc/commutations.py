@@ -1,9 +1,10 @@
-"""When a drive commutates, by recorded phase currents: its motor stands at a known angle then.
+"""When a drive commutates, by its recorded currents: the motor stands at a known angle then.
 
 Under six-step commutation one phase is open, and which one it is changes at known electrical angles
 (`hall_sector`). The phase that carried the current until then goes on for a moment, through a diode
 to a rail of the supply; its mean in the sample in which that happens tells at which share of it.
-Which phases change is the same again after half an electrical turn.
+Which phases change is the same again after half an electrical turn. The next phase carries nothing
+yet, so that one equivalent current dips, the same after each sixth of a turn.
 """
 
 import math
@@ -16,24 +17,43 @@ from ematwin.models.bldc.motor import SIXTH_TURN, hall_sector
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.numerics.compile import plain
 from ematwin.numerics.scalar import THIRD_TURN
-from ematwin.numerics.signals import white_noise
+from ematwin.numerics.signals import spread_of, white_noise
 
 _CLEAR = 8.0  # standard deviations of the noise, of the current in both phases that carry one
 _OPEN = 0.35  # of it, at most, in the phase that is open
 _LONGEST = 4  # samples, of a commutation
+_DIP = 0.35  # of the current, by which it falls at least: by half or more behind a current loop
+_STEADY = 0.15  # of that, the change from one sample to the next before, at most
+_AT_ONCE = 0.3  # of that, the fall until the next sample, at least
+_NEVER = 1e9  # rad: an angle that is known altogether
+_OTHERS = 0.05  # of such falls, that are something else
+_SHARP = 4.0  # standard deviations of such falls anywhere, at least
 
 
 class Commutations(NamedTuple):
-    """What phase currents (S, 3) tell of the angle of a motor."""
+    """What currents of S samples tell of the angle of a motor."""
 
     when: np.ndarray  # (K,), samples from the first one
     angle: np.ndarray  # (K,), rad on its shaft, up to multiples of ``turn``
-    near: np.ndarray  # (S,), the middle of the sector in which it stood; NaN where that is unknown
+    near: np.ndarray  # (S,), rad, near which it stood up to such; NaN where that is unknown
     turn: float  # rad
+    within: float  # rad, the furthest that it is from ``near``: a sector
+    other: float = 0.0  # 1/rad, density of what is none
+
+    def placed(self, motor: np.ndarray, near: np.ndarray) -> "Commutations":
+        """The same at the multiple of ``turn`` that is nearest to the angle (S,) of a motor, rad.
+
+        ``near`` is as of the result.
+        """
+        away = np.interp(self.when, np.arange(motor.size), motor) - self.angle
+        angle = self.angle + np.round(away / self.turn) * self.turn
+        return self._replace(angle=angle, near=near, turn=_NEVER)
 
 
 def commutations(currents: np.ndarray, rate: float, actuator: BldcActuator) -> Commutations:
-    """Commutations of recorded phase currents (S, 3), A."""
+    """Commutations of recorded phase currents (S, 3), or of one equivalent current (S,), A."""
+    if currents.ndim == 1:
+        return _dips(currents, rate, actuator)
     noise = float(np.mean([white_noise(x) for x in currents.T]))
     sizes = np.sort(np.abs(currents), axis=1)
     clear = np.flatnonzero((sizes[:, 1] > _CLEAR * noise) & (sizes[:, 0] < _OPEN * sizes[:, 1]))
@@ -56,7 +76,37 @@ def commutations(currents: np.ndarray, rate: float, actuator: BldcActuator) -> C
     when = before + shares.sum(axis=1) - falls
     order = np.argsort(when, kind="stable")
     angle = sector * (1.5 + 2.0 * third)
-    return Commutations(when[order], angle[order], near, 3.0 * sector)
+    return Commutations(when[order], angle[order], near, 3.0 * sector, sector)
+
+
+def _dips(current: np.ndarray, rate: float, actuator: BldcActuator) -> Commutations:
+    """Commutations of an equivalent current (S,), A, by where it falls at once."""
+    n = np.arange(_LONGEST, current.size - _LONGEST)
+    rises = [0.5 * (current[n + side] - current[n + 3 * side]) for side in (-1, 1)]
+    # by lines through three samples before and after each
+    before, after = (
+        (current[n + side] + current[n + 2 * side] + current[n + 3 * side]) / 3.0 + 2.0 * rise
+        for side, rise in zip((-1, 1), rises, strict=True)
+    )
+    sign, sizes = np.sign(before), np.abs(before)
+    falls = sign * (before - after)
+    some = (falls > _DIP * sizes) & (falls < sizes)
+    some &= falls > _SHARP * spread_of(np.abs(falls))  # that of counts in the loops, too
+    # where the gear meets a face, a current rises or falls before, or for longer
+    some &= np.abs(rises[0]) < _STEADY * falls
+    some &= sign * (before - current[n + 1]) > _AT_ONCE * falls
+    falls = np.where(some, falls, 0.0)
+    # the sharpest of those near each other
+    around = [np.roll(falls, shift) for shift in range(-_LONGEST + 1, _LONGEST)]
+    sharpest = np.flatnonzero(some & (falls >= np.max(around, axis=0)))
+    begun = sign * (before - current[n])
+    shares = np.clip(begun[sharpest] / falls[sharpest], 0.0, 1.0)
+    late = 0.5 * _falling_time(np.abs(before[sharpest]), actuator) * rate
+    sector = SIXTH_TURN / actuator.motor.pole_pairs  # on the shaft
+    return Commutations(
+        n[sharpest] - shares - late, np.full(sharpest.size, 0.5 * sector),
+        np.full(current.size, math.nan), sector, sector, _OTHERS / sector,
+    )  # fmt: skip
 
 
 def divided(

@@ -25,13 +25,15 @@ from ematwin.models.bldc.faults import ZERO, fault_vector
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import balanced
 from ematwin.models.bldc.reference_step import ReferenceState, move_masses
-from ematwin.models.bldc.simulate import INPUT_INTERVAL
+from ematwin.models.bldc.simulate import INPUT_INTERVAL, reference_answer
+from ematwin.models.bldc.stretches import initial_state
 from ematwin.models.bldc.zeros import counted
 from ematwin.models.optional import Values, with_values
 from ematwin.numerics.compile import loop, step
 from ematwin.numerics.scalar import THIRD_TURN
 from ematwin.recordings.recording import Recording
 
+_SHOWN = 0.15  # of the commutations that the commanded travel takes, at least
 _FOLLOWS = ("friction", "backlash", "load_gain", "load_offset", ZERO)
 _OF_GEAR = ("transmission", "presliding", "compliance")
 _OF_MOTOR = ("motor", "cogging", "emf", "torque_ripple", "eccentricity")
@@ -73,12 +75,23 @@ def output_along(k, motion, load, spacing, substeps, c, truer):  # type: ignore[
 
 def has_motion(recording: Recording, actuator: BldcActuator) -> bool:
     """Whether currents are there that the motor's position, or commutations, put to phases."""
+    currents = _currents(recording, actuator)
+    if currents is None or recording.motor_position is not None:
+        return currents is not None
+    seen = commutations(currents, recording.sample_rate, actuator)
+    if currents.ndim > 1:
+        return seen.when.size > 0
+    # a comparator's current hardly dips, and ripple resembles a few
+    travel = float(np.abs(np.diff(recording.command)).sum()) * actuator.transmission.ratio
+    return seen.when.size * seen.turn > _SHOWN * travel
+
+
+def _currents(recording: Recording, actuator: BldcActuator) -> np.ndarray | None:
+    """Phase currents (S, 3), A, or one that is signed (S,); None without either."""
     currents = phase_currents(recording)
     if currents is None:
-        one = signed_current(recording, actuator.motor.pole_pairs)
-        return recording.motor_position is not None and one is not None
-    shown = recording.motor_position is not None
-    return shown or commutations(currents, recording.sample_rate, actuator).when.size > 0
+        currents = signed_current(recording, actuator.motor.pole_pairs)
+    return currents
 
 
 class Motion:
@@ -100,10 +113,10 @@ class Motion:
         self.time = np.arange(len(recording)) / self.rate
         self.command = recording.channels["command"] * ratio
         self.load = recording.channels.get("load", np.zeros(len(recording))) / ratio
-        currents: Any = phase_currents(recording)
+        currents = _currents(recording, actuator)
+        assert currents is not None
         motor, output = recording.motor_position, recording.output_position
-        if currents is None:
-            currents = divided(recording.channels["current"], motor, self.rate, actuator)
+        self._current = None if currents.ndim > 1 else currents
         self.currents = currents
         self.sheet: Any = actuator
         self.values = values or {}
@@ -111,7 +124,8 @@ class Motion:
         self.masses: Masses | None = None
         if motor is None:
             begin = float(self.command[0])
-            masses = Masses(currents, self.load, self.rate, begin, actuator)
+            near = None if self._current is None else self._near(recording, begin)
+            masses = Masses(currents, self.load, self.rate, begin, actuator, near)
             self.masses = masses.at(actuator, self.values)
         self.follows = output is None and motor is not None
         # steps of encoders, rad, 0 without; and of counts as noisy as the positions
@@ -126,6 +140,15 @@ class Motion:
             )
         )
         self._move(*positions, CUTOFF)
+
+    def _near(self, recording: Recording, begin: float) -> np.ndarray:
+        """Angle (S,) near which the motor is: the output's, or else that of the closed loop."""
+        if self._output is not None:
+            return begin + self._output - self._output[0]
+        start = initial_state(recording, self.sheet, None)[:5]
+        answer = reference_answer(recording, self.sheet, self.values, start)
+        assert answer.motor_position is not None
+        return answer.motor_position
 
     @property
     def moves(self) -> tuple[str, ...]:
@@ -166,6 +189,8 @@ class Motion:
             SmoothingSpline(self.time, position, cutoff if step else math.inf)
             for position, step in zip((motor, output), self.steps, strict=True)
         )
+        if self._current is not None:
+            self.currents = divided(self._current, motor, self.rate, self.sheet)
         # a mean belongs to the middle of its interval
         electrical = self.sheet.motor.pole_pairs * self.motor(self.time - 0.5 / self.rate)
         self.trapezoids = trapezoid_shape(electrical[:, None] - THIRD_TURN * np.arange(3))

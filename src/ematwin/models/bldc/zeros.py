@@ -14,15 +14,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from ematwin.models.bldc.channels import phase_currents, projected, signed_current
-from ematwin.models.bldc.motor import SIXTH_TURN
+from ematwin.models.bldc.commutations import commutations
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.comparison import Placed
-from ematwin.numerics.signals import LowPass, Remembered, white_noise
+from ematwin.numerics.signals import Remembered, white_noise
 from ematwin.recordings.recording import Recording
 
 _LOOKED_AT = 5_000  # samples
 _COARSE = math.radians(1.0)
 _SURE = math.radians(0.75)
+_AGREE = 12.0  # logarithm of the odds that dips agree by chance, at least
 MOST = math.radians(15.0)  # electrical: beyond, phases may be swapped, or another sixth is right
 COHERENT = 0.85  # of the mean square current that lies on the right shapes
 _FOUND = Remembered[float | None]()
@@ -85,52 +86,21 @@ def zeros(recording: Recording, actuator: BldcActuator) -> Zeros | None:
 def zero_by_dips(recording: Recording, actuator: BldcActuator) -> float | None:
     """Offset (rad, electrical, within a sixth of a turn) of a motor angle beside one current.
 
-    By a matched filter: a pulse at each commutation, against the current, that decays within a
-    millisecond. None where no offset stands out, as of a comparator, whose current hardly dips.
+    The current dips after each commutation, as the motor passes one of six angles. None where
+    dips might agree by chance (Rayleigh's test; Mardia and Jupp 2000, Directional Statistics,
+    section 6.3), as of a comparator, whose current hardly dips.
     """
-    pole_pairs = actuator.motor.pole_pairs
-    current = signed_current(recording, pole_pairs)
-    if current is None or recording.motor_position is None:
+    motor, current = recording.motor_position, signed_current(recording, actuator.motor.pole_pairs)
+    if motor is None or current is None:
         return None
-    some, rate = slice(0, 4 * _LOOKED_AT), recording.sample_rate
-    current, angle = current[some], pole_pairs * recording.motor_position[some]
-
-    def passed(trace: np.ndarray, cutoff: float) -> np.ndarray:
-        fast = LowPass(min(cutoff, 0.2 * rate)).apply(trace, rate)
-        width = 2 * round(0.0015 * rate) + 1
-        fast = fast - np.convolve(fast, np.full(width, 1.0 / width), "same")
-        return np.asarray(fast / max(float(np.linalg.norm(fast)), 1e-300))
-
-    def look() -> float | None:
-        recorded, offsets = (
-            passed(current, 2000.0),
-            np.arange(-0.5 * SIXTH_TURN, 0.5 * SIXTH_TURN, _COARSE),
-        )
-        alike = np.array(
-            [passed(_pulses(current, angle + offset), 1500.0) @ recorded for offset in offsets]
-        )
-        best = int(np.argmax(alike))
-        away = np.abs(np.angle(np.exp(6j * (offsets - offsets[best])))) / 6.0
-        others = float(alike[away > math.radians(8.0)].max())
-        # without dips the best of all is 0.08 at most, and little better than others
-        if alike[best] < max(0.08, 2.5 * others):
-            return None
-        before, top, after = alike[best - 1], alike[best], alike[(best + 1) % alike.size]
-        return float(offsets[best] + 0.5 * _COARSE * (before - after) / (before - 2 * top + after))
-
-    return _FOUND.of((current, angle), look)
-
-
-def _pulses(current: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Pulses (S,) against a current where the electrical angle (S,), rad, passes a commutation."""
-    turned = angle / SIXTH_TURN - 0.5
-    sector, found = np.floor(turned), np.zeros(angle.size)
-    before = np.flatnonzero(np.diff(sector))
-    edge = np.maximum(sector[before], sector[before + 1])
-    share = (edge - turned[before]) / (turned[before + 1] - turned[before])
-    found[before] -= (1.0 - share) * current[before]
-    found[before + 1] -= share * current[before]
-    return found
+    seen = commutations(current, recording.sample_rate, actuator)
+    away = seen.angle - np.interp(seen.when, np.arange(motor.size), motor)
+    turned = np.exp(2j * np.pi / seen.turn * away)
+    if abs(turned.sum()) ** 2 < _AGREE * turned.size:
+        return None
+    for _ in range(3):  # dips elsewhere are of something else
+        turned = turned[np.abs(np.angle(turned / turned.sum())) < math.radians(30.0)]
+    return float(np.angle(turned.sum())) / 6.0
 
 
 def counted(recording: Recording, actuator: BldcActuator) -> Recording:
