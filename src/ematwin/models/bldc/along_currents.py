@@ -214,7 +214,10 @@ class Masses:
     def size(self) -> float:
         """Norm of the innovations without any torque."""
         free = self._sheet.model_copy(update={"presliding": None, "cogging": None})
-        still = self._with(_currents=0.0 * self._currents, _load=0.0 * self._load)
+        still = self._with(
+            _currents=0.0 * self._currents, _load=0.0 * self._load,
+            _seen=self._seen._replace(other=0.0),
+        )  # fmt: skip
         return float(np.linalg.norm(still.left(free, {"friction": -0.5})))  # which leaves none
 
     @property
