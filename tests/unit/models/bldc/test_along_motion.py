@@ -234,16 +234,20 @@ def test_an_output_that_was_not_recorded_follows_the_motor(lines, faults):
         assert share < without
 
 
-@pytest.mark.parametrize(("lines", "one"), [(0, False), (2_000, False), (0, True), (10_000, True)])
+@pytest.mark.parametrize(
+    ("lines", "single"), [(0, False), (2_000, False), (0, True), (10_000, True)]
+)
 @pytest.mark.parametrize("faults", [{}, FAULTS], ids=["healthy", "worn"])
-def test_a_motor_that_was_not_recorded_moves_as_currents_and_commutations_say(lines, faults, one):
+def test_a_motor_that_was_not_recorded_moves_as_currents_and_commutations_say(
+    lines, faults, single
+):
     """Of a simulator of other make, to a milliradian beside its counts."""
     structure, actuator = as_built(lines)
     record = recorded(structure, actuator, duration=0.5, faults=faults, noise=0.02)
     known = Motion(record, actuator)
-    if one:
+    if single:
         record = with_one_current(record)
-    currents = record.current if one else phase_currents(record)
+    currents = record.current if single else phase_currents(record)
     seen = commutations(currents, known.rate, actuator)
     off = seen.angle - known.motor(seen.when / known.rate)
     off -= seen.turn * np.round(off / seen.turn)
@@ -269,7 +273,8 @@ def test_a_motor_that_was_not_recorded_moves_as_currents_and_commutations_say(li
         )
         print(f"{type(one).__name__}: {100 * share:.2f} %, other faults {100 * other:.1f} %")
         assert share < 2.0 * one.least(actuator)
-        assert other > 2.0 * share
+        # beside one current much counts as no commutation
+        assert other > (1.5 if single else 2.0) * share
 
 
 @pytest.mark.parametrize("share", [0.0, 0.4])
