@@ -34,11 +34,22 @@ def usual_search(model: Model, actuator: ParameterSet, problem: Problem) -> Sear
     They have one minimum, and the healthy point is what remains of a search. A motion that was not
     recorded follows from currents near the faults that a search finds.
     """
-    if problem.lacks_forms:
-        every = _along(model, actuator, problem, [{}] * len(problem.comparisons))
-        if every and not _noise(every) and _show_all(model, actuator, problem, every):
-            return LocalDescent(iterations=0, name=NO_SEARCH)
+    if shows_every_fault(model, actuator, problem, recorded=True):
+        return LocalDescent(iterations=0, name=NO_SEARCH)
     return named(model.default_search)
+
+
+def shows_every_fault(
+    model: Model, actuator: ParameterSet, problem: Problem, recorded: bool = False
+) -> bool:
+    """Whether equations along the motion show every fault, so that no closed loop is needed.
+
+    With ``recorded``, along one that was recorded.
+    """
+    if not problem.lacks_forms:
+        return False
+    every = _along(model, actuator, problem, [{}] * len(problem.comparisons))
+    return _show_all(model, actuator, problem, every) and not (recorded and _noise(every))
 
 
 def _along(

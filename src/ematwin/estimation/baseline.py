@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -40,6 +40,13 @@ class NominalParameter:
     determined: bool  # the recordings say more of it than the template does
 
 
+class ClosedLoop(NamedTuple):
+    """What healthy recordings show in closed loop; fields as of `Baseline`."""
+
+    misfit: float
+    scatter: Mapping[str, float]
+
+
 @dataclass(frozen=True)
 class Baseline:
     """Prior knowledge of an actuator."""
@@ -55,6 +62,8 @@ class Baseline:
     known: frozenset[str] = frozenset()  # as good as exactly, and without drift
     forms: str = ""  # on those that healthy recordings show and the file had left out
     absent_forms: tuple[str, ...] = ()  # names of those that explain nothing
+    # of recordings that the closed loop judges, where equations along the motion give the rest
+    closed_loop: "ClosedLoop | None" = None
 
     @property
     def calibrated(self) -> bool:
@@ -109,6 +118,7 @@ class Baseline:
             "forms": self.forms,
             "absent_forms": list(self.absent_forms),
             **{name: value for name, value in numbers.items() if math.isfinite(value)},
+            **({} if self.closed_loop is None else {"closed_loop": self.closed_loop._asdict()}),
         }
 
     @classmethod
@@ -127,16 +137,24 @@ class Baseline:
             if not np.allclose(covariance, covariance.T):
                 raise ValueError("a covariance that is not symmetric")
             np.linalg.cholesky(covariance)
+            closed = table.get("closed_loop")
             return cls(
                 Prior(names, mean, covariance),
                 float(table.get("misfit", math.nan)),
                 float(table.get("expected_misfit", math.nan)),
-                {str(name): float(value) for name, value in table["scatter"].items()},
+                _plain_floats(table["scatter"]),
                 int(table["recordings"]),
                 bool(table["has_load"]),
                 forms=str(table.get("forms", "")),
                 absent_forms=tuple(map(str, table.get("absent_forms", ()))),
+                closed_loop=None
+                if closed is None
+                else ClosedLoop(float(closed["misfit"]), _plain_floats(closed["scatter"])),
             )
+
+
+def _plain_floats(table: Mapping[Any, Any]) -> dict[str, float]:
+    return {str(name): float(value) for name, value in table.items()}
 
 
 def nominal_parameters(

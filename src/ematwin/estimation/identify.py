@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ematwin.errors import InputError
-from ematwin.estimation.along_motion import NO_SEARCH, usual_search
+from ematwin.estimation.along_motion import NO_SEARCH, shows_every_fault, usual_search
 from ematwin.estimation.assess import Assessment, assess, unassessed
 from ematwin.estimation.baseline import Baseline
 from ematwin.estimation.corrected_problem import as_searched
@@ -82,6 +82,9 @@ def identified(
             recording, problem, problem_of, quick, seed=seed, progress=tell
         )
         recording, problem = where.recording, where.problem
+        loop = baseline.closed_loop
+        if loop is not None and not shows_every_fault(model, actuator, problem):
+            baseline = replace(baseline, misfit=loop.misfit, scatter=loop.scatter)
         found = where.found
         if found is None or not (usual or found.stopped == "interrupted"):
             if usual:

@@ -24,6 +24,7 @@ from ematwin.estimation.baseline import (
     nominal_parameters,
     uncertain,
 )
+from ematwin.estimation.closed_loop import closed_loop
 from ematwin.estimation.constants import EXPLAINED, IMPLAUSIBLE, SEARCHED, TWO_SIGMA, WORSE, WORST
 from ematwin.estimation.correction import Corrected
 from ematwin.estimation.forms import SURE, FoundForms, find_forms
@@ -158,6 +159,11 @@ def _learnt(
     if frees_parameters(model):  # else the healthy population tells
         scatter = healthy_bias(model, actuator, baseline, comparisons, beside)
     baseline = replace(baseline, scatter=scatter)
+    if told := end.peak.problem.is_told:
+        progress(0.85)
+        loop = closed_loop(model, actuator, baseline, comparisons[0])
+        baseline = replace(baseline, closed_loop=loop)
+        misfit = misfit if loop is None else loop.misfit
     progress(1.0)
     advice = (
         "Check the sheet and what is built in. If this actuator may be worn, do not learn from "
@@ -169,7 +175,7 @@ def _learnt(
         _tied(prior),
         [
             *(f"{sentence} {advice}" for sentence in beyond.values()),
-            *_notes(misfit, floor, end.peak.problem),
+            *_notes(misfit, floor, told, end.peak.problem),
         ],
         forms,
         beside,
@@ -226,8 +232,8 @@ def _tied(prior: Prior) -> list[tuple[str, ...]]:
     return [one for one in dict.fromkeys(groups) if len(one) > 1]
 
 
-def _notes(misfit: float, floor: float, problem: Problem) -> list[str]:
-    """Sentences on what healthy recordings leave."""
+def _notes(misfit: float, floor: float, told: bool, problem: Problem) -> list[str]:
+    """Sentences on what healthy recordings leave; ``told`` as `Problem.is_told`."""
     left = f"The twin leaves {100.0 * misfit:.1f} % of the healthy recordings unexplained"
     judges, most = f"judges none where it leaves more than {100.0 * WORST:.0f} %", WORST
     if problem.comparisons[0].has_reference:
@@ -236,7 +242,7 @@ def _notes(misfit: float, floor: float, problem: Problem) -> list[str]:
         return [
             f"{left} once its loops are closed, as near instability. Recordings are judged by the "
             "equations along their motion alone."
-            if problem.is_told
+            if told
             else f"{left}, and {judges}: this actuator has something that the twin has "
             "not, such as loops near instability. Record the load and all currents and positions, "
             "by which calibrate finds more."

@@ -20,7 +20,8 @@ _ON_TEMPLATES = (
     "",
     "Tolerance: how far a value may be off. 95 % of such actuators lie between the value divided",
     "by and multiplied with 1 + tolerance. The comments say what is usual; where you know better,",
-    'add tolerance = "5 %" to an entry. Without any, a value is taken as exact.',
+    'add tolerance = "5 %" to an entry. Without one, that of the kind counts; with neither, the',
+    "value is exact.",
     "Drift: how far it changes between recordings of one actuator, with temperature and supply.",
     "",
 )

@@ -11,9 +11,11 @@ from ematwin import Calibration, Noise, identify, simulate
 from ematwin.estimation.along_motion import informed
 from ematwin.estimation.assess import unassessed
 from ematwin.estimation.baseline import Baseline, with_all_free
+from ematwin.estimation.closed_loop import closed_loop
 from ematwin.estimation.findings import obstacles_to
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
+from ematwin.models.bldc.channels import PHASES
 from ematwin.models.registry import load_actuator, model_of
 
 DRIVE = load_actuator("servo48").changed({
@@ -191,6 +193,25 @@ def test_one_current_shows_every_fault(recording, lacks, most):
         assert found.values[name] == pytest.approx(value, abs=most)
         low, high = found.intervals[name]
         assert low - 0.001 < value < high + 0.001
+
+
+def test_less_than_equations_need_is_judged_by_a_healthy_closed_loop(recording):
+    """The magnitude of a current shows no motion."""
+    healthy = simulate("reference", HALF, actuator=DRIVE, noise=Noise(white=0.02), seed=5)
+    sheet = Baseline.of_template(MODEL, DRIVE)
+    baseline = replace(sheet, recordings=1)
+    loop = closed_loop(MODEL, DRIVE, baseline, MODEL.compare(healthy, DRIVE))
+    assert loop is not None
+    assert 0.001 < loop.misfit < 0.02  # white noise of 2 %, smoothed
+    assert max(loop.scatter.values()) < 0.02
+    baseline = replace(sheet, misfit=0.5, recordings=3, closed_loop=loop)
+    names = [f"{side}_{what}" for side in ("motor", "output") for what in ("position", "speed")]
+    magnitude = np.abs(with_one_current(recording).channels["current"])
+    without = recording.changed(**dict.fromkeys((*names, *PHASES)), current=magnitude)
+    found = identify(without, Calibration(DRIVE, baseline))
+    print(found)
+    # by the template's tolerances friction and gain may be anything of their size
+    assert {"short_b", "eccentricity"} <= set(found.verdict.faults) <= FAULTS.keys()
 
 
 def test_a_comparator_shows_no_commutations_in_one_current():

@@ -10,7 +10,7 @@ import tomli_w
 
 from ematwin import BldcActuator, simulate
 from ematwin.errors import ParameterError
-from ematwin.estimation.baseline import Baseline, baseline_of, with_all_free
+from ematwin.estimation.baseline import Baseline, ClosedLoop, baseline_of, with_all_free
 from ematwin.estimation.prior import Prior
 from ematwin.estimation.problem import Problem
 from ematwin.models.registry import model_of
@@ -31,6 +31,7 @@ KNOWN = Baseline(
     has_load=False,
     forms="Current loop of 50 us.",
     absent_forms=("cogging",),
+    closed_loop=ClosedLoop(0.011, {"friction": 0.004}),
 )
 
 
@@ -66,6 +67,7 @@ def broken(**changes: object) -> dict[str, object]:
         broken(scatter=[0.1]),
         broken(scatter={"friction": "small"}),
         broken(recordings="three"),
+        broken(closed_loop={"misfit": 0.1}),
         "a baseline",
         None,
     ],

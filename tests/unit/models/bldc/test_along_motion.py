@@ -238,9 +238,7 @@ def test_an_output_that_was_not_recorded_follows_the_motor(lines, faults):
     ("lines", "single"), [(0, False), (2_000, False), (0, True), (10_000, True)]
 )
 @pytest.mark.parametrize("faults", [{}, FAULTS], ids=["healthy", "worn"])
-def test_a_motor_that_was_not_recorded_moves_as_currents_and_commutations_say(
-    lines, faults, single
-):
+def test_a_motor_that_was_not_recorded_moves_as_currents_say(lines, faults, single):
     """Of a simulator of other make, to a milliradian beside its counts."""
     structure, actuator = as_built(lines)
     record = recorded(structure, actuator, duration=0.5, faults=faults, noise=0.02)
