@@ -33,8 +33,7 @@ _STEP = 2.5e-6  # s, at most: steps of 1 us change angles by 0.15 mrad, of 5 us 
 _SURELY = 3.0  # standard deviations of an innovation: more is a surprise
 _ROOT_TWO_PI = math.sqrt(2.0 * math.pi)
 _TURNS = 5  # steps with one torque of the currents
-_JITTER = 8e-6  # s: commutations of a simulator of other make came out so far from theirs
-_LATE = 4e-6  # s: so far all of them were off in the mean
+_LATE = 0.5  # of the deviation of when they came: so far all commutations were off in the mean
 _SWITCHED = 1e-4  # rad, by which a sensor of the rotor may switch sooner or later
 _TRUST = tuple(10.0**n for n in range(-1, 8))  # times the density of what noise of currents makes
 _LOST = 1e3  # times that density: something is far off
@@ -241,7 +240,7 @@ class Masses:
             1.0 / self._rate, math.ceil(1.0 / (self._rate * _STEP) - 1e-9),
             kernel_constants(actuator), truer_constants(actuator),
             np.array([1.0, -offset]) / given["current_gain"], np.array(seen[:2]), seen.near,
-            np.array([_JITTER, seen.turn, self.density, seen.within, seen.other]),
+            np.array([seen.jitter, seen.turn, self.density, seen.within, seen.other]),
             np.array(begins),
         )  # fmt: skip
         left = away / spreads
@@ -271,14 +270,18 @@ class Masses:
         return math.hypot(self.alike(actuator), math.sqrt(self._seen.when.size) / self.size)
 
     def alike(self, actuator: Any) -> float:
-        """The same that commutations which all come late leave, and simulators of other make."""
-        late = _LATE / _JITTER * math.sqrt(self._seen.when.size)
-        return math.hypot(LEAST, late / self.size)
+        """The same of errors that are alike throughout.
+
+        Commutations which all come late, simulators of other make, and what takes the acceleration
+        for noisier than the currents are: that is no noise.
+        """
+        late, other = _LATE**2, max(0.0, 1.0 - self._usual / self.density)
+        return math.hypot(LEAST, math.sqrt((late + other) * self._seen.when.size) / self.size)
 
     def seen_anew(self, seed: int) -> "Masses":
         """The same with other noise of commutations, and of the acceleration by its density."""
         rng, seen = np.random.default_rng(seed), self._seen
-        late = _JITTER * self._rate * rng.standard_normal(seen.when.size)
+        late = self._seen.jitter * self._rate * rng.standard_normal(seen.when.size)
         noise = np.array([white_noise(x) for x in self._currents.T])
         noise *= math.sqrt(self.density / self._usual)
         return self._with(
