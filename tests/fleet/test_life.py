@@ -60,6 +60,9 @@ def test_what_is_beyond_its_limit_has_no_life_left_and_what_rests_lives_on():
     passed = life_left("x", known(0.6), LIMIT, 0.0)
     assert passed.interval == (0.0, 0.0)
     assert str(passed) == "none: beyond the limit"
+    passed = known(0.6)
+    passed.covariance = np.diag([1e-6, 4.0, 1e-18])  # its slope is of a few days
+    assert life_left("x", passed, LIMIT, 0.5).interval == (0.0, 0.0)
     resting = life_left("x", known(0.1, 0.0, 1e-9), LIMIT, 0.0)
     assert str(resting) == "more than 10 years"
 
@@ -123,6 +126,10 @@ def test_an_actuator_does_its_job_until_its_twin_does_not():
     process = {"friction": "wiener"}
     life = job_left({"friction": one}, process, 0.0, actuator, required, draws=1)
     assert life.median == pytest.approx(1.0, rel=0.15)  # from 0.05 to 0.25 at 0.2 a year
+    later = job_left({"friction": one}, process, 0.5, actuator, required, draws=1)
+    assert later.median == pytest.approx(0.5, rel=0.3)
+    failed = {"friction": known(level=0.3, slope=-1.0)}  # that it mends is no forecast
+    assert job_left(failed, process, 0.5, actuator, required, draws=1).median == 0.0
     with pytest.raises(InputError, match="measures one of"):
         replace(required, measure="beauty").value(actuator, {})
 

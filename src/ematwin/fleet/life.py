@@ -131,9 +131,12 @@ def life_left(
     """Time from a moment, years, until a magnitude passes its limit, in the magnitude's unit.
 
     Values above the limit are beyond it, those below it unless ``upwards``. All else is of the
-    simulated `paths`.
+    simulated `paths` from the last estimate on: what has passed its limit by the moment stays so.
     """
-    ahead, level, q = paths(one, moment, process, horizon=horizon, draws=draws, seed=seed)
+    gap = max(0.0, moment - one.time)
+    ahead, level, q = paths(
+        one, one.time, process, horizon=horizon + gap, draws=draws, seed=seed
+    )  # fmt: skip
     sign = 1.0 if upwards else -1.0
     room = sign * (limit - level)
     generator = np.random.default_rng([seed, 1])
@@ -144,7 +147,7 @@ def life_left(
         with np.errstate(over="ignore", under="ignore"):
             chance = np.exp(-2.0 * np.clip(room[:, :-1] * room[:, 1:], 0.0, None) / variance)
         beyond[:, 1:] |= generator.random(chance.shape) < chance
-    return Life(name, _first(ahead, room, beyond), moment, horizon)
+    return Life(name, np.maximum(_first(ahead, room, beyond) - gap, 0.0), moment, horizon)
 
 
 def _first(ahead: np.ndarray, room: np.ndarray, beyond: np.ndarray) -> np.ndarray:
@@ -276,8 +279,11 @@ def job_left(
     magnitude; ``moment`` is in years.
     """
     known = {one.name: one for one in model_of(actuator).faults(actuator)}
+    since = min(moment, *(one.time for one in trends.values()))  # what failed by now has failed
     drawn = {
-        name: paths(one, moment, process[name], draws=draws, seed=seed)
+        name: paths(
+            one, since, process[name], horizon=HORIZON + moment - since, draws=draws, seed=seed
+        )
         for seed, (name, one) in enumerate(trends.items(), 1)
     }
     ahead = next(iter(drawn.values())).ahead
@@ -299,4 +305,4 @@ def job_left(
                 middle = (low + high) // 2
                 low, high = (low, middle) if fails(draw, middle) else (middle, high)
             ends[draw] = 0.5 * (ahead[low] + ahead[high])
-    return Life(requirement.measure, ends, moment)
+    return Life(requirement.measure, np.maximum(ends - (moment - since), 0.0), moment)
