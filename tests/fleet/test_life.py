@@ -20,7 +20,7 @@ from ematwin.fleet.metrics import (
     trendability,
 )
 from ematwin.fleet.trend import Series, Wear, trend
-from ematwin.models.registry import load_actuator
+from ematwin.models.registry import load_actuator, model_of
 
 LIMIT, SPEED, Q = 0.5, 0.2, 4e-3
 
@@ -132,6 +132,15 @@ def test_an_actuator_does_its_job_until_its_twin_does_not():
     assert job_left(failed, process, 0.5, actuator, required, draws=1).median == 0.0
     with pytest.raises(InputError, match="measures one of"):
         replace(required, measure="beauty").value(actuator, {})
+
+
+def test_nothing_follows_a_command_of_another_unit(monkeypatch):
+    actuator = load_actuator("servo48")
+    kind = type(model_of(actuator))
+    metres = [replace(c, unit="m") if c.name == "output_position" else c for c in kind.channels]
+    monkeypatch.setattr(kind, "channels", tuple(metres))
+    with pytest.raises(InputError, match="one of current_rms, current_peak; received"):
+        Requirement("following_error_rms", 1.0, "step").value(actuator, {})
 
 
 END = 10.0

@@ -235,9 +235,10 @@ class Requirement:
         recording = simulate(None, self.scenario, faults, actuator)
         model = model_of(actuator)
         found = model.summary(recording, actuator)
-        output = recording.channels.get("output_position", recording.channels.get("position"))
-        command = recording.channels.get(model.command)
-        if output is not None and command is not None:
+        units = {one.name: one.unit for one in model.channels if one.name in recording.channels}
+        name = next((one for one in ("output_position", "position") if one in units), "")
+        if name and units.get(model.command) == units[name]:  # volts command no position
+            command, output = recording.channels[model.command], recording.channels[name]
             error = command - output
             found["following_error_peak"] = float(np.abs(error).max())
             found["following_error_rms"] = float(np.sqrt(np.mean(error**2)))
