@@ -9,6 +9,7 @@ import pytest
 
 import ematwin
 from ematwin.errors import RecordError
+from ematwin.models.proposing import propose_map
 from ematwin.models.registry import model_of
 from ematwin.recordings.read import assumptions
 
@@ -135,3 +136,13 @@ def test_a_letter_of_a_series_is_no_ampere() -> None:
 def test_a_unit_of_another_kind_behind_a_needed_name_is_refused() -> None:
     with pytest.raises(RecordError, match=r"command .*'command_kg'.* kind rad; received 'kg'"):
         ematwin.read(pd.DataFrame({"time": TIME, "command_kg": WAVE, "current": WAVE}))
+
+
+@pytest.mark.parametrize("current", ["current [V]", "current / mm", "i (N m)"])
+def test_a_unit_of_another_kind_beside_a_name_is_refused(current: str) -> None:
+    frame = pd.DataFrame({"time": TIME, "command": WAVE, current: WAVE})
+    with pytest.raises(RecordError, match=r"current .* kind A; received '(V|mm|N m)'"):
+        ematwin.read(frame)
+    assert ematwin.read(frame, {"i": {"channel": current, "scale": 2}}).current[5] == 2 * WAVE[5]
+    asked = [one.sentence for one in propose_map(frame).questions]
+    assert any("has the name of current, which is in A and not in" in one for one in asked)

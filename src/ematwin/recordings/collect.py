@@ -101,7 +101,7 @@ def _optional(
     for column, (name, *others) in by_name.items():
         if column in closed or used & {name, *others}:
             continue
-        stated, why = file.stated_unit(name), ""
+        stated, why = file.stated_unit(name) or words.unit_beside(name), ""
         if others:
             several = words.first_names([name, *others])
             why = f"{file.given.name} has several channels for it, {several}"
@@ -327,7 +327,11 @@ def _unit(found: Collected, channel: Channel, name: str, entry: MappedChannel) -
     is_own = channel_called(words.bare(words.last_part(name)), found.map.channels) is not None
     # current_a is phase a, no current in A
     unit = (words.beside(name) if is_own else words.unit_in_name(name, channel.unit, file.names))[1]
-    return (unit, "name") if words.fits(unit, channel.unit) else (channel.unit, "assumed")
+    if words.fits(unit, channel.unit):
+        return unit, "name"
+    if other := words.unit_beside(name):  # which is refused, unless a scale leads from it
+        return (other, "name") if entry.scale == 1.0 else (channel.unit, "scale")
+    return channel.unit, "assumed"
 
 
 def _find_times(found: Collected) -> None:

@@ -13,7 +13,7 @@ import tomli_w
 from ematwin.recordings.channel import Channel, with_time
 from ematwin.recordings.collect import Needs, unmet
 from ematwin.recordings.survey import Candidate, Survey, Surveyed, candidates
-from ematwin.recordings.words import IN_WORDS, NAMED, unit_factor
+from ematwin.recordings.words import IN_WORDS, NAMED, fits, named, unit_factor
 from ematwin.showing.results import frame_of_rows, html
 from ematwin.showing.text import capital
 
@@ -161,6 +161,7 @@ class Draft:
         self.entries: dict[str, Entry] = {}
         self.questions: list[Question] = []
         self._assign()
+        self._ask_of_wrong_units()
         self._ask_for_missing()
 
     def _assign(self) -> None:
@@ -207,6 +208,17 @@ class Draft:
         units = {name: self.found[name].unit for name in names}
         lines = (_line(column, *one) for column in columns for one in units.items())
         self.questions.append(Question(sentence, tuple(lines)))
+
+    def _ask_of_wrong_units(self) -> None:
+        """Ask for the unit of what has the name of a channel, and a unit of another kind."""
+        names = [one.name for one in self.found.channels]
+        for one in self.found.channels:
+            own, _ = named(one.name, tuple(self.channels.values()), names)
+            if own and one.unit and not fits(one.unit, unit := self.channels[own].unit):
+                said = f"“{one.name}” has the name of {own}, which is in {unit} and not in"
+                advice = "correct the unit, or name another channel in the map."
+                line = _line(own, one.name, unit)
+                self.questions.append(Question(f"{said} {one.unit}: {advice}", (line,)))
 
     def _by_span(self, name: str, free: Sequence[str], command: Surveyed) -> tuple[str, str] | None:
         """Which shaft an angle is of, by how far it moves beside the command; None: not clear."""

@@ -25,7 +25,7 @@ from ematwin.recordings.formats.base import Progress, RecordedFile, open_file
 from ematwin.recordings.formats.csv_dialect import ROUTINE
 from ematwin.recordings.recording import Recording
 from ematwin.recordings.sampling import onto, sampled, tidy_time, to_constant_rate
-from ematwin.recordings.words import beside, is_unit
+from ematwin.recordings.words import unit_beside
 
 Choice = Mapping[str, Sequence[str]]  # label to the values that are wanted
 _SHORTEST = 20  # samples of a motion
@@ -207,7 +207,7 @@ def _motions(found: Collected) -> list[Collected]:
     starts = np.r_[True, np.diff(time) < 0.0]
     measured = []  # the file, or brackets in the name, state a unit
     for name in labels:
-        if found.file.stated_unit(name) or is_unit(beside(name)[1]):
+        if found.file.stated_unit(name) or unit_beside(name):
             measured.append(name)
         else:
             starts[1:] |= _changes(labels[name])

@@ -204,7 +204,8 @@ def fits(unit: str, si_unit: str) -> bool:
 def is_unit(text: str) -> bool:
     """Whether a text, in brackets or not, is a unit."""
     unit = unbracketed(text)
-    return any(fits(unit, kind) for kind in _KINDS + (_OTHERS if len(unit) > 1 else ()))
+    more = _OTHERS if len(unit) > 1 or text.strip().startswith("[") else ()
+    return any(fits(unit, kind) for kind in _KINDS + more)
 
 
 def unbracketed(text: str) -> str:
@@ -225,6 +226,12 @@ def beside(name: str) -> tuple[str, str]:
         if match and (pattern is _BRACKETED or is_unit(match[1])):
             return name[: match.start()].strip(), match[1]
     return name.strip(), ""
+
+
+def unit_beside(name: str) -> str:
+    """The unit of any kind in brackets or behind a slash at the end of a name; or ""."""
+    unit = beside(name)[1]
+    return unit if is_unit(f"[{unit}]" if name.rstrip().endswith("]") else unit) else ""
 
 
 def suffixes(name: str, names: Collection[str] = ()) -> Iterator[tuple[str, str]]:
