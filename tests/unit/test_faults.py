@@ -16,6 +16,7 @@ from ematwin.models.bldc.faults import (
     error_percent,
     error_percent_wrapped,
 )
+from ematwin.models.registry import load_actuator, model_of
 from naive import signals as naive_signals
 
 vectors = st.lists(st.floats(0.0, 1.0), min_size=8, max_size=8).map(np.array)
@@ -117,3 +118,11 @@ def test_the_wrapped_error_never_exceeds_that_of_the_paper(found, injected):
     other_end = found.copy()
     other_end[6] = 1.0 if found[6] == 0.0 else found[6]
     assert error_percent_wrapped(other_end, injected) == pytest.approx(wrapped)
+
+
+def test_the_common_part_of_shorts_is_said_in_turns_and_of_connectors_in_ohms():
+    for name, k, said in (("servo48", 0.1002, "4.0 turns"), ("servo400", 0.01, "ohm")):
+        actuator = load_actuator(name)
+        common = model_of(actuator).contrasts(actuator)[0]
+        number, _ = common.said(actuator, k, 0.9 * k, 1.1 * k)
+        assert number.endswith(said)

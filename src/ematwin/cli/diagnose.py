@@ -10,7 +10,6 @@ from ematwin.cli import answers, options
 from ematwin.cli.options import argument, option
 from ematwin.errors import InputError
 from ematwin.files import check_target
-from ematwin.showing.text import with_interval
 
 
 def calibrate(
@@ -191,8 +190,8 @@ def print_findings(found: "ematwin.Identification") -> None:
     answers.print_table(title, shown if answers.has_room() else values, whole=values.header)
     for one in found.model.contrasts(found.actuator):
         if one.name in found.contrasts:
-            value, (low, high) = found.contrasts[one.name]
-            number, between = with_interval(value, low, high)
+            value, ends = found.contrasts[one.name]
+            number, between = one.said(found.actuator, value, *ends)
             typer.echo(f"{one.meaning}: {number} ({between})")
     misfit = f"misfit {100.0 * found.relative_misfit:.2f} % ({found.cost:.4g})"
     typer.echo(f"{misfit}, {found.effort}, seed {found.seed}; stopped: {found.stopped}")

@@ -158,7 +158,7 @@ def assess(
         sharp_errors=dict(zip(problem.names, sharp.tolist(), strict=True)),
         intervals=intervals,
         physical=in_physical_units(faults, actuator, values, sets, intervals),
-        contrasts=contrasts_of(model, actuator, values, sets.drawn),
+        contrasts=contrasts_of(model, actuator, values, sets),
         nuisances=_evident(full, point, intervals, own),
         strained=strained(peak),
         cost=cost,

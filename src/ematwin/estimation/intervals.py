@@ -177,19 +177,21 @@ def _depends_on_parameters(one: Unknown, varied: ParameterSet) -> bool:
 
 
 def contrasts_of(
-    model: Model, actuator: ParameterSet, values: Mapping[str, float], drawn: Draws
+    model: Model, actuator: ParameterSet, values: Mapping[str, float], sets: "FaultSets"
 ) -> dict[str, tuple[float, Interval]]:
-    """Combinations of faults, value and interval by name."""
+    """Combinations of faults, value and interval by name: given that any is there, or over all."""
     found = {}
     for one in model.contrasts(actuator):
-        if not set(one.weights) <= set(drawn.names):
+        if not set(one.weights) <= set(sets.drawn.names):
             continue
         weights = one.weights.items()
         value = float(sum(weight * values[name] for name, weight in weights))
-        spread = np.sum([weight * drawn.of(name) for name, weight in weights], axis=0)
-        low, high = np.quantile(spread, [0.025, 0.975])
         # the best point may lie in a corner that draws within the bounds do not straddle
-        found[one.name] = (value, Interval(min(float(low), value), max(float(high), value)))
+        ends = [value]
+        for drawn in (sets.drawn, sets.given(*one.weights)):
+            spread = np.sum([weight * drawn.of(name) for name, weight in weights], axis=0)
+            ends += np.quantile(spread, [0.025, 0.975]).tolist()
+        found[one.name] = (value, Interval(min(ends), max(ends)))
     return found
 
 

@@ -194,21 +194,16 @@ class FaultSets:
         """Draws over all sets."""
         return self._resampled(self.sets)
 
-    def given(self, name: str) -> Draws:
-        """Draws over the sets with a fault, given that it is there; over all if it is no fault."""
-        return self._given.get(name, self.drawn)
+    def given(self, *names: str) -> Draws:
+        """Draws over the sets with any of some faults; over all if there are none, or no faults."""
+        own = [s for s in self.sets if s.probability > 0.0 and not s.faults.isdisjoint(names)]
+        return self._resampled(own) if own else self.drawn
 
     def interval(self, one: Unknown, value: float) -> tuple[float, float]:
         """Interval of a fault if present, with its best value, to healthy if it may be absent."""
         low, high = self.given(one.name).interval(one.name, one.lower, one.upper)
         ends = [value] + [one.healthy] * (self.presence(one.name) < CERTAIN)
         return min(low, *ends), max(high, *ends)
-
-    @cached_property
-    def _given(self) -> dict[str, Draws]:
-        there = [s for s in self.sets if s.probability > 0.0]
-        own = {one.name: [s for s in there if one.name in s.faults] for one in self.faults}
-        return {name: self._resampled(sets) for name, sets in own.items() if sets}
 
     def share(self, of: Callable[[Draws], np.ndarray]) -> float:
         """The probability of a statement on draws: ``of`` gives (N,) of bool."""

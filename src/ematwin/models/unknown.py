@@ -15,7 +15,7 @@ import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.showing.results import html
-from ematwin.showing.text import said
+from ematwin.showing.text import said, said_between
 
 Role = Literal["fault", "nominal", "nuisance", "symptom"]
 
@@ -54,6 +54,13 @@ class Contrast(NamedTuple):
     weights: dict[str, float]  # by name
     meaning: str
     ambiguity: str = ""  # a sentence on other causes
+    unit: str = ""  # of ``physical``
+    physical: Callable[[Any, float], float] | None = None  # (actuator, combination) -> in ``unit``
+
+    def said(self, actuator: Any, value: float, low: float, high: float) -> tuple[str, str]:
+        """Value and interval for people: "4.01 turns", "3.99 to 4.03"."""
+        of = self.physical or (lambda actuator, x: x)
+        return said_between(of(actuator, value), of(actuator, low), of(actuator, high), self.unit)
 
 
 def table_of(rows: Sequence[PhysicalValue], marked: Container[str] | None = None) -> str:

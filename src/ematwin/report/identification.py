@@ -14,7 +14,7 @@ from ematwin.quantities import preferred
 from ematwin.recordings.recording import Recording
 from ematwin.report import style
 from ematwin.report.page import Row, Section, Table, columns_in_words, listed, render
-from ematwin.showing.text import number_of, said_between, with_interval
+from ematwin.showing.text import number_of, said_between
 
 
 def identification_page(found: Identification) -> str:
@@ -66,8 +66,9 @@ def parts_table(found: Identification) -> Table:
     rows = []
     for part in found.model.contrasts(found.actuator):
         if part.name in found.contrasts:
-            value, (low, high) = found.contrasts[part.name]
-            rows.append(Row([part.meaning, *with_interval(value, low, high), part.ambiguity]))
+            value, ends = found.contrasts[part.name]
+            told = part.said(found.actuator, value, *ends)
+            rows.append(Row([part.meaning, *told, part.ambiguity]))
     for name, (value, (low, high)) in found.nuisances.items():
         one = found.model.unknown(found.actuator, name)
         cells = [one.meaning, *said_between(value, low, high, one.unit), "not as recorded"]

@@ -14,9 +14,11 @@ import pytest
 from ematwin.estimation.assess import Assessment, assess
 from ematwin.estimation.baseline import Baseline
 from ematwin.estimation.constants import CERTAIN
+from ematwin.estimation.intervals import contrasts_of
 from ematwin.estimation.prior import Prior
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
+from ematwin.estimation.spike_and_slab import FaultSet, FaultSets
 from ematwin.models.unknown import Alias, Contrast, Unknown
 from naive.toy import OneChannel
 
@@ -186,6 +188,16 @@ def test_a_contrast_has_an_interval_of_its_own(calibrated) -> None:
     value, interval = calibrated.contrasts["both"]
     assert value == pytest.approx(0.5 * (WEAR + GAP), abs=5e-3)
     assert half_width(interval) == pytest.approx(0.5 * TWO_SIDED * (1.0 + WEAR) * SPREAD, rel=0.05)
+
+
+def test_a_contrast_of_what_is_hardly_there_reaches_as_far_as_its_faults() -> None:
+    absent = FaultSet(frozenset(), 0.99, np.zeros((100, 3)))
+    there = FaultSet(frozenset({"wear"}), 0.01, np.linspace(0.0, 0.1, 101)[:, None] * np.eye(3)[0])
+    sets = FaultSets(Kind().unknowns(None), (absent, there))
+    values = dict.fromkeys(("wear", "gap", "slope"), 0.0)
+    _, (low, high) = contrasts_of(Kind(), Actuator(), values, sets)["both"]
+    assert low == 0.0
+    assert high == pytest.approx(0.05, rel=0.1)
 
 
 def test_a_sensor_that_is_clearly_off_is_told(calibrated) -> None:

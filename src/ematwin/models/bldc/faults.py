@@ -148,17 +148,22 @@ def aliases(actuator: Any, values: Mapping[str, float]) -> list[Alias]:
     return found
 
 
+def _turns(actuator: Any, k: float) -> float:
+    """Of a phase, of a share of them."""
+    return float(actuator.motor.turns_per_phase * k)
+
+
 CONTRASTS = (
     Contrast(
         "short_common", dict.fromkeys(SHORTS, 1.0 / 3.0), "turns missing from all phases alike",
         "Turns missing from all phases alike cannot be told from warm magnets nor, unless phase "
-        "voltages are recorded, from the gain of a current sensor.",
+        "voltages are recorded, from the gain of a current sensor.", "turns", _turns,
     ),
     *(
         Contrast(
             f"{name}_beyond_common",
             {one: (2.0 if one == name else -1.0) / 3.0 for one in SHORTS},
-            f"shorted turns in phase {name[-1]} beyond the mean of the phases",
+            f"shorted turns in phase {name[-1]} beyond the mean of the phases", "", "turns", _turns,
         )
         for name in SHORTS
     ),

@@ -197,10 +197,12 @@ CONTRASTS = (
         "connector_common", {f"connector_{x}": 1.0 / 3.0 for x in "abc"},
         "resistance added to all phases alike",
         "Resistance added to all phases alike cannot be told from a warm winding.",
+        "ohm", lambda a, k: float(CONNECTOR * a.motor.resistance * k),
     ),
     Contrast(
         "demagnetisation_beyond_heat", {"demagnetisation": 1.0}, "flux lost",
         "Lost flux cannot be told from magnets that are merely warm.",
+        "%", lambda a, k: 100.0 * LOST_FLUX * k,
     ),
 )  # fmt: skip
 
