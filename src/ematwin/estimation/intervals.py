@@ -124,19 +124,20 @@ def with_corner(
 
 
 def in_physical_units(
-    faults: Sequence[Unknown],
+    unknowns: Sequence[Unknown],
     actuator: ParameterSet,
     values: Mapping[str, float],
     sets: "FaultSets",
     intervals: Mapping[str, Interval],
 ) -> dict[str, tuple[float, Interval]]:
-    """Faults in physical units: of products, where a fault is a multiple of a parameter.
+    """Unknowns in physical units: of products, where a fault is a multiple of a parameter.
 
-    ``sets`` tells what parameters are where a fault is there.
+    ``sets`` tells what parameters are where a fault is there. An interval that holds healthy holds
+    the healthy value of the actuator as well.
     """
     best = actuator.with_arrays({name: value for name, value in values.items() if "." in name})
     found = {}
-    for one in faults:
+    for one in unknowns:
         ends = intervals[one.name]
         if one.physical is None:
             found[one.name] = (values[one.name], ends)
@@ -151,7 +152,10 @@ def in_physical_units(
                 spread = np.asarray(one.physical(varied, drawn.of(one.name)), dtype=float)
                 least, most = float(spread.min()), float(spread.max())
                 low, high = Draws((one.name,), spread[:, None], {}).interval(one.name, least, most)
-                low, high = min(low, value), max(high, value)
+            within = [value]
+            if ends.low <= one.healthy <= ends.high:
+                within.append(float(one.physical(actuator, one.healthy)))
+            low, high = min(low, *within), max(high, *within)
         found[one.name] = (value, Interval(low, high))
     return found
 

@@ -155,6 +155,16 @@ def test_a_product_is_known_in_its_physical_unit_where_its_factors_are_not(calib
     assert half_width(interval) < 0.1 * apart
 
 
+def test_a_product_holds_its_healthy_value_where_the_fault_may_be_absent() -> None:
+    template = Actuator(0.93 * SIZE * (1.0 + WEAR))  # the product is 7 % off what is healthy
+    found = assessed(
+        replace(KNOWN, prior=replace(KNOWN.prior, mean=np.log([template.size]))), template
+    )
+    assert found.intervals["wear"].low == 0.0
+    low, high = found.physical["wear"][1]
+    assert low <= template.size < SIZE * (1.0 + WEAR) < high
+
+
 def test_what_noise_alone_leaves_open_is_sharp(calibrated) -> None:
     assert calibrated.sharp_errors["wear"] == pytest.approx(SHARP / SIZE, rel=0.15)
     slope = 20.0 * (0.5 - GAP)
