@@ -132,6 +132,7 @@ def test_every_result_is_a_table(record: ematwin.Recording, found: Identificatio
     assert table.loc["friction", "present"]
     assert table.loc["friction", "low"] <= table.loc["friction", "value"]
     assert found.estimate.to_frame().loc["friction", "standard_error"] > 0.0
+    assert table.loc["load", "low"] <= table.loc["load", "value"]  # it was searched, not held
     told = ematwin.identifiability(actuator="rm1605", exact=True)
     assert "smallest" in told.to_frame()
     assert "source" in found.actuator.to_frame()

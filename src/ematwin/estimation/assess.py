@@ -55,7 +55,7 @@ class Assessment:
     covariance : (d, d) array, of the values of the problem that was searched
     sharp_errors : standard errors by fault, as if all parameters were known exactly
     intervals : by name, in the unit of the unknown
-    physical : by name of a fault, value and interval in its physical unit
+    physical : by name of an unknown, value and interval in its physical unit
     contrasts : by name, value and interval
     nuisances : by name, value and interval of load and sensors where they stand out
     cost : float, of the data
@@ -151,13 +151,12 @@ def assess(
     sharp = sharp_errors(peak, own, peak.problem.model_error)
     point = sets.points[likely[0]]
     values, intervals, covariance = _values(full, sets, point, own)
-    faults = [one for one in problem.unknowns if one.role == "fault"]
     return Assessment(
         values=values,
         covariance=covariance,
         sharp_errors=dict(zip(problem.names, sharp.tolist(), strict=True)),
         intervals=intervals,
-        physical=in_physical_units(faults, actuator, values, sets, intervals),
+        physical=in_physical_units(problem.unknowns, actuator, values, sets, intervals),
         contrasts=contrasts_of(model, actuator, values, sets),
         nuisances=_evident(full, point, intervals, own),
         strained=strained(peak),
@@ -187,7 +186,6 @@ def unassessed(
 ) -> Assessment:
     """The assessment of an interrupted search: its values, with nothing certain."""
     values = problem.values(found.point)
-    faults = [one for one in problem.unknowns if one.role == "fault"]
     whole = {one.name: Interval(one.lower, one.upper) for one in problem.unknowns}
     return Assessment(
         values=values,
@@ -196,7 +194,7 @@ def unassessed(
         intervals=whole,
         physical={
             one.name: physical_of(one, actuator, values[one.name], whole[one.name])
-            for one in faults
+            for one in problem.unknowns
         },
         contrasts={},
         nuisances={},

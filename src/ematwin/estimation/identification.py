@@ -45,7 +45,7 @@ class Identification:
     actuator : its parameters
     provenance : where the recording comes from
     intervals : by name, low and high end of what holds the true value in 95 %
-    physical_values : faults in their physical units: value, low and high end by name
+    physical_values : what was searched, in physical units: value, low and high end by name
     contrasts : combinations of faults, value and interval by name
     nuisances : load and sensors that are clearly not as recorded, value and interval by name
     others : other answers that explain the recording nearly as well, values by name
