@@ -107,7 +107,7 @@ def obstacles_to(
             "none)."
         )
     has_reference = problem.comparisons[0].has_reference
-    limit = most_misfit(baseline.misfit, has_reference, assessed.scatter)
+    limit, beside = most_misfit(baseline.misfit, has_reference, assessed.scatter), ""
     if found.problem is not None:
         misfit = found.problem.relative_misfit(assessed.cost)
     known = None if assessed.joint is None else assessed.joint.peaks[0].problem.information
@@ -115,6 +115,8 @@ def obstacles_to(
         # errors of the equations count in the intervals; loops that leave so much of healthy
         # recordings too are near instability, and check nothing
         loops = 0.0 if baseline.misfit > WORST else misfit
+        if known.unexplained > loops:
+            beside = f" along its motion (in closed loop {100.0 * misfit:.2g} %)"
         misfit, limit = max(known.unexplained, loops), WORST
     elif has_reference and baseline.misfit > most_of_healthy(
         baseline.expected_misfit, problem.lacks_forms
@@ -130,18 +132,21 @@ def obstacles_to(
             if baseline.misfit <= WORST and limit < WORST
             else f"a good fit leaves less than {100.0 * limit:.2g} %"
         )
-        told += [unexplained(misfit, usual), *late_channel(problem, assessed.values)]
+        told += [unexplained(misfit, usual, beside), *late_channel(problem, assessed.values)]
     if assessed.strained:
         told.append(implausible(*max(assessed.strained.items(), key=lambda one: one[1])))
     return told
 
 
-def unexplained(misfit: float, usual: str) -> str:
-    """Sentence: the twin leaves a relative misfit; ``usual`` states the usual one."""
+def unexplained(misfit: float, usual: str, beside: str = "") -> str:
+    """Sentence: the twin leaves a relative misfit; ``usual`` states the usual one.
+
+    ``beside`` says of what it is, where there is another one.
+    """
     left = f"{100.0 * misfit:.0f}" if misfit > 0.1 else f"{100.0 * misfit:.2g}"
     return (
-        f"The twin leaves {left} % of this recording unexplained, where {usual}: it does something "
-        "that the twin cannot. Check channels, units, the load and the actuator."
+        f"The twin leaves {left} % of this recording unexplained{beside}, where {usual}: it does "
+        "something that the twin cannot. Check channels, units, the load and the actuator."
     )
 
 
