@@ -100,7 +100,7 @@ def _calibrated(
             f"Actuators of the kind {model.kind} are judged by the values of their faults, not by "
             "a healthy population; leave known out."
         )
-    healthy = recordings_of(recordings, template)
+    healthy, again = _once(recordings_of(recordings, template))
     for one in healthy:
         _, barred = checked(model, one, template)
         if barred:
@@ -114,7 +114,7 @@ def _calibrated(
         tell(0.5)
         return CalibrationReport(
             Calibration(_renamed(learnt.actuator, name), learnt.baseline),
-            learnt.parameters, learnt.tied, runs, (*notes, *learnt.notes),
+            learnt.parameters, learnt.tied, runs, (*again, *notes, *learnt.notes),
             Basis(template, shown, learnt.nuisances, learnt.forms),
         )  # fmt: skip
 
@@ -138,6 +138,20 @@ def _calibrated(
     _refuse_odd(calibration)
     taught = replace(calibration, signatures=signatures(calibration, known))
     return replace(report, calibration=taught, basis=None)
+
+
+def _once(recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
+    """The recordings, those with the same contents once, and a sentence on each of the others."""
+    known: dict[Any, Recording] = {}
+    notes = []
+    for one in recordings:
+        content = tuple((name, hash(values.tobytes())) for name, values in one.columns())
+        if content in known:
+            notes.append(
+                f"{one.name} has the contents of {known[content].name} before it and counts once."
+            )
+        known.setdefault(content, one)
+    return list(known.values()), notes
 
 
 def _sound(

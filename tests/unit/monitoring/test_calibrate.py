@@ -229,7 +229,9 @@ def test_fewer_than_three_runs_make_a_twin_but_no_population(tmp_path):
     text = refusal(healthy_runs(2, motions=1), known={"dry": run(60, motions=1)})
     assert "at least three healthy runs" in text
     assert "received 2 (1, 2)" in text
-    report = calibrate(healthy_runs(2, motions=1))
+    some = healthy_runs(2, motions=1)
+    report = calibrate([*some, some[0].changed(labels={"run": "copy"})])
+    assert "counts once" in report.notes[0]
     assert type(report.calibration) is Calibration
     assert "at least three healthy runs" in report.notes[-1]
     report.save(tmp_path / "twin.toml")
