@@ -112,7 +112,7 @@ def open_sentences(report: CalibrationReport, file: str = "CALIBRATED.toml") -> 
         tests = "" if model_of(report.actuator).recordings_differ else f" Tests that would: {learn}"
         within = "they stay within the tolerances of the template."
         said.insert(0, f"These recordings do not determine {', '.join(missing)}: {within}{tests}")
-    return [*said, f"Not fitted: {', '.join(fixed)}."]
+    return [*said, *([f"Not fitted: {', '.join(fixed)}."] if fixed else [])]
 
 
 def spread_sentences(report: CalibrationReport) -> list[str]:
