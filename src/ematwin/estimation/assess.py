@@ -326,10 +326,12 @@ def _evident(
     for n, one in enumerate(full.unknowns):
         if n < own or one.role != "nuisance":
             continue
-        reach = 0.5 * (intervals[one.name].high - intervals[one.name].low) / COVERAGE
-        away = abs(point[n] - one.healthy)
-        if one.spread is not None and away > max(SIGMAS * reach, 0.5 * one.spread):
-            found[one.name] = (float(point[n]), intervals[one.name])
+        low, high = intervals[one.name]
+        if one.spread is None or low <= one.healthy <= high:
+            continue  # draws are as wide as the prior where the twin explains nothing
+        value, reach = float(point[n]), 0.5 * (high - low) / COVERAGE
+        if abs(value - one.healthy) > max(SIGMAS * reach, 0.5 * one.spread):
+            found[one.name] = (value, Interval(min(low, value), max(high, value)))
     return found
 
 

@@ -7,14 +7,15 @@ its sensor on a third. The bases are orthogonal.
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from ematwin.estimation.assess import Assessment, assess
+from ematwin.estimation.assess import Assessment, _evident, assess
 from ematwin.estimation.baseline import Baseline
 from ematwin.estimation.constants import CERTAIN
-from ematwin.estimation.intervals import contrasts_of
+from ematwin.estimation.intervals import Interval, contrasts_of
 from ematwin.estimation.prior import Prior
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
@@ -215,6 +216,14 @@ def test_a_sensor_that_is_clearly_off_is_told(calibrated) -> None:
     assert value == pytest.approx(SLOPE, abs=5e-3)
     assert interval.low < SLOPE < interval.high
     assert "part.size" not in calibrated.nuisances  # a parameter is no sensor
+
+
+def test_a_sensor_whose_interval_holds_its_usual_value_is_not_told() -> None:
+    one = replace(Kind().unknowns(Actuator())[2], spread=0.1)
+    for interval, told in ((Interval(-0.1, 0.1), {}), (Interval(0.2, 0.3), {"slope"})):
+        found = _evident(SimpleNamespace(unknowns=[one]), np.array([0.5]), {"slope": interval}, 0)
+        assert found.keys() == set(told)
+        assert all(low <= value <= high for value, (low, high) in found.values())
 
 
 def test_another_answer_that_explains_the_recording_as_well_is_told(calibrated) -> None:
