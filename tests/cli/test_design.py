@@ -53,6 +53,7 @@ def test_what_identify_leaves_is_taken_from_its_answer(ematwin, tmp_path: Path) 
     ("options", "said"),
     [
         (["--limit", "current=0.01"], r"keeps the limits \(current 0.01\)"),
+        (["--limit", "pressure=1 mm"], "no limit 'pressure'.*; choose of travel, speed, current"),
         (["--limit", "current=3 V"], "--limit current must have a unit of the kind A"),
         (["--discriminate", "friction=1"], "needs two explanations"),
         (["--duration", "0 s"], "--duration must be a positive number"),

@@ -1,6 +1,7 @@
 """``ematwin identifiability`` and ``design``: faults that a command reveals, better commands."""
 
 import json as json_text
+import math
 from pathlib import Path
 from typing import Any
 
@@ -132,9 +133,12 @@ def _limits(texts: list[str], actuator: Any) -> dict[str, float]:
     from ematwin.models.registry import model_of
 
     units = {one.name: one.unit for one in model_of(actuator).limited}
-    # a name that there is not is refused later, with those that there are
     given = options.pairs(texts, "--limit").items()
-    return {name: parse_quantity(x, units.get(name, ""), f"--limit {name}") for name, x in given}
+    # a name that there is not is refused later, with those that there are
+    return {
+        name: parse_quantity(x, units[name], f"--limit {name}") if name in units else math.nan
+        for name, x in given
+    }
 
 
 def _explanations(

@@ -117,20 +117,20 @@ class Design:
             return (
                 f"No command within the limits was found that lowers {what}; the given one stays."
             )
+        beyond = "The given command is beyond the limits. " * (self.default.obstacle == BEYOND)
         if self.gain < 1.0:
             return (
-                "The given command is beyond the limits. Of the commands within them this one has "
-                f"the smallest errors: {what} is {1.0 / self.gain:.1f} times that with the given "
-                "command."
+                f"{beyond}Of the commands within them this one has the smallest errors: {what} is "
+                f"{1.0 / self.gain:.1f} times that with the given command."
             )
         if self.observed_gain is None:
             return (
-                f"It is expected to lower {what} {self.gain:.1f} times; no recording was "
-                "identified to see whether it does."
+                f"{beyond}This one is expected to lower {what} {self.gain:.1f} times; no recording "
+                "was identified to see whether it does."
             )
         which = "other simulated recordings" if self.checked else "simulated recordings"
         return (
-            f"It lowers {what} about {min(self.gain, self.observed_gain):.1f} times: "
+            f"{beyond}This one lowers {what} about {min(self.gain, self.observed_gain):.1f} times: "
             f"{self.gain:.1f} expected, {self.observed_gain:.1f} on {self.promised.checks} {which}."
         )
 

@@ -13,7 +13,7 @@ from ematwin.estimation.corrected_problem import corrected_at
 from ematwin.estimation.noise import with_shown_noise
 from ematwin.experiments.candidates import candidates
 from ematwin.experiments.command_errors import expected_errors, fault_vectors, identified_errors
-from ematwin.experiments.experiment import Experiment
+from ematwin.experiments.experiment import BEYOND, Experiment
 from ematwin.monitoring.identify import identify
 from ematwin.quantities import use_units
 from ematwin.report.experiments import price_table
@@ -122,7 +122,10 @@ def test_nothing_is_said_to_be_lowered_that_was_not_observed(found):
         in replace(one, promised=replace(designed, observed={})).sentence
     )
     worse = {name: 2.0 * error for name, error in found.default.errors.items()}
-    less = replace(found, promised=replace(designed, errors=worse))
+    beyond = replace(found.default, obstacle=BEYOND)
+    over = replace(one, default=replace(one.default, obstacle=BEYOND))
+    assert over.sentence.startswith("The given command is beyond the limits. This one lowers")
+    less = replace(found, promised=replace(designed, errors=worse), default=beyond)
     assert "given command is beyond the limits" in less.sentence
     assert "(share of the range) is 2.0 times that with the given" in less.sentence
     same = replace(found, promised=found.default)
