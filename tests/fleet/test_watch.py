@@ -123,6 +123,15 @@ def test_an_actuator_waits_for_its_twin_and_is_judged_again_by_another(recording
     assert len(fleet["S-1"].series("friction").overhauls) == 1
 
 
+def test_a_recording_without_a_twin_is_read_as_the_kind_that_has_its_channels(tmp_path):
+    path = tmp_path / "recordings" / "B-1" / "2026-03-01.csv"
+    path.parent.mkdir(parents=True)
+    write(ematwin.simulate(actuator="rm1605"), path)
+    path.write_text("\n".join(x for x in path.read_text().splitlines() if x[0] != "#"))
+    ((_, reason),) = Fleet(tmp_path / "fleet").watch(path.parent.parent).set_aside
+    assert reason.startswith("There is no twin of B-1 at 2026-03-01.")
+
+
 def test_a_column_says_who_was_recorded(tmp_path):
     several = []
     for day, serial in enumerate(("S-1", "S-2"), 1):

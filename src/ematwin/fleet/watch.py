@@ -22,7 +22,7 @@ import numpy as np
 
 from ematwin.errors import EmatwinError, FileError, InputError, RecordError
 from ematwin.fleet.store import SET_ASIDE, FleetStore, content_of, id_of, moment_of, row_of
-from ematwin.models.reading import read
+from ematwin.models.reading import actuator_for, read
 from ematwin.monitoring.calibration import Calibration
 from ematwin.monitoring.identify import identify
 from ematwin.monitoring.runs import is_table_of_runs, listed
@@ -300,7 +300,7 @@ class _Judge:
         serial, stated = self.paths.serial(path), self.paths.time(path)
         try:
             first = select(serial, stated or datetime.now(UTC))
-            actuator = store.twin(first).actuator if first else None
+            actuator = store.twin(first).actuator if first else actuator_for(path, self.columns)
             several = read(path, self.columns, actuator=actuator, split=True)
         except Exception as error:  # whatever a damaged file makes a reader raise
             made: dict[str, Any] = {
