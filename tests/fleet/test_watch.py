@@ -77,6 +77,7 @@ def test_what_cannot_be_judged_is_set_aside_and_the_rest_goes_on(recordings, tmp
     assert said["2026-03-07.parquet"].startswith("Nothing says which actuator was recorded.")
     again = fleet.watch(recordings, actuator=SERVO)
     assert (again.judged, again.set_aside) == (0, [])
+    assert str(again) == "0 recordings judged, 12 known before (6 of them set aside)."
     assert len(fleet.set_aside) == 6
 
 
@@ -192,7 +193,9 @@ def test_the_command_says_what_each_needs_and_ends_with_a_code(recordings, tmp_p
     assert "7 recordings judged" in answer.out
     assert (tmp_path / "fleet.html").exists()
     assert "S-1" in (tmp_path / "advisory.csv").read_text()
+    (recordings / "S-1" / "2026-03-06.csv").write_text("height,colour\n1,2\n3,4\n")
     assert ematwin(*arguments, "--fail-on", "act").code == 0
+    assert "Set aside: recordings/S-1/2026-03-06.csv: " in ematwin("fleet", "status", "fleet").out
     assert ematwin(*arguments, "--fail-on", "fault").code == 1
     wrong = ematwin(*arguments, "--fail-on", "panic")
     refused(wrong, "--fail-on takes fault, watch, plan or act, received 'panic'")

@@ -23,6 +23,8 @@ STEP = option(
     "its latest recording has a fault (fault)."
 )
 
+_MOST = 20  # rows in the shell; the page has more
+
 fleet = typer.Typer(
     help="Show a fleet, record overhauls, acknowledge and silence alarms, withdraw such entries.",
     no_args_is_help=True, rich_markup_mode=None,
@@ -51,9 +53,17 @@ def status(
         known.export(recordings)
     if report is not None:
         known.report(report)
-    told = (lambda: {"actuators": plain(known.table())}, lambda: print_fleet(known))
+    aside = [(str(row["source"]), str(row["reason"])) for row in known.set_aside]
+
+    def tell() -> None:
+        print_fleet(known)
+        _print_aside(aside[:_MOST])
+        if len(aside) > _MOST:
+            typer.echo(f"and {len(aside) - _MOST} more set aside; --json shows all")
+
+    told = {"actuators": plain(known.table()), "set_aside": _listed(aside)}
     fails = _reached(known, fail_on)
-    answers.give(json, *told, table, recordings, report, fails=fails)
+    answers.give(json, lambda: told, tell, table, recordings, report, fails=fails)
 
 
 @fleet.command()
@@ -154,8 +164,7 @@ def print_fleet(fleet: "ematwin.Fleet") -> None:
         typer.echo("No recording is judged yet.")
         return
     shown = []
-    most = 20  # the page has all
-    for row in rows[:most]:
+    for row in rows[:_MOST]:
         life = fleet[row["serial_number"]].life_left()
         seen = " (acknowledged)" if row["acknowledged"] else ""
         named = (row["serial_number"], row["advisory"] + seen, life or "", row["advisory_reason"])
@@ -165,8 +174,8 @@ def print_fleet(fleet: "ematwin.Fleet") -> None:
     if not fleet.limits_given:
         settings = fleet.store.folder / "fleet.toml"
         typer.echo(f"No life left without limits: state some under [limits] in {settings}.")
-    if len(rows) > most:
-        typer.echo(f"and {len(rows) - most} more actuators; --report shows all")
+    if len(rows) > _MOST:
+        typer.echo(f"and {len(rows) - _MOST} more actuators; --report shows all")
 
 
 def watch(
@@ -229,17 +238,25 @@ def watch(
         time.sleep(every)
 
 
+def _listed(aside: list[tuple[str, str]]) -> list[dict[str, str]]:
+    return [{"source": source, "reason": reason} for source, reason in aside]
+
+
+def _print_aside(aside: list[tuple[str, str]]) -> None:
+    answers.print_notes("Set aside", [f"{source}: {reason}" for source, reason in aside])
+
+
 def _plain(fleet: "ematwin.Fleet", found: Any) -> dict[str, object]:
     return {
         "judged": found.judged, "known": found.known, "duplicates": found.duplicates,
-        "set_aside": [{"source": a, "reason": b} for a, b in found.set_aside],
+        "still_aside": found.still_aside, "set_aside": _listed(found.set_aside),
         "actuators": plain(fleet.table()),
     }  # fmt: skip
 
 
 def _tell(fleet: "ematwin.Fleet", found: Any) -> None:
     typer.echo(str(found))
-    answers.print_notes("Set aside", [f"{path}: {reason}" for path, reason in found.set_aside])
+    _print_aside(found.set_aside)
     print_fleet(fleet)
 
 

@@ -41,11 +41,13 @@ class Watched:
 
     judged: int = 0  # recordings that got a row, with a verdict or without
     set_aside: list[tuple[str, str]] = field(default_factory=list)  # files and reasons
-    known: int = 0  # files that had been judged before
+    known: int = 0  # files that are known from before
+    still_aside: int = 0  # of them, those that are set aside
     duplicates: list[str] = field(default_factory=list)  # files that are equal to another one
 
     def __str__(self) -> str:
-        parts = [f"{self.judged} recordings judged", f"{self.known} known before"]
+        aside = f" ({self.still_aside} of them set aside)" if self.still_aside else ""
+        parts = [f"{self.judged} recordings judged", f"{self.known} known before{aside}"]
         if self.duplicates:
             parts.append(f"{len(self.duplicates)} duplicates")
         if self.set_aside:
@@ -208,6 +210,7 @@ def watch(
             found.duplicates.append(str(path))
         elif content in known and not judge.judges_anew(path, known[content]):
             found.known += 1
+            found.still_aside += all(row["grade"] == SET_ASIDE for row in known[content])
         else:
             todo[content] = path
         seen.add(content)
