@@ -153,7 +153,8 @@ class _Trial:
     def __init__(self, model: "Model", recording: Recording, law: Law) -> None:
         self._model, self._recording, self._law = model, recording, law
         size = len(recording)
-        self._whole = np.arange(0, size, max(1, size // 2000))  # samples of a law
+        samples = np.arange(0, size, max(1, size // 2000))
+        self._whole = samples[recording.measured[samples]]  # samples of a law
         self._residual = self._rows(np.arange(size))[0]
         self._noise = white_noise(self._residual)
         self._plain = self._left(self._whole)

@@ -101,7 +101,7 @@ def check_sum(record: Recording) -> list[str]:
     """Warnings if phase currents do not add up; `RecordError` if a changed sign explains it."""
     if not set(PHASES) <= record.channels.keys():
         return []
-    currents = np.column_stack([record.channels[name] for name in PHASES])
+    currents = np.column_stack([record.channels[name] for name in PHASES])[record.measured]
     scale = _rms(currents)
     good = 0.2 * scale + rounding(currents.T)  # the sum of three good channels is less
     offset = currents.sum(axis=1).mean()

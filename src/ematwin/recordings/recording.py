@@ -115,6 +115,14 @@ class Recording:
         return float(self.time[-1] - self.time[0])
 
     @property
+    def measured(self) -> np.ndarray:
+        """Which samples, (S,), were measured: a reader fills what it masks."""
+        found = np.ones(len(self), dtype=bool)
+        for start, stop in self.provenance.get("masked_s", []):
+            found &= (self.time < start) | (stop < self.time)
+        return found
+
+    @property
     def first_sample(self) -> float:
         """First sample of a drive's loops, s after the start; 0 if unknown."""
         return float(self.provenance.get("first_sample_s", 0.0))

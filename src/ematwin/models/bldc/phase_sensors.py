@@ -62,7 +62,10 @@ _FOUND = Remembered[PhaseSensors | None]()
 def phase_sensors(recording: Recording) -> PhaseSensors | None:
     """How far the sensors of three phases are off; None where they are not, or none can tell."""
     currents = phase_currents(recording)
-    return None if currents is None else _FOUND.of([currents], partial(_looked_for, currents))
+    if currents is None:
+        return None
+    currents = currents[recording.measured]
+    return _FOUND.of([currents], partial(_looked_for, currents))
 
 
 def balanced(recording: Recording) -> Recording:

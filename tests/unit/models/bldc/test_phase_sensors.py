@@ -9,6 +9,9 @@ import ematwin
 from ematwin import Noise
 from ematwin.models.bldc.channels import PHASES
 from ematwin.models.bldc.phase_sensors import balanced, phase_sensors
+from ematwin.models.channels_agree import contradictions
+from ematwin.models.plausibility import check_sum
+from ematwin.models.registry import load_actuator, model_of
 from ematwin.recordings.recording import Recording
 
 NOISE = Noise(white=0.02, bits=12)
@@ -50,6 +53,20 @@ def test_good_sensors_are_left_alone(scenario, faults, noise):
     record = recorded(scenario, faults, noise)
     assert phase_sensors(record) is None
     assert balanced(record) is record
+
+
+def test_samples_that_were_masked_do_not_count_where_channels_are_compared():
+    record, actuator = recorded("default", {}), load_actuator("servo48")
+    current, hole = record.current_a.copy(), slice(3 * len(record) // 8, 5 * len(record) // 8)
+    current[hole] = 1.0
+    filled = record.changed(current_a=current)
+    ends = [float(record.time[hole.start]), float(record.time[hole.stop - 1])]
+    told = filled.changed(provenance={**record.provenance, "masked_s": [ends]})
+    model = model_of(actuator)
+    for one, good in ((told, True), (filled, False)):
+        assert (check_sum(one) == []) is good
+        assert (phase_sensors(one) is None) is good
+        assert (contradictions(model, one, actuator) == {}) is good
 
 
 @pytest.mark.parametrize("two", [False, True], ids=["three", "two"])
