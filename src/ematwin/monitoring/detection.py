@@ -27,7 +27,7 @@ class Magnitude:
     value: float  # value, low, high: in ``unit``, with the 95 % interval
     low: float
     high: float
-    healthy: tuple[float, float]  # band in which 95 % of healthy recordings lie
+    healthy: tuple[float, float]  # band in which 95 % of healthy recordings with its error lie
     score: float  # standard deviations from healthy
 
     def __str__(self) -> str:

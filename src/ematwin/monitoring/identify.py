@@ -270,7 +270,7 @@ def _row(known: Calibration, found: Identification, recording: Recording, name: 
         if one.direction_of is not None or one.name not in found.intervals:
             continue
         value, error = estimate[one.name], errors[one.name]
-        reach = COVERAGE * usual.get(one.name, 0.0)
+        reach = COVERAGE * max(usual.get(one.name, 0.0), error)  # as it would be found if healthy
         band = sorted(
             one.physical_value(known.actuator, end).value
             for end in (max(one.lower, one.healthy - reach), min(one.upper, one.healthy + reach))

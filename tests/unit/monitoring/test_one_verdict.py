@@ -67,6 +67,14 @@ def test_drift_is_no_fault_and_every_fault_is_named(found):
     )
 
 
+def test_the_healthy_band_is_as_wide_as_what_a_healthy_recording_leaves_open(found):
+    for row in found.motions:
+        errors = row.identification.standard_error
+        (friction,) = [one for one in row.magnitudes if one.name == "friction"]
+        least = 1.96 * 2.0 * errors["friction"]  # friction torque x (1 + 2 k), from zero up
+        assert friction.healthy[1] / friction.healthy[0] >= 1.0 + 0.99 * least
+
+
 def test_drift_of_a_servo_of_another_kind_is_no_fault_either():
     actuator = ematwin.load_actuator("servo400")
     weak = {"motor.flux": 0.99, "motor.resistance": 1.08}
