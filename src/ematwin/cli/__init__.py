@@ -19,9 +19,14 @@ def main() -> None:
     atexit.register(gc.freeze)
     _open_streams()
     try:
-        from ematwin.cli.app import run  # here, so that Ctrl-C is answered from the first moment
+        # here, so that Ctrl-C is answered from the first moment
+        from ematwin.cli.app import run
+        from ematwin.estimation.interrupt import noting_interrupts
 
-        code = run()
+        with noting_interrupts() as interrupts:
+            code = run()
+        if interrupts.pressed:  # also where what was done until then is the answer
+            code = 130
     except KeyboardInterrupt:
         code = 130
     if code == 130:

@@ -9,6 +9,7 @@ import json
 import os
 import re
 import shutil
+import signal
 import sys
 from collections.abc import Callable, Collection, Iterable, Mapping
 from contextlib import AbstractContextManager, nullcontext
@@ -102,6 +103,7 @@ def serve_page(server: Any, what: str, no_browser: bool) -> None:
         typer.echo(f"{server.address}\n{what} is on this page. Ctrl-C ends it.")
         if not no_browser:
             webbrowser.open(server.address)
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # its end, no interruption
         try:
             server.serve_forever()
         except KeyboardInterrupt:

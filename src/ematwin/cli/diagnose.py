@@ -308,9 +308,7 @@ def _print_verdicts(found: Any, each: str) -> None:
     what = each if found.by_run else "recording"
     answers.print_table("", verdict_table(rows, what, list(telling)), width=200)
     if found.by_run and not found.is_named:
-        for kind, verdicts in (("runs", found.runs), ("motions", found.motions)):
-            typer.echo(counted(verdicts, kind))
-    else:
-        typer.echo(found.sentence)
+        typer.echo(counted(found.motions, "motions"))
+    typer.echo(found.sentence)
     answers.print_notes("Why", gathered_reasons(rows))
     answers.print_notes("Note", gathered_notes(rows))

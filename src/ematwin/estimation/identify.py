@@ -20,6 +20,7 @@ from ematwin.estimation.findings import (
     verdict_on,
 )
 from ematwin.estimation.identification import Identification
+from ematwin.estimation.interrupt import noting_interrupts
 from ematwin.estimation.local import LocalDescent
 from ematwin.estimation.multistart import Multistart, good_fit
 from ematwin.estimation.problem import Problem
@@ -38,6 +39,7 @@ from ematwin.recordings.recording import Recording
 from ematwin.showing.bars import told
 
 
+@noting_interrupts()
 def identified(
     ready: "Prepared",
     actuator: ParameterSet,

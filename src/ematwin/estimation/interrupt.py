@@ -3,6 +3,9 @@
 Python raises KeyboardInterrupt wherever the main thread happens to be. Where that is a callback of
 a compiler or a destructor, the exception is printed and lost, and a search would go on to its end.
 Here the signal is also noted, and `InterruptNoted.check` raises the lost exception again.
+
+Where numba makes Python objects of what a loop returned, an exception would end in a SystemError:
+there the signal comes again a moment later.
 """
 
 import signal
@@ -10,6 +13,8 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
+
+_BOXING = ("numba.core.serialize", "namedtuple_")  # modules that run between a loop and its caller
 
 
 class InterruptNoted:
@@ -39,6 +44,9 @@ def noting_interrupts() -> Iterator[InterruptNoted]:
         return
 
     def handle(number: int, frame: FrameType | None) -> None:
+        if frame is not None and frame.f_globals.get("__name__", "").startswith(_BOXING):
+            threading.Timer(0.01, signal.raise_signal, [number]).start()
+            return
         noted.pressed = True
         before(number, frame)
 

@@ -24,6 +24,15 @@ def test_an_interrupt_that_was_swallowed_is_raised_at_the_next_check() -> None:
         interrupts.check()
 
 
+def test_an_interrupt_while_numba_makes_python_objects_comes_a_moment_later() -> None:
+    held = {"__name__": "numba.core.serialize", "signal": signal}
+    with noting_interrupts() as interrupts:
+        exec("signal.raise_signal(signal.SIGINT)", held)
+        with pytest.raises(KeyboardInterrupt):
+            time.sleep(5.0)
+    assert interrupts.pressed
+
+
 def test_the_best_so_far_comes_within_two_seconds_on_a_long_record() -> None:
     # ten seconds at 20 kHz, of an actuator that the twin does not fit: the longest search there is
     record = simulate("monitor", "ramp", {"friction": 0.2}, sample_rate=20_000.0)
