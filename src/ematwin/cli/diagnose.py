@@ -103,7 +103,7 @@ def identify(
         "Search only these: faults, e.g. friction,backlash, or parameters by their place, "
         "e.g. motor.emf_constant."
     ),
-    hold: list[str] | None = option("Hold a fault that is not searched at a value, e.g. gain=0.6."),
+    hold: list[str] | None = option("Hold a fault at a value and do not search it, e.g. gain=0.6."),
     column: list[str] | None = options.COLUMN,
     map_file: Path | None = options.MAP,
     resample_to: str | None = option('Bring the record to this rate first, e.g. "20 kHz".'),

@@ -20,11 +20,13 @@ def unknowns_of(
     others = {name: value for name, value in given.items() if name not in places}
     values = model.values_of(actuator, others if places else held)
     every = [one for one in model.unknowns(actuator) if one.role in ("fault", "nuisance")]
-    own = [one for one in every if not one.marginal]
+    own = [one for one in every if not (one.marginal or one.name in given)]
     if only is None:
         free = own
     else:
         wanted = [model.unknown(actuator, name) for name in dict.fromkeys(only)]
+        if both := [one.name for one in wanted if one.name in given]:
+            raise InputError(f"{both[0]} cannot be searched and held; leave one of the two out.")
         if not wanted:
             raise InputError("No fault is left to search; name at least one, e.g. friction.")
         names = {one.name for one in wanted}

@@ -93,7 +93,7 @@ def identify(
     seed : int
     only : names of the unknowns that are searched: faults, nuisances, or parameters of the actuator
         by their place, such as ``motor.emf_constant``. None searches all faults and nuisances
-    held : values of the others; healthy if not given
+    held : values of unknowns that are not searched; faults beside ``only`` are healthy if not given
     checkpoint : file of a population method's state; an interrupted run goes on from it
     progress : True shows a bar, in a terminal or a notebook; else called with evaluations, best
         cost and budget now and then; for several recordings with how many are done, the last

@@ -226,8 +226,8 @@ def _names_in(path: Path) -> list[str]:
     if path.suffix.lower() not in (".csv", ".tsv", ".txt"):
         return []
     with path.open("rb") as file:
-        start = file.readline(1 << 16).decode(_ENCODINGS[0], "replace")
-    text = next(iter(start.splitlines()), "")  # a carriage return alone ends a line as well
+        line = file.readline(1 << 16)
+    text = line.decode(_ENCODINGS[0], "replace")
     return [name.strip().casefold() for name in next(csv.reader([text], delimiter=_sign(text)), [])]
 
 

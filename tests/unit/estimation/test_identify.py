@@ -9,6 +9,7 @@ import pytest
 import ematwin
 from bldc_inputs import HALF
 from ematwin import Faults, Noise, identify, simulate
+from ematwin.errors import InputError
 from ematwin.estimation.identification import Identification
 from ematwin.models.bldc.faults import PAPER_CASES, error_percent_wrapped
 
@@ -57,12 +58,16 @@ def test_each_case_of_the_paper_is_found_within_half_a_per_cent(case: str) -> No
 
 
 def test_only_the_named_faults_are_searched(record: ematwin.Recording) -> None:
-    held = {**THREE.as_dict(), "friction": 0.0}
+    held = {name: value for name, value in THREE.as_dict().items() if name != "friction"}
     found = identify(record, only=["friction"], held=held, exact=True)
     assert found.searched == ("friction",)
     assert found.faults.friction == pytest.approx(0.3, abs=0.001)
     assert found.faults.short_b == 0.2
     assert list(found.standard_error) == ["friction"]
+    alike = identify(record, held=held, exact=True)  # what is held is not searched
+    assert (alike.searched, alike.faults) == (found.searched, found.faults)
+    with pytest.raises(InputError, match="friction cannot be searched and held"):
+        identify(record, only=["friction"], held={"friction": 0.0})
 
 
 def test_actuator_that_cannot_move_is_reported_as_undetermined() -> None:

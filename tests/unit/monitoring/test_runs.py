@@ -101,12 +101,6 @@ def test_a_table_that_cannot_be_used_is_refused_in_one_sentence(folder, rows, sa
         ematwin.identify(folder / "runs.csv")
 
 
-@pytest.mark.parametrize("content", [b"time,command\r0,1\r", b"\xfe\x0d\x9c,\x07\x0d"])
-def test_a_file_whose_lines_end_in_carriage_returns_is_no_table_of_runs(tmp_path, content):
-    (tmp_path / "old.csv").write_bytes(content)
-    assert not is_table_of_runs(tmp_path / "old.csv")
-
-
 @pytest.fixture
 def found(folder: Path) -> Detection:
     """Each actuator judged by its own file; friction alone is searched, which is quick."""
