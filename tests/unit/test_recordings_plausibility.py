@@ -111,6 +111,12 @@ WRONG = {
     "output in degrees": (scaled("output_position", DEGREES, output_speed=None),
                           "output_position looks like degrees"),
     "motor in degrees": (scaled("motor_position", DEGREES), "motor_position looks like degrees"),
+    "motor alone in degrees": (
+        lambda r: without_speeds(scaled("motor_position", DEGREES, output_position=None)(r)),
+        "motor_position looks like degrees"),
+    "motor on the output": (
+        lambda r: without_speeds(scaled("motor_position", 1 / 500, output_position=None)(r)),
+        "motor_position looks like an angle of the output"),
     "command of the motor": (scaled("command", 500), "command looks like an angle of the mot"),
     "output of the motor": (scaled("output_position", 500, output_speed=None),
                             "output_position looks like an angle of the motor side"),

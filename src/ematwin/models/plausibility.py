@@ -26,13 +26,20 @@ def check_agreement(record: Recording, actuator: Any) -> None:
     """Raise `RecordError` if positions, speeds or the command differ by a known mistake."""
     for side in ("motor", "output"):
         _check_speed(record, side)
-    if "output_position" not in record.channels:
+    gear, command = actuator.transmission.ratio, record.channels["command"]
+    output, motor = (record.channels.get(f"{side}_position") for side in ("output", "motor"))
+    degrees = {_DEGREES: "{} looks like degrees"}
+    if output is None:
+        if motor is not None:
+            degrees[1.0] = ""  # of a wrong sign phases tell more (`check_order`)
+            smaller = {**degrees, gear: "motor_position looks like an angle of the output"}
+            turned = ("command times the gear ratio", gear * command)
+            _refuse(turned, ("motor_position", motor), degrees, smaller)
         return
-    gear, output = actuator.transmission.ratio, record.channels["output_position"]
-    causes = {_DEGREES: "{} looks like degrees", gear: "{} looks like an angle of the motor side"}
-    shown = {"command": record.channels["command"]}
-    if "motor_position" in record.channels:
-        shown["motor_position over the gear ratio"] = record.channels["motor_position"] / gear
+    causes = {**degrees, gear: "{} looks like an angle of the motor side"}
+    shown = {"command": command}
+    if motor is not None:
+        shown["motor_position over the gear ratio"] = motor / gear
     for one in shown.items():
         _refuse(one, ("output_position", output), causes, causes)
 
@@ -71,10 +78,10 @@ def _refuse(
     if size < 1.0:
         size, larger, causes = 1.0 / size, one[0], one_larger
     if ratio < 0.0:
-        causes = {**causes, 1.0: "one of them has the wrong sign"}
+        causes = {1.0: "one of them has the wrong sign", **causes}
     near = (text for factor, text in causes.items() if factor / close < size < factor * close)
     cause = next(near, None)
-    if cause is not None:
+    if cause:
         raise RecordError(
             f"{other[0]} is {ratio:.3g} times as large as {one[0]}, though both show the same "
             f"motion: {cause.format(larger)}. Correct it in the map."
