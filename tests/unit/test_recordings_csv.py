@@ -105,6 +105,14 @@ def test_units_row_is_applied(tmp_path: Path) -> None:
     np.testing.assert_allclose(record.current_c, [0, 1e-3, 2e-3])
 
 
+def test_columns_of_the_same_name_are_told_apart_by_their_place(tmp_path: Path) -> None:
+    path = tmp_path / "twice.csv"
+    path.write_text("t,cmd,cmd,i_a,i_b\n0,1,5,5,-5\n0.1,2,6,6,-7\n0.2,3,7,7,-9\n")
+    with pytest.raises(RecordError, match=r"several channels for command: cmd \(2\), cmd \(3\)"):
+        read(path)
+    np.testing.assert_allclose(read(path, {"command": "cmd (3)"}).command, [5, 6, 7])
+
+
 def test_line_ends_and_trailing_empty_columns(tmp_path: Path) -> None:
     record_of(tmp_path, HEADER + ",\r\n" + table(end="\r\n", tail=","))
     record_of(tmp_path, HEADER + "\r\n" + table(end="\r\n", tail=",,"))

@@ -280,10 +280,11 @@ def _header(
             units = texts
             above = above[:n]
             break
-    names: list[str] = []
-    for n, name in enumerate(map(without_apostrophe, above[-1])):
-        name = name or f"column {n + 1}"
-        names.append(name if name not in names else f"{name} ({n + 1})")
+    given = list(map(without_apostrophe, above[-1]))
+    names = [
+        f"{name} ({n})" if name and given.count(name) > 1 else name or f"column {n}"
+        for n, name in enumerate(given, 1)
+    ]
     return names, units, len(above)
 
 
