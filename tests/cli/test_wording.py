@@ -41,6 +41,7 @@ SIMULATE = {"sample_rate": "--sample-rate", "step": "--step", "seed": "--seed", 
         (SIMULATE, "no column 'sample_rate'", "no column 'sample_rate'"),
         (SIMULATE, "steps.reference = 1e-6 s", "steps.reference = 1e-6 s"),
         ({}, 'with gaps="longest".', 'with gaps="longest".'),
+        ({}, 'No values. Take the longest sound stretch with gaps="longest".', "No values."),
     ],
 )  # fmt: skip
 def test_arguments_become_options(options, text, said):

@@ -135,6 +135,8 @@ def for_shell(text: str, options: Mapping[str, str] | None = None) -> str:
     there = set(options.values())
     for sentence, here in SENTENCES.items():
         text = text.replace(sentence, here)
+    if "--gaps" not in there:
+        text = text.partition(" Take the longest sound stretch")[0]
     if "--map" in there:
         text = re.sub(r"\bin the map\b", "in the file of --map", text)
     if "--column" in there:

@@ -30,6 +30,7 @@ def calibrate(
     ),
     column: list[str] | None = options.COLUMN,
     map_file: Path | None = options.MAP,
+    gaps: str = options.GAPS,
     report: Path | None = options.REPORT,
     force: bool = options.FORCE,
     units: str | None = options.UNITS,
@@ -54,7 +55,8 @@ def calibrate(
         for text in known or [] for fault, labels in [options.known_fault(text)]
     }  # fmt: skip
     columns = options.map_of(column, map_file, template)
-    recordings = options.load(records, columns, template, where=[wanted, *taught.values()])
+    chosen = [wanted, *taught.values()]
+    recordings = options.load(records, columns, template, where=chosen, gaps=gaps)
     faults = {name: fitting(recordings, labels) for name, labels in taught.items()}
     name = out.stem if template.name in shipped_actuators() else None  # its own stays
     with answers.progress_bar("Calibrating", not json) as progress:
@@ -107,7 +109,7 @@ def identify(
     column: list[str] | None = options.COLUMN,
     map_file: Path | None = options.MAP,
     resample_to: str | None = option('Bring the record to this rate first, e.g. "20 kHz".'),
-    gaps: str = option("Holes in the record: refuse, longest or mask.", "refuse"),
+    gaps: str = options.GAPS,
     load: str | None = options.LOAD,
     exact: bool = options.EXACT,
     uncertainty: str | None = option(
@@ -222,6 +224,7 @@ def detect(
     where: list[str] | None = options.WHERE,
     column: list[str] | None = options.COLUMN,
     map_file: Path | None = options.MAP,
+    gaps: str = options.GAPS,
     load: str | None = options.LOAD,
     report: Path | None = options.REPORT,
     table: Path | None = options.TABLE,
@@ -249,8 +252,9 @@ def detect(
         return ematwin.Calibration.load(given)
 
     recordings, known = options.gathered(
-        records, actuator, column, map_file, calibrated, where=[wanted] if wanted else None
-    )
+        records, actuator, column, map_file, calibrated, where=[wanted] if wanted else None,
+        gaps=gaps,
+    )  # fmt: skip
     given = options.constant_load(load, known.actuator)
     judge = known if isinstance(recordings, list) else None  # else each run's own
     with answers.progress_bar("Judging", not json) as progress:

@@ -78,6 +78,7 @@ WHERE = option("Use only recordings with this label: condition=normal. Repeatabl
 COLUMN = option('Which channel is what, e.g. i_a="Phase A [A]". Repeatable.')
 MAP = option("The same in a TOML file (docs/recordings.md).", None, "--map")
 NOISE = option("Sensor noise, e.g. white=0.02,bits=12.")
+GAPS = option("Holes in the record: refuse, longest or mask.", "refuse")
 LOAD = option(
     'The constant load of a record that does not hold it, e.g. "10 N*m"; 0 if there was none.'
 )
