@@ -104,10 +104,9 @@ def parse_quantity(text: str, si_unit: str, what: str) -> float:
     try:
         value = float(head)
     except ValueError:
-        raise ParameterError(
-            f'{what} must be a number or a number with a unit such as "5 {si_unit}"; '
-            f"received {text!r}. Correct it."
-        ) from None
+        like = si_unit and f' or a number with a unit such as "5 {si_unit}"'
+        said = f"{what} must be a number{like}; received {text!r}"
+        raise ParameterError(f"{said}. Correct it.") from None
     if not math.isfinite(value):
         raise ParameterError(f"{what} must be a finite number, received {text!r}. Correct it.")
     return to_si(value, unit.strip() or si_unit, si_unit, what)

@@ -78,7 +78,7 @@ CASES = [
     # scenario files
     (["--scenario", "none.toml"], "No such file"),
     (["--scenario", "none.csv"], "There is no file none.csv"),
-    (["--scenario", "text.csv"], "invalid value 'abc'"),
+    (["--scenario", "text.csv"], "Column command of text.csv must hold numbers; it holds 'abc'"),
     (["--scenario", "degrees.csv"], "It looks like degrees"),
     (["--scenario", "header.csv"], "header and no rows"),
     (["--scenario", "empty.csv"], "empty"),

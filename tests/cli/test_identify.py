@@ -157,6 +157,7 @@ def test_uncertainty_is_told_to_people_and_programs(done, folder: Path) -> None:
     [
         (("--uncertainty", "guess"), "uncertainty must be laplace, profile, posterior"),
         (("--threshold", "friction=2"), r"threshold of friction must lie in its range \[0, 1\]"),
+        (("--threshold", "friction=abc"), "must be a number; received 'abc'"),
         (("--threshold", "friction"), "--threshold needs name=value"),
         (("--threshold", "friction=3 N*m"), r"in its range \[0.03, 0.09\]"),
         (("--threshold", "tear=0.5"), "no searched fault 'tear'.*name one of friction"),

@@ -295,6 +295,7 @@ CASES = [
     ("calibrate bench.csv --add rm1605.toml --out x.toml", "no calibration; make one with"),
     # detect
     ("detect later.parquet --actuator rm1605.toml", "no calibration; make one with"),
+    ("detect later.parquet --actuator rm1605", "no calibration; make one with"),
     ("detect later.parquet --actuator rig.toml --gaps some", "--gaps must be refuse, longest"),
     ("detect later.parquet --actuator later.parquet", "later.parquet"),
     ("detect later.parquet --actuator cut.toml", "cut.toml"),

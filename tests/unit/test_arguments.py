@@ -24,6 +24,7 @@ WRONG = {
     "no calibration": (lambda r: ematwin.detect(r, None), "detect needs a calibration"),
     "nothing": (lambda r: ematwin.identify(None), "received None"),
     "a number": (lambda r: ematwin.identify(3), "received 3"),
+    "columns": (lambda r: ematwin.identify(dict(r.columns())), "received dict"),
     "numbers": (lambda r: ematwin.identify([1]), "received int"),
     "no recordings": (lambda r: ematwin.identify([]), "at least one"),
     "no healthy ones": (lambda r: ematwin.calibrate(None), "received None"),

@@ -220,7 +220,11 @@ def test_options_of_csv_are_refused_for_others(tmp_path: Path) -> None:
         (HEADER + "\n", FileError, "no rows"),
         ("text\nmore text\nand more\n", RecordError, "no rows of numbers"),
         (HEADER + "\n" + table()[:-30] + "\n", FileError, "truncated"),
-        (HEADER + "\n0,0,0,0,0\n1,x,1,1,1\n" * 1 + "2,2,2,2,2\n3,3,3,3,3\n", FileError, "'x'"),
+        (
+            HEADER + "\n0,0,0,0,0\n1,x,1,1,1\n" * 1 + "2,2,2,2,2\n3,3,3,3,3\n",
+            RecordError,
+            "Column command of .* holds 'x'",
+        ),
         ("time,command,current\n0,on,1\n1,off,2\n", RecordError, "holds text"),
     ],
 )

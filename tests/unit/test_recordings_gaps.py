@@ -40,6 +40,7 @@ def test_sound_columns_pass_unchanged() -> None:
         (holed(current_b=slice(700, 760), current_c=slice(100, 110)), "refuse",
          r"current_b has no values in a stretch of 60 samples from 0\.035 to 0\.03795 s"
          r".*so have current_c.*longest"),
+        (holed(current_b=slice(700, 701)), "refuse", r"no values in one sample at 0\.035 s"),
         (holed(slice(700, 760)), "refuse", r"a gap of 0\.00305 s from 0\.03495 to 0\.038 s"),
         (holed(command=slice(500, 700)), "mask", "command cannot be masked from"),
         (holed(slice(500, 700)), "mask", "time and all columns cannot be masked from"),

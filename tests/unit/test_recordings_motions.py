@@ -176,6 +176,13 @@ def test_a_motion_of_few_samples_is_refused(tmp_path):
     assert len(read_motions(saved(tmp_path / "bench.parquet", columns))) == 2
 
 
+def test_times_that_fall_are_no_motions_of_one_sample(tmp_path):
+    columns = table()
+    columns["time"] = np.asarray(columns["time"])[::-1]
+    text = refused(saved(tmp_path / "bench.parquet", columns))
+    assert "time must increase: sample 1" in text
+
+
 @pytest.mark.parametrize(
     ("name", "factor", "said"),
     [

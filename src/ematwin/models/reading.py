@@ -1,6 +1,6 @@
 """`read` and `write`: recordings of any kind of actuator, in files of any known format."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal, Protocol, TypedDict, Unpack, overload
@@ -113,10 +113,9 @@ def read(
         If the library for a format is not installed.
     """
     single = isinstance(path, str | Path) or is_frame(path)
-    if not (single or isinstance(path, Iterable)):
-        raise InputError(
-            f"Give the path of a file, a DataFrame, or a list of them; received {path!r}."
-        )
+    if isinstance(path, Mapping) or not (single or isinstance(path, Iterable)):
+        said = "Give the path of a file, a DataFrame, or a list of them"
+        raise InputError(f"{said}; received {type(path).__name__}.")
     files: list[Any] = [path] if single else list(path)  # type: ignore[arg-type]
     model = _model(actuator)
     channel_map = ChannelMap.of(columns, model.channels) if columns is not None else None

@@ -8,7 +8,7 @@ Further columns are optional: ``actuator`` (what judges it), ``serial`` (which o
 
 import csv
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -94,7 +94,7 @@ def is_one(given: Any) -> bool:
 
 
 def _is_single(given: Any) -> bool:
-    return isinstance(given, Recording | str | Path) or is_frame(given)
+    return isinstance(given, Recording | str | Path | Mapping) or is_frame(given)
 
 
 def files_of(path: str | Path) -> list[Path]:

@@ -71,8 +71,11 @@ def _refusal(found: Collected, starts: np.ndarray, holes: _Holes) -> str:
         name, some = max(holes.items(), key=lambda item: max(b - a for a, b in item[1]))
         first, stop = max(some, key=lambda run: run[1] - run[0])
         many = f"{len(some)} stretches, the longest" if len(some) > 1 else "a stretch"
-        said = f"{found.name}: column {name} has no values in {many} of {stop - first} samples"
-        said += f" from {time[first]:.6g} to {time[stop - 1]:.6g} s (sample {first} on)"
+        many += f" of {stop - first} samples from {time[first]:.6g} to {time[stop - 1]:.6g} s"
+        if stop - first == 1:
+            many = f"{len(some)} samples, the first" if len(some) > 1 else "one sample"
+            many += f" at {time[first]:.6g} s"
+        said = f"{found.name}: column {name} has no values in {many} (sample {first} on)"
         if others := [other for other in holes if other != name]:
             said += f"; so have {', '.join(others)}"
     advice = 'Take the longest sound stretch with gaps="longest", or fill and mask with gaps="mask"'

@@ -148,8 +148,9 @@ def _check_complete(
                     what = f"{channel.name} (channel {name!r} of {file.path})"
                     words.unit_factor(unit, channel.unit, what)
         meaning = f" ({wanted[0].meaning})" if len(group) == 1 == len(group[0]) else ""
+        lacking = (listed([name for name in part if name not in found]) for part in group)
         raise MissingChannelError(
-            f"{file.path} has no channel for {', nor for '.join(map(listed, group))}{meaning}; "
+            f"{file.path} has no channel for {', nor for '.join(lacking)}{meaning}; "
             f"it has {words.first_names(file.names)}. Map it, such as {wanted[0].name}="
             f'"{_likely(file, wanted[0])}".'
         )

@@ -23,7 +23,7 @@ from ematwin.recordings.cleaning import Policy, make_sound, sentence, warn_of_sa
 from ematwin.recordings.collect import Collected, Needs, collect, derive, is_met
 from ematwin.recordings.formats.base import Progress, RecordedFile, open_file
 from ematwin.recordings.formats.csv_dialect import ROUTINE
-from ematwin.recordings.recording import Recording
+from ematwin.recordings.recording import Recording, check_increasing
 from ematwin.recordings.sampling import onto, sampled, tidy_time, to_constant_rate
 from ematwin.recordings.words import unit_beside
 
@@ -69,6 +69,9 @@ def read_file(
         chosen = fitting(_motions(found), where)
         for one in chosen:
             samples = min(time.size for time in one.times.values())
+            if samples == 1:
+                for time in found.times.values():
+                    check_increasing(time, f"{found.name}: ")
             if samples < _SHORTEST:
                 raise RecordError(
                     f"{one.name}: a motion of {samples} samples is too short; at least "

@@ -41,21 +41,25 @@ class CsvFile(RecordedFile):
         self, names: Sequence[str], progress: Progress | None = None
     ) -> dict[str, np.ndarray]:
         positions = [self.channels[name] for name in names]
-        for name, position in zip(names, positions, strict=True):
+        for position in positions:
             if position in self._dialect.text:
-                told = f"Column {name} of {self.path} must hold numbers; it holds text"
-                raise RecordError(f"{told}. Remove text and units from its rows.")
+                raise self._no_number(position, "text")
         parts: list[list[np.ndarray]] = [[] for _ in names]
         origins: dict[int, int] = {}
         with refusing(self.path, self.kind):
             if self._ends_within_a_line() and self.metadata:
                 said = "it ends within a line. It was truncated; copy it again."
                 raise FileError(f"Cannot read {self.path} as csv: {said}")
-            for batch, share in self._batches(positions):
-                for place, column in enumerate(batch.columns):
-                    parts[place].append(self._numbers(column, positions[place], origins))
-                if progress is not None:
-                    progress(share)
+            try:
+                for batch, share in self._batches(positions):
+                    for place, column in enumerate(batch.columns):
+                        parts[place].append(self._numbers(column, positions[place], origins))
+                    if progress is not None:
+                        progress(share)
+            except ValueError as error:
+                if text := _TEXT.match(str(error)):
+                    raise self._no_number(int(text[1]), repr(text[2])) from None
+                raise
         if names and not sum(part.size for part in parts[0]):
             raise FileError(f"{self.path} holds a header and no rows.")
         found = {}
@@ -83,6 +87,10 @@ class CsvFile(RecordedFile):
             found = [text for batch, _ in batches for text in batch.column(0).to_pylist()]
         texts = ("" if text is None else text.decode(code, "replace").strip() for text in found)
         return [without_apostrophe(text) for text in texts]
+
+    def _no_number(self, position: int, held: str) -> RecordError:
+        told = f"Column {self._dialect.names[position]} of {self.path} must hold numbers"
+        return RecordError(f"{told}; it holds {held}. Remove text and units from its rows.")
 
     def _batches(
         self, positions: Sequence[int], types: dict[int, Any] | None = None
@@ -155,6 +163,7 @@ class CsvFile(RecordedFile):
         return True
 
 
+_TEXT = re.compile(r"In CSV column #(\d+): .*invalid value '(.*)'", re.DOTALL)  # of pyarrow
 _HEAD = 1 << 16  # bytes in which the block of the recording ends
 _TICK = 1e-7  # s
 _START = "Starttime of export"
