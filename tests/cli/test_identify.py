@@ -69,6 +69,7 @@ def test_algorithms_are_listed_with_their_sources(ematwin, done) -> None:
         (["rec.parquet", "--algorithm", "de", "--population", "0"], "population"),
         (["rec.parquet", "--only", "fricton"], "friction"),
         (["rec.parquet", "--hold", "gain=7"], "gain"),
+        (["rec.parquet", "--seed", "-1"], "seed must be a whole number of at least 0, received -1"),
         (["rec.parquet", "--report", "nowhere/out.html"], "nowhere"),
     ],
 )

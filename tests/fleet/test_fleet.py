@@ -147,9 +147,14 @@ def test_an_overhauled_actuator_is_as_new_before_its_next_recording(alarmed):
     unit.withdraw(*[one["id"] for one in unit.events if one["what"] == "overhaul"])
 
 
-def test_an_overhaul_that_is_to_come_is_refused(alarmed):
+def test_moments_that_cannot_be_meant_are_refused(alarmed):
+    unit = Fleet(alarmed[0], now=END)[alarmed[1]]
     with pytest.raises(InputError, match="received 2126-05-01 00:00, which is to come"):
-        Fleet(alarmed[0], now=END)[alarmed[1]].overhaul("2126-05-01")
+        unit.overhaul("2126-05-01")
+    with pytest.raises(InputError, match="1800-01-01 00:00, which is before its first recording"):
+        unit.overhaul("1800-01-01")
+    with pytest.raises(InputError, match="no silence to end, and 2000-01-01 00:00 has passed"):
+        unit.silence(until="2000-01-01")
 
 
 def state(fleet, level, slope=0.0, error=0.003):

@@ -117,7 +117,7 @@ def report(
     threshold: float = option(
         "Deviation from healthy that counts as a fault, as a share of the range.", 0.05
     ),
-    seed: int = option("Seed of the bootstrap.", 1),
+    seed: int = option("Seed of the bootstrap.", 1, min=0),
     json: bool = flag("--json", "Answer with all tables as JSON."),
 ) -> None:
     """Report a study: errors, times, ranks, tests, convergence and diagnosis, from its store."""

@@ -219,14 +219,13 @@ class FleetActuator:
     def overhaul(self, when: str | datetime, note: str = "") -> None:
         """State that it was repaired or exchanged: from then on it begins as the fleet does.
 
-        `InputError` for one that is to come.
+        `InputError` for one that is to come, or before its first recording.
         """
-        at = moment_of(when)
-        if at > self.fleet.now:
-            raise InputError(
-                f"An overhaul is entered when it is done, received {at:%Y-%m-%d %H:%M}, which is "
-                "to come."
-            )
+        at, first = moment_of(when), self.rows[0]["time"]
+        if at > self.fleet.now or at.date() < first.date():
+            why = "to come" if at > first else f"before its first recording ({first:%Y-%m-%d})"
+            said = f"received {at:%Y-%m-%d %H:%M}, which is {why}"
+            raise InputError(f"An overhaul is entered when it is done, {said}.")
         self._note("overhaul", at, note=note)
 
     def acknowledge(self, magnitude: str | None = None, note: str = "") -> tuple[str, ...]:
@@ -251,11 +250,17 @@ class FleetActuator:
     ) -> tuple[str, ...]:
         """Hear no more of an alarm, or of all, until a moment; gives the magnitudes.
 
-        The latest silence counts: one until a moment that has passed ends it.
+        The latest silence counts: one until a moment that has passed ends it, and is refused
+        (`InputError`) where there is none.
         """
         names = self.magnitudes if magnitude is None else [self.unknown(magnitude).name]
-        end = moment_of(until).isoformat()
-        return self._note("silenced", self.fleet.now, names, until=end, note=note)
+        end, alarms = moment_of(until), self.alarms()
+        if end <= self.fleet.now and not any(alarms[name].silenced for name in names):
+            raise InputError(
+                f"{self.serial_number} has no silence to end, and {end:%Y-%m-%d %H:%M} has passed; "
+                "give a moment that is to come."
+            )
+        return self._note("silenced", self.fleet.now, names, until=end.isoformat(), note=note)
 
     def withdraw(self, *entries: str, note: str = "") -> list[dict[str, Any]]:
         """Withdraw overhauls, acknowledgements or silences, and give them; the history shows both.
