@@ -2,6 +2,8 @@
 
 import re
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
@@ -12,7 +14,7 @@ import ematwin
 from devtools import WIDTHS, browser, seen_at
 from ematwin.benchmarking.analysis import analyse
 from ematwin.benchmarking.page import study_page
-from ematwin.report.calibration import calibration_page
+from ematwin.report.calibration import calibration_page, open_sentences
 from ematwin.report.detection import detection_page
 from ematwin.report.experiments import (
     design_page,
@@ -113,6 +115,13 @@ def test_a_figure_the_small_bundle_cannot_draw_takes_the_whole_one() -> None:
 def test_what_a_figure_says_cannot_end_its_script() -> None:
     figure = go.Figure(go.Scatter(x=[1], y=[1], name="</script><b>"))
     assert "</script><b>" not in render("t", "l", [Section(figure=figure)])
+
+
+def test_a_calibration_that_fitted_everything_leaves_nothing_open() -> None:
+    mass = SimpleNamespace(place="axis.mass", determined=True)
+    everything = SimpleNamespace(parameters=lambda: [("axis.mass", 1.0)])
+    report: Any = SimpleNamespace(parameters=[mass], tied=[], actuator=everything)
+    assert open_sentences(report) == []
 
 
 def test_results_write_their_own_page(tmp_path: Path) -> None:
