@@ -45,6 +45,7 @@ from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.scenario import Scenario
+from ematwin.models.simulating import check_seed
 from ematwin.models.unknown import Unknown, no_unknown
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
@@ -121,6 +122,9 @@ class Experiment:
         chosen = load_actuator(actuator)
         baseline = Baseline.of_simulation() if exact else baseline_of(actuator, chosen)
         return cls(model_of(chosen), chosen, baseline, **settings)
+
+    def __post_init__(self) -> None:
+        check_seed(self.seed)
 
     @property
     def magnitudes(self) -> tuple[Unknown, ...]:

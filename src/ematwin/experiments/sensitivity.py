@@ -100,7 +100,7 @@ def sensitivity(
     if samples < 2 or samples & (samples - 1):
         raise InputError(f"samples must be a power of two, received {samples}.")
     experiment = Experiment.of(
-        actuator, exact=exact, noise=Noise(), sample_rate=sample_rate, threads=threads
+        actuator, exact=exact, noise=Noise(), sample_rate=sample_rate, seed=seed, threads=threads
     )
     chosen = experiment.actuator
     asked = experiment.model.load_scenario(scenario)

@@ -195,6 +195,7 @@ def test_another_kind_and_a_data_sheet_are_designed_for_alike():
         ({"travel": 1e-5}, "No command of servo48 keeps the limits"),
         ({"scenario": "out-and-back"}, "no scenario 'out-and-back'"),
         ({"draws": 0}, "draws must be at least 1"),
+        ({"seed": -1}, "seed must be a whole number of at least 0"),
     ],
 )
 def test_wrong_input_gets_one_sentence(options, said):
