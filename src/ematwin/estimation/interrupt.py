@@ -31,6 +31,13 @@ class InterruptNoted:
             raise KeyboardInterrupt
 
 
+def _is_boxing(frame: FrameType | None) -> bool:
+    """Whether numba called what was interrupted, were it the start of the timer below."""
+    while frame and not frame.f_globals.get("__name__", "").startswith(_BOXING):
+        frame = frame.f_back
+    return frame is not None
+
+
 @contextmanager
 def noting_interrupts() -> Iterator[InterruptNoted]:
     """Note SIGINT while the block runs; the handler from before still raises as it would.
@@ -44,7 +51,7 @@ def noting_interrupts() -> Iterator[InterruptNoted]:
         return
 
     def handle(number: int, frame: FrameType | None) -> None:
-        if frame is not None and frame.f_globals.get("__name__", "").startswith(_BOXING):
+        if _is_boxing(frame):
             threading.Timer(0.01, signal.raise_signal, [number]).start()
             return
         noted.pressed = True

@@ -25,9 +25,9 @@ def test_an_interrupt_that_was_swallowed_is_raised_at_the_next_check() -> None:
 
 
 def test_an_interrupt_while_numba_makes_python_objects_comes_a_moment_later() -> None:
-    held = {"__name__": "numba.core.serialize", "signal": signal}
+    held = {"__name__": "numba.core.serialize", "press": lambda: signal.raise_signal(signal.SIGINT)}
     with noting_interrupts() as interrupts:
-        exec("signal.raise_signal(signal.SIGINT)", held)
+        exec("press()", held)
         with pytest.raises(KeyboardInterrupt):
             time.sleep(5.0)
     assert interrupts.pressed
