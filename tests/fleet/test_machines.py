@@ -129,7 +129,7 @@ def test_a_cluster_judges_into_the_database(postgres, tmp_path, ematwin):
     assert answer.code == 0, answer.err
     assert answer.out.startswith("2 recordings judged, 0 known before, 1 set aside.")
     again = ematwin(*arguments)  # on this machine
-    assert again.out.startswith("0 recordings judged, 3 known before.")
+    assert again.out.startswith("0 recordings judged, 3 known before")
     assert Fleet(tmp_path / "fleet")["S-1"].rows[0]["time"] == datetime(2026, 3, 1, tzinfo=UTC)
 
 

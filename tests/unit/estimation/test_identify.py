@@ -117,7 +117,7 @@ def test_interrupted_population_run_goes_on_from_its_checkpoint(short, tmp_path)
 
 def test_a_recording_in_degrees_is_told_from_one_that_the_twin_cannot_explain(tmp_path: Path):
     record = simulate("reference", HALF, {"friction": 0.25}, noise=0.02)
-    names = ("command", "load", "current_a", "current_b", "current_c", "motor_position")
+    names = ("command", "load", "current_a", "current_b", "current_c")
     frame = record.to_frame()[["time", *names]]
     frame["command"] = np.degrees(frame["command"])
     frame.to_csv(tmp_path / "bench.csv", index=False)

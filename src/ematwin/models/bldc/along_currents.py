@@ -270,13 +270,9 @@ class Masses:
         return math.hypot(self.alike(actuator), math.sqrt(self._seen.when.size) / self.size)
 
     def alike(self, actuator: Any) -> float:
-        """The same of errors that are alike throughout.
-
-        Commutations which all come late, simulators of other make, and what takes the acceleration
-        for noisier than the currents are: that is no noise.
-        """
-        late, other = _LATE**2, max(0.0, 1.0 - self._usual / self.density)
-        return math.hypot(LEAST, math.sqrt((late + other) * self._seen.when.size) / self.size)
+        """The same that commutations which all come late leave, and simulators of other make."""
+        late = _LATE * math.sqrt(self._seen.when.size)
+        return math.hypot(LEAST, late / self.size)
 
     def seen_anew(self, seed: int) -> "Masses":
         """The same with other noise of commutations, and of the acceleration by its density."""

@@ -259,7 +259,7 @@ def test_a_motor_that_was_not_recorded_moves_as_currents_say(lines, faults, sing
     away = motion.motor.values - known.motor.values
     away, output = away[:last], (motion.output.values - known.output.values)[:last]
     print(f"motor {1e3 * away.std():.2g} mrad, output {1e3 * output.std():.2g} mrad")
-    assert away.std() < 2e-3 + 0.2 * known.steps[0]
+    assert away.std() < 2.5e-3 + 0.2 * known.steps[0]
     assert output.std() < 3e-3 + 0.2 * known.steps[0]
     left = motion.masses.left(actuator, faults)
     assert 0.4 < np.sqrt(np.mean(left**2)) < 1.6  # standard deviations
