@@ -45,11 +45,11 @@ class Commutations(NamedTuple):
     def placed(self, motor: np.ndarray, near: np.ndarray) -> "Commutations":
         """The same at the multiple of ``turn`` that is nearest to the angle (S,) of a motor, rad.
 
-        ``near`` is as of the result.
+        None of them where that is NaN, as in a loop that diverged; ``near`` is as of the result.
         """
-        away = np.interp(self.when, np.arange(motor.size), motor) - self.angle
-        angle = self.angle + np.round(away / self.turn) * self.turn
-        return self._replace(angle=angle, near=near, turn=_NEVER)
+        turns = (np.interp(self.when, np.arange(motor.size), motor) - self.angle) / self.turn
+        angle, known = self.angle + np.round(turns) * self.turn, np.isfinite(turns)
+        return self._replace(when=self.when[known], angle=angle[known], near=near, turn=_NEVER)
 
 
 def commutations(currents: np.ndarray, rate: float, actuator: BldcActuator) -> Commutations:

@@ -275,6 +275,20 @@ def test_a_motor_that_was_not_recorded_moves_as_currents_say(lines, faults, sing
         assert other > (1.5 if single else 2.0) * share
 
 
+def test_commutations_of_one_current_are_placed_by_where_the_motor_is():
+    """Nowhere beside a closed loop that diverged."""
+    record = recorded(as_built()[0], BOTH)
+    current, motor = with_one_current(record).current, record.motor_position.copy()
+    seen = commutations(current, record.sample_rate, BOTH)
+    placed = seen.placed(motor, motor)
+    away = placed.angle - np.interp(placed.when, np.arange(motor.size), motor)
+    assert np.abs(away).max() < 0.5 * seen.turn
+    motor[motor.size // 2 :] = np.nan
+    half = seen.placed(motor, motor)
+    assert 0 < half.when.size < placed.when.size
+    assert np.isfinite(half.angle).all()
+
+
 @pytest.mark.parametrize("share", [0.0, 0.4])
 def test_masses_are_found_again_where_friction_is_far_off(share):
     """Twins whose friction is healthy lose the motor between commutations."""
