@@ -37,6 +37,7 @@ _LATE = 0.5  # of the deviation of when they came: so far all commutations were 
 _SWITCHED = 1e-4  # rad, by which a sensor of the rotor may switch sooner or later
 _TRUST = tuple(10.0**n for n in range(-1, 8))  # times the density of what noise of currents makes
 _LOST = 1e3  # times that density: something is far off
+_ASTRAY = 0.15  # rad: outputs by currents and as recorded are a fiftieth of it apart
 _FRICTIONS = (0.1, 0.2, 0.3, 0.45, 0.6)  # faults
 MOVES = {  # what it depends on, by name, and what that usually is
     **{one.name: one.healthy for one in UNKNOWNS if one.name != "gain"},
@@ -153,12 +154,12 @@ class Masses:
 
     Currents are those of the phases (S, 3), or one equivalent current (S,), whose commutations are
     told apart by where the motor is ``near`` (S,), rad. Both masses ``begin`` at rest at an angle,
-    rad; all on the motor shaft.
+    rad; an ``output`` (S,), rad, may have been recorded. All on the motor shaft.
     """
 
     def __init__(
         self, currents: np.ndarray, load: np.ndarray, rate: float, begin: float, sheet: Any,
-        near: np.ndarray | None = None,
+        near: np.ndarray | None = None, output: np.ndarray | None = None,
     ) -> None:  # fmt: skip
         self._every = commutations(currents, rate, sheet)
         self._seen = self._every if near is None else self._every.placed(near, near)
@@ -174,14 +175,21 @@ class Masses:
         self._whole = (unit * usual) ** 2 / rate  # of noise as large as the currents
         self.density = self._usual
         self.begins: Values = {}  # nearer than those that were given
+        self._output, self._astray = output, 0.0
         self._recent = lru_cache(maxsize=RECENT)(self._moved)
         self._likeliest = lru_cache(maxsize=RECENT)(self._found)
 
     def at(self, actuator: Any, values: Values, density: float | None = None) -> "Masses":
         """The same with this noise of the acceleration, or the likeliest one at these values."""
-        if density is not None:
-            return self._with(density=density, begins={})
-        return self._likeliest(actuator, _given(values))
+        if density is None:
+            found = self._likeliest(actuator, _given(values))
+        else:
+            found = self._with(density=density, begins={})
+        if self._output is not None and self._seen.when.size:
+            some = slice(int(self._seen.when[-1]))  # beyond, nothing shows where they are
+            moved = found.moved(actuator, {**values, **found.begins}).output
+            found._astray = float(np.std((self._output - moved)[some])) / _ASTRAY
+        return found
 
     def _found(self, actuator: Any, given: tuple[tuple[str, float], ...]) -> "Masses":
         values = dict(given)
@@ -221,8 +229,12 @@ class Masses:
 
     @property
     def unexplained(self) -> float:
-        """Share of the currents that would be noise, beyond that which they have."""
-        return math.sqrt(max(0.0, self.density - self._usual) / self._whole)
+        """Share of the currents that would be noise, beyond that which they have.
+
+        Or share of `_ASTRAY` by which the recorded output is elsewhere, as one that comes late.
+        """
+        noise = math.sqrt(max(0.0, self.density - self._usual) / self._whole)
+        return max(noise, self._astray)
 
     def moved(self, actuator: Any, values: Values) -> Moved:
         """How they moved, with faults, load and sensors by name."""

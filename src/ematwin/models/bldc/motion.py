@@ -125,7 +125,7 @@ class Motion:
         if motor is None:
             begin = float(self.command[0])
             near = None if self._current is None else self._near(recording, begin)
-            masses = Masses(currents, self.load, self.rate, begin, actuator, near)
+            masses = Masses(currents, self.load, self.rate, begin, actuator, near, self._output)
             self.masses = masses.at(actuator, self.values)
         self.follows = output is None and motor is not None
         # steps of encoders, rad, 0 without; and of counts as noisy as the positions

@@ -289,6 +289,21 @@ def test_commutations_of_one_current_are_placed_by_where_the_motor_is():
     assert np.isfinite(half.angle).all()
 
 
+@pytest.mark.parametrize("single", [False, True], ids=["phases", "one"])
+def test_an_output_that_comes_late_is_not_where_currents_move_it(single):
+    """Its delay would pass for a gain: the controller answers the recorded output."""
+    structure, actuator = as_built()
+    record = recorded(structure, actuator, duration=0.5, faults=FAULTS, noise=0.02)
+    record = with_one_current(record) if single else record
+    output, late = record.output_position, round(3e-4 * record.sample_rate)
+    after = np.r_[np.full(late, output[0]), output[:-late]]
+    for position, wrong in ((output, False), (after, True)):
+        lacks = record.changed(motor_position=None, output_position=position)
+        share = Motion(lacks, actuator, FAULTS).masses.unexplained
+        print(f"{share:.3f}")
+        assert (share > 0.1) == wrong
+
+
 @pytest.mark.parametrize("share", [0.0, 0.4])
 def test_masses_are_found_again_where_friction_is_far_off(share):
     """Twins whose friction is healthy lose the motor between commutations."""
