@@ -14,6 +14,7 @@ the equations show every fault it takes the place of the closed loop.
 import math
 from collections.abc import Collection, Sequence
 from functools import partial
+from typing import Literal
 
 import numpy as np
 
@@ -26,30 +27,28 @@ from ematwin.models.optional import Values
 from ematwin.models.parameter_set import ParameterSet
 
 NO_SEARCH = "equations along the motion"
+Shown = Literal["", "recorded", "followed"]  # the latter as currents drive it
 
 
-def usual_search(model: Model, actuator: ParameterSet, problem: Problem) -> Search:
+def usual_search(model: Model, shown: Shown) -> Search:
     """The default search of the kind; none where equations along a recorded motion show all faults.
 
     They have one minimum, and the healthy point is what remains of a search. A motion that was not
     recorded follows from currents near the faults that a search finds.
     """
-    if shows_every_fault(model, actuator, problem, recorded=True):
+    if shown == "recorded":
         return LocalDescent(iterations=0, name=NO_SEARCH)
     return named(model.default_search)
 
 
-def shows_every_fault(
-    model: Model, actuator: ParameterSet, problem: Problem, recorded: bool = False
-) -> bool:
-    """Whether equations along the motion show every fault, so that no closed loop is needed.
-
-    With ``recorded``, along one that was recorded.
-    """
+def shown_along(model: Model, actuator: ParameterSet, problem: Problem) -> Shown:
+    """Along which motion equations show every fault, so that no closed loop is needed; or ""."""
     if not problem.lacks_forms:
-        return False
+        return ""
     every = _along(model, actuator, problem, [{}] * len(problem.comparisons))
-    return _show_all(model, actuator, problem, every) and not (recorded and _noise(every))
+    if not _show_all(model, actuator, problem, every):
+        return ""
+    return "followed" if _noise(every) else "recorded"
 
 
 def _along(

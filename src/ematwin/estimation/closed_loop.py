@@ -5,7 +5,6 @@ drive that was calibrated by them may be judged by less, in the closed loop of i
 takes a form that it lacks for faults. How far it does so shows on a healthy recording.
 """
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +14,7 @@ from ematwin.estimation.baseline import Baseline, ClosedLoop, with_all_free
 from ematwin.estimation.correction import corrected, reweighed, with_model_error
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.free_unknowns import lowered
+from ematwin.estimation.healthy_fit import between_recordings
 from ematwin.estimation.problem import Problem
 from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison
@@ -41,9 +41,11 @@ def closed_loop(
     problem, chart = peak.problem, peak.problem.chart
     values = chart.to_values(peak.unbounded(problem.model_error)[None])[0]
     errors = chart.standard_errors(peak.z, end.covariance)
-    scatter = {  # beyond what its standard error explains
-        each.name: math.sqrt(max(0.0, (values[n] - each.healthy) ** 2 - errors[n] ** 2))
-        for n, each in enumerate(problem.unknowns)
+    away = values - [each.healthy for each in problem.unknowns]
+    spread = np.sqrt(between_recordings(away[None], errors[None])).tolist()
+    scatter = {
+        each.name: x
+        for each, x in zip(problem.unknowns, spread, strict=True)
         if each.role == "fault" and each.direction_of is None
     }
     return ClosedLoop(problem.relative_misfit(peak.cost), scatter)

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ematwin.errors import RecordError
-from ematwin.estimation.along_motion import informed, usual_search
+from ematwin.estimation.along_motion import informed, shown_along, usual_search
 from ematwin.estimation.assess import assess
 from ematwin.estimation.baseline import Baseline, effective, frees_parameters, searched_range
 from ematwin.estimation.constants import AS_GOOD, SAME_COMMAND, WORSE, WORST
@@ -297,7 +297,7 @@ def healthy_bias(
     def judged(one: Comparison, search: Search | None = None) -> _Judged:
         """The faults of a recording, all else free as it is known."""
         problem = as_searched(Problem([one], lowered(model.faults(actuator))))
-        end = find(problem, search or usual_search(model, actuator, problem))
+        end = find(problem, search or usual_search(model, shown_along(model, actuator, problem)))
         seen = assess(model, actuator, problem, end, now)
         chosen = [n for n, one in enumerate(problem.unknowns) if one.direction_of is None]
         values = np.array([seen.values[problem.names[n]] for n in chosen])

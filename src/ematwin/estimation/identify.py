@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ematwin.errors import InputError
-from ematwin.estimation.along_motion import NO_SEARCH, shows_every_fault, usual_search
+from ematwin.estimation.along_motion import NO_SEARCH, shown_along, usual_search
 from ematwin.estimation.assess import Assessment, assess, unassessed
 from ematwin.estimation.baseline import Baseline
 from ematwin.estimation.corrected_problem import as_searched
@@ -85,12 +85,13 @@ def identified(
         )
         recording, problem = where.recording, where.problem
         loop = baseline.closed_loop
-        if loop is not None and not shows_every_fault(model, actuator, problem):
+        along = shown_along(model, actuator, problem) if usual or loop is not None else ""
+        if loop is not None and not along:
             baseline = replace(baseline, misfit=loop.misfit, scatter=loop.scatter)
         found = where.found
         if found is None or not (usual or found.stopped == "interrupted"):
             if usual:
-                search = usual_search(model, actuator, problem)
+                search = usual_search(model, along)
             found = find(problem, search or quick, budget=budget, seed=seed, progress=tell)
         if usual and baseline.calibrated and not ready.barred:
             found = searched_further(problem, found, seed, tell)

@@ -237,7 +237,7 @@ def _digital(steps: tuple[float, float], ratio: float) -> tuple[Form, Form]:
 
 
 def equations(recording: Recording, actuator: Any, values: Values | None) -> tuple[Equation, ...]:
-    """Controller and mechanics of a recording with phase currents; without a load if it has none.
+    """Controller and mechanics of a recording with signed currents; without a load if it has none.
 
     What was not recorded of the motion follows from the currents, at these values.
     """

@@ -72,7 +72,7 @@ class BldcModel(servo.ServoModel):
     def equations(
         self, recording: Recording, actuator: Any, values: Values | None = None
     ) -> tuple[Equation, ...]:
-        """Controller and mechanics along the motion, where phase currents were recorded."""
+        """Controller and mechanics along the motion, where currents have their sign."""
         from ematwin.models.bldc.forms import equations
 
         return equations(recording, actuator, values)
