@@ -37,6 +37,7 @@ REFERENCE_COLUMNS = (
 ANSWERS = ("current_q", "current_d", "voltage_q", "voltage_d", "motor_speed", "output_error",
            "motor_error")  # fmt: skip
 COMPARED = 6  # the first ones
+PERFECT = (0.0, 0.0, 0.0)  # steps of converters and encoders that have none
 
 new_constants, lane, _ = columns(Constants)
 new_plant, plant_of, write_plant = columns(MonitorState)
@@ -50,25 +51,33 @@ def rounded(x, quantum):
     return quantum * np.floor(x / quantum + 0.5) if quantum > 0.0 else x
 
 
+@step
+def monitor_currents(now, c):
+    """Currents of phases a and b at the terminals, of a `MonitorState`, A."""
+    s, co = sincos(c.pole_pairs * now.theta_m)
+    i_a, i_b, _ = terminal_currents(s, co, now)
+    return i_a, i_b
+
+
 @part
 def read_by_drive(
-    now, loops, command, of_current, of_motor, of_output, due_position, due_speed, speed_ticks,
-    tick, c,
-):  # fmt: skip
-    """Let the drive read a `ReferenceState` in steps of its converters and encoders, and control.
+    now, currents, loops, command, quanta, due_position, due_speed, speed_ticks, tick, c
+):
+    """Let the drive read a plant in steps of its converters and encoders, and control.
 
-    Gives the loops after it, the log, phase currents a and b (A), and both angles as read (rad).
+    ``now`` is the state of either model, ``currents`` those of phases a and b (A), ``quanta`` as of
+    `reference_trace`. Gives the loops after it, the log, and both angles as read (rad).
     """
-    i_a, i_b = phase_currents(now, c)
+    of_current, of_motor, of_output = quanta
     theta_m = rounded(now.theta_m + c.resolver / c.pole_pairs, of_motor)
     theta_o = rounded(now.theta_o, of_output)
     after, seen = control_step(
         loops, command, theta_m, theta_o,
-        rounded(c.gain_a * i_a + c.offset_a, of_current),
-        rounded(c.gain_b * i_b + c.offset_b, of_current),
+        rounded(c.gain_a * currents[0] + c.offset_a, of_current),
+        rounded(c.gain_b * currents[1] + c.offset_b, of_current),
         due_position, due_speed, speed_ticks, tick, c,
     )  # fmt: skip
-    return after, seen, i_a, i_b, theta_m, theta_o
+    return after, seen, theta_m, theta_o
 
 
 @loop
@@ -97,8 +106,9 @@ def reference_trace(command, load, state, control, c, dt, substeps, ticks, quant
     w_a, w_b, w_c = control[9], control[10], control[11]
     for tick in range(count):
         v_alpha, v_beta = loops.v_alpha, loops.v_beta
-        loops, seen, i_a, i_b, theta_m, theta_o = read_by_drive(
-            now, loops, command[tick], quanta[0], quanta[1], quanta[2],
+        i_a, i_b = phase_currents(now, c)
+        loops, seen, theta_m, theta_o = read_by_drive(
+            now, (i_a, i_b), loops, command[tick], (quanta[0], quanta[1], quanta[2]),
             tick % ticks[1] == 0, tick % ticks[0] == 0, ticks[0], substeps * dt, c,
         )  # fmt: skip
         if tick % every == 0:
@@ -209,16 +219,12 @@ def monitor_scores(
                     out[3, n] = co * x + s * y
                     out[2, n] = co * y - s * x
             for n in range(LANES):
-                c = lane(own, n)
-                s, co = sincos(c.pole_pairs * plant[6, n])
-                i_a, i_b, _ = terminal_currents(s, co, plant_of(plant, n))
+                c, now = lane(own, n), plant_of(plant, n)
                 loops[9, n] = loops[7, n]
                 loops[10, n] = loops[8, n]
-                reading = plant[6, n] + c.resolver / c.pole_pairs
-                after, seen = control_step(
-                    loops_of(loops, n), command_now, reading, plant[8, n],
-                    c.gain_a * i_a + c.offset_a, c.gain_b * i_b + c.offset_b, due_position,
-                    due_speed, ticks[0], substeps * dt, c,
+                after, seen, reading, _ = read_by_drive(
+                    now, monitor_currents(now, c), loops_of(loops, n), command_now, PERFECT,
+                    due_position, due_speed, ticks[0], substeps * dt, c,
                 )  # fmt: skip
                 write_loops(loops, n, after)
                 out[0, n] = seen.i_q

@@ -187,3 +187,10 @@ def leg_voltages(v_alpha, v_beta, v_supply):
         clip(v_b - common, -half, half),
         clip(v_c - common, -half, half),
     )
+
+
+@part
+def applied_step(now, v_alpha, v_beta, load, c, dt):
+    """As `reference_step`, under the voltage vector that the legs are to give."""
+    v_a, v_b, v_c = leg_voltages(v_alpha, v_beta, c.v_supply)
+    return reference_step(now, v_a, v_b, v_c, load, c, dt)
