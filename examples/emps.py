@@ -22,7 +22,7 @@ import ematwin
 from ematwin.errors import EmatwinError, RecordError
 from ematwin.estimation.prior import Prior
 from ematwin.models.linear_axis.parameters import LinearAxis
-from ematwin.models.linear_axis.twin import FIRST, closed_loop, open_loop
+from ematwin.models.linear_axis.twin import FIRST, follow
 from ematwin.models.registry import load_actuator, model_of
 
 SIGNALS = {"t": "time", "qg": "reference", "qm": "position", "vir": "voltage"}
@@ -213,17 +213,18 @@ def ends(values: np.ndarray) -> Any:
 
 def scores(recording: ematwin.Recording, axis: LinearAxis, prior: Prior) -> dict[str, Any]:
     """How far simulation and recording are apart, and how often its interval holds the truth."""
-    voltage, position = closed_loop(axis, recording, {}, 1)
-    alone = open_loop(axis, recording)[0]
-    low, high = ends(open_loop(axis, recording, drawn(prior), DRAWS))
+    twin = follow(axis, recording, {}, 1)
+    alone = follow(axis, recording, {}, 1, closed=False)["position"][0]
+    many = follow(axis, recording, drawn(prior), DRAWS, closed=False)["position"]
+    low, high = ends(many)
     truth = recording.position
     # the interval stands around the best parameters, of which the draws have the spread
     centre = 0.5 * (low + high)
     low, high = low + alone - centre, high + alone - centre
     after = slice(FIRST, None)
     return {
-        "force_percent": relative(voltage[0], recording.voltage),
-        "position_percent": relative(position[0], truth),
+        "force_percent": relative(twin["voltage"][0], recording.voltage),
+        "position_percent": relative(twin["position"][0], truth),
         "open_loop_rmse_mm": 1e3 * float(np.sqrt(np.mean((alone - truth)[after] ** 2))),
         "open_loop_interval": {
             "half_width_mm": 1e3 * float(np.mean(0.5 * (high - low)[after])),

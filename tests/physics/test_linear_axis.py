@@ -13,8 +13,7 @@ from ematwin.models.linear_axis.twin import (
     AxisState,
     axis_constants,
     axis_step,
-    closed_loop,
-    open_loop,
+    follow,
     substeps_of,
 )
 from ematwin.recordings.recording import Recording
@@ -33,7 +32,7 @@ def driven(axis: LinearAxis, voltage: np.ndarray) -> tuple[np.ndarray, np.ndarra
     # a position that never moves says that it starts from rest
     rest = np.zeros(voltage.size)
     free = Recording(time, {"reference": rest, "voltage": voltage, "position": rest})
-    return time, open_loop(axis, free)[0]
+    return time, follow(axis, free, {}, 1, closed=False)["position"][0]
 
 
 def quiet(*parts: np.ndarray) -> np.ndarray:
@@ -95,18 +94,18 @@ def test_small_motions_are_those_of_the_linear_sampled_loop():
         x_1, x_2 = state[0], x_1
         state = ad @ state + bd[:, 0] * output
     start = Recording(np.arange(800) * INTERVAL, {"reference": reference})
-    voltage, _ = closed_loop(LINEAR, start, {}, 1)
+    voltage = follow(LINEAR, start, {}, 1)["voltage"]
     gap = np.abs(voltage[0] - expected).max()
     assert gap < 1e-3 * np.abs(expected).max()
     finer = LINEAR.changed({"steps.twin": 0.5 * LINEAR.steps.twin})
-    voltage, _ = closed_loop(finer, start, {}, 1)
+    voltage = follow(finer, start, {}, 1)["voltage"]
     assert np.abs(voltage[0] - expected).max() == pytest.approx(gap / 4.0, rel=0.1)
 
 
 def test_the_loop_decays_as_its_largest_eigenvalue_says():
     time = np.arange(400) * INTERVAL
     step = Recording(time, {"reference": np.where(time > 0.0, 1e-6, 0.0)})
-    _, x = closed_loop(LINEAR, step, {}, 1)
+    x = follow(LINEAR, step, {}, 1)["position"]
     left = np.abs(x[0] - 1e-6)
     envelope = [left[n : n + 80].max() for n in (100, 200)]
     assert (envelope[1] / envelope[0]) ** 0.01 == pytest.approx(loop_radius(LINEAR), rel=2e-3)
@@ -139,7 +138,7 @@ def test_halving_the_step_quarters_the_error():
     recording = ematwin.simulate(actuator=axis)
     command = Recording(recording.time, {"reference": recording.reference})
     traces = [
-        closed_loop(axis.changed({"steps.twin": INTERVAL / n}), command, {}, 1)[0][0]
+        follow(axis.changed({"steps.twin": INTERVAL / n}), command, {}, 1)["voltage"][0]
         for n in (2, 4, 8, 64)
     ]
     errors = [float(np.linalg.norm(one - traces[-1])) for one in traces[:-1]]

@@ -101,11 +101,10 @@ class LinearAxisModel(Model):
         self, actuator: Any, inputs: Recording, candidates: Candidates, count: int
     ) -> dict[str, np.ndarray]:
         """Voltage (V), position and position error (m) in closed loop, (B, S) arrays."""
-        from ematwin.models.linear_axis.twin import closed_loop
+        from ematwin.models.linear_axis.twin import follow
 
-        voltage, position = closed_loop(actuator, inputs, candidates, count)
-        error = inputs.channels["reference"] - position
-        return {"voltage": voltage, "position": position, "position_error": error}
+        found = follow(actuator, inputs, candidates, count)
+        return {**found, "position_error": inputs.channels["reference"] - found["position"]}
 
     def stepped(self, actuator: Any, fidelity: str) -> Any:
         """The axis in closed loop, sample by sample, from rest at the first reference."""

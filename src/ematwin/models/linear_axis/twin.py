@@ -125,35 +125,6 @@ axis_traces = Traces(AxisConstants, AxisState, AxisAnswer, controlled, axis_step
 FIRST = 20  # samples from which the first state is taken; the published scores leave them out
 
 
-def closed_loop(
-    actuator: LinearAxis, recording: Recording, candidates: Mapping[str, np.ndarray], count: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Voltage (V) and position (m), (B, S), of candidates that follow the recorded reference.
-
-    The first state is taken from the recording, or is rest at the reference where it has no
-    position. Pulses are added where it has them.
-    """
-    return _follow(actuator, recording, axis_constants(actuator, candidates), count)
-
-
-def open_loop(
-    actuator: LinearAxis, recording: Recording, candidates: Mapping[str, np.ndarray] | None = None,
-    count: int = 1,
-) -> np.ndarray:  # fmt: skip
-    """Position (B, S), m, of candidates that the recorded voltage drives from the first state on.
-
-    `RecordError` without voltage or position, or if it is not sampled with the controller.
-    """
-    for name in ("voltage", "position"):
-        if name not in recording.channels:
-            raise RecordError(
-                f"{recording.name} has no {name}, which an open-loop simulation needs; it has "
-                f"{', '.join(recording.channels)}."
-            )
-    driven = axis_constants(actuator, candidates)._replace(closed=0.0)
-    return _follow(actuator, recording, driven, count)[1]
-
-
 def axis_constants(
     actuator: LinearAxis, candidates: Mapping[str, Any] | None = None
 ) -> AxisConstants:
@@ -194,41 +165,51 @@ def substeps_of(actuator: LinearAxis) -> int:
     return max(1, math.ceil(actuator.controller.sample_time / actuator.steps.twin - 1e-9))
 
 
-def _follow(
-    actuator: LinearAxis, recording: Recording, constants: AxisConstants, count: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Voltage and position of candidates, from the state in which the recording finds them.
+def follow(
+    actuator: LinearAxis, recording: Recording, candidates: Mapping[str, np.ndarray], count: int, *,
+    closed: bool = True,
+) -> dict[str, np.ndarray]:  # fmt: skip
+    """Voltage (V) and position (m), (B, S) by name, of candidates that follow a recording.
 
-    That is the one from which the recorded voltage leads the candidate closest to the first 20
-    recorded positions; rest at the reference, or the first position, where a channel is missing.
+    The controller drives them along the reference, or the recorded voltage, where the loop is not
+    ``closed``; pulses are added where it has them. They start in the state from which the recorded
+    voltage leads them closest to the first 20 recorded positions; at rest at the reference, or the
+    first position, where a channel is missing.
+
+    `RecordError` if it is not sampled with the controller, or lacks a channel that drives.
     """
     actuator.check_interval(recording)
-    channels = recording.channels
-    x, v, u = np.zeros((3, count))
+    channels, interval = recording.channels, actuator.controller.sample_time
+    for name in () if closed else ("voltage", "position"):
+        if name not in channels:
+            raise RecordError(
+                f"{recording.name} has no {name}, which an open-loop simulation needs; it has "
+                f"{', '.join(channels)}."
+            )
+    controlled = axis_constants(actuator, candidates)
+    driven = controlled._replace(closed=0.0)
+    rest: Any = np.zeros((3, count))
+    x, v, u = rest
+
+    def answers(
+        channels: Mapping[str, np.ndarray], constants: AxisConstants
+    ) -> dict[str, np.ndarray]:
+        # it came at the same speed
+        state = AxisState(x, v, u, x - interval * v, x - 2.0 * interval * v, 0.0)
+        command = channels["reference" if constants.closed else "voltage"]
+        return axis_traces(
+            command, channels.get("pulses"), constants, state, interval, substeps_of(actuator),
+            count=count,
+        )  # fmt: skip
+
     x += channels["position" if "position" in channels else "reference"][0]
     if {"position", "voltage"} <= channels.keys():
         u += channels["voltage"][0]
         first = {name: trace[: FIRST + 1] for name, trace in channels.items()}
         time = np.arange(first["position"].size) * recording.interval
         straight = np.linalg.pinv(np.column_stack([np.ones_like(time), time]))
-        driven = constants._replace(closed=0.0)
         # the first state changes the friction under which it is found
         for _ in range(3 if time.size > 2 else 0):
-            found = _traces(actuator, first, driven, (x, v, u), count)[1]
-            away = straight @ (first["position"] - found).T
+            away = straight @ (first["position"] - answers(first, driven)["position"]).T
             x, v = x + away[0], v + away[1]
-    return _traces(actuator, channels, constants, (x, v, u), count)
-
-
-def _traces(
-    actuator: LinearAxis, channels: Mapping[str, np.ndarray], constants: AxisConstants,
-    start: Any, count: int,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    (x, v, u), interval = start, actuator.controller.sample_time
-    # it came at the same speed
-    state = AxisState(x, v, u, x - interval * v, x - 2.0 * interval * v, 0.0)
-    found = axis_traces(
-        channels["reference" if constants.closed else "voltage"], channels.get("pulses"),
-        constants, state, interval, substeps_of(actuator), count=count,
-    )  # fmt: skip
-    return found["voltage"], found["position"]
+    return answers(channels, controlled if closed else driven)

@@ -9,7 +9,7 @@ from ematwin.estimation.problem import Problem
 from ematwin.models.linear_axis.comparison import repeats
 from ematwin.models.linear_axis.model import controller_voltage
 from ematwin.models.linear_axis.parameters import LinearAxis, loop_radius, velocity_gain_limit
-from ematwin.models.linear_axis.twin import closed_loop, open_loop
+from ematwin.models.linear_axis.twin import follow
 from ematwin.models.scenario import Scenario, Sine, Step
 from ematwin.recordings.recording import Recording
 from naive import linear_axis as naive
@@ -38,7 +38,7 @@ def recording() -> Recording:
 def test_closed_loop_equals_the_naive_one(recording, standstill):
     axis = AXIS.changed({"friction.standstill_ratio": standstill})
     start = Recording(recording.time, {n: recording.channels[n] for n in ("reference", "pulses")})
-    voltage, position = closed_loop(axis, start, {}, 1)
+    voltage, position = follow(axis, start, {}, 1).values()
     slow_voltage, slow_position = naive.simulate(
         axis, recording.reference, recording.pulses, recording.reference[0], 0.0, 0.0, 5e-6
     )
@@ -52,7 +52,8 @@ def test_open_loop_equals_the_naive_one(recording):
         AXIS, recording.reference, recording.pulses, recording.position[0], 0.0,
         recording.voltage[0], 5e-6, recorded=recording.voltage,
     )[1]  # fmt: skip
-    assert np.abs(open_loop(AXIS, recording)[0] - slow).max() < 2e-3 * np.ptp(recording.position)
+    position = follow(AXIS, recording, {}, 1, closed=False)["position"][0]
+    assert np.abs(position - slow).max() < 2e-3 * np.ptp(recording.position)
 
 
 def test_pulses_come_on_top_of_the_controller_and_within_the_limit(recording):
@@ -102,7 +103,7 @@ def test_the_limit_is_where_small_motions_begin_to_grow():
         axis = AXIS.changed(smooth).with_arrays({"controller.velocity_gain": factor * limit})
         time = np.arange(3000) * 1e-3
         step = Recording(time, {"reference": np.where(time > 0.0, 1e-6, 0.0)})
-        voltage, _ = closed_loop(axis, step, {}, 1)
+        voltage = follow(axis, step, {}, 1)["voltage"]
         last.append(np.abs(voltage[0, -200:]).max() / np.abs(voltage[0, :200]).max())
     assert last[0] < 1e-3
     assert last[1] > 1.0
@@ -180,7 +181,7 @@ def test_a_recording_at_another_rate_is_refused(recording):
 
 def test_open_loop_names_the_channel_that_it_lacks(recording):
     with pytest.raises(RecordError, match="has no voltage, which an open-loop simulation needs"):
-        open_loop(AXIS, recording.changed(voltage=None))
+        follow(AXIS, recording.changed(voltage=None), {}, 1, closed=False)
 
 
 def test_motion_one_way_gives_no_verdict():
