@@ -42,9 +42,9 @@ from ematwin.models.unknown import (
     Unknown,
     no_unknown,
     of_parameter,
-    physical_values,
 )
 from ematwin.recordings.channel import Channel
+from ematwin.recordings.collect import is_met
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 
@@ -213,7 +213,13 @@ class Model(ABC):
 
     def describe(self, actuator: Any, values: Values) -> list[PhysicalValue]:
         """Physical values of faults and nuisances on an actuator."""
-        return physical_values(self.unknowns(actuator), actuator, values)
+        rows = []
+        for one in (one for one in self.unknowns(actuator) if one.name in values):
+            row = one.physical_value(actuator, values[one.name])
+            if one.direction_of is not None and values.get(one.direction_of) == 0.0:
+                row = row._replace(meaning=f"{row.meaning} (no meaning without {one.direction_of})")
+            rows.append(row)
+        return rows
 
     def as_faults(self, values: Values) -> Any:
         """Values as users of this kind expect them; a dict unless overridden."""
@@ -298,7 +304,7 @@ class Model(ABC):
     def check_channels(self, recording: Recording) -> None:
         """Raise `RecordError` unless a recording has the channels that this kind needs."""
         for alternatives in self.required:
-            if not any(recording.channels.keys() >= set(group) for group in alternatives):
+            if not is_met(alternatives, recording.channels):
                 wanted = " or ".join(" with ".join(group) for group in alternatives)
                 raise RecordError(
                     f"{recording.name} has no {wanted}, which the kind {self.kind} needs; it has "

@@ -6,7 +6,7 @@ all follow from it.
 """
 
 import math
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Any, Literal, NamedTuple
@@ -265,19 +265,6 @@ def of_parameter(
     return Unknown(
         place, unit, meaning, value, low, high, "nominal", deviation, logarithmic=logarithmic
     )
-
-
-def physical_values(
-    unknowns: Sequence[Unknown], actuator: Any, values: Mapping[str, float]
-) -> list[PhysicalValue]:
-    """Physical values, on an actuator, of the unknowns that have a value."""
-    rows = []
-    for one in (one for one in unknowns if one.name in values):
-        row = one.physical_value(actuator, values[one.name])
-        if one.direction_of is not None and values.get(one.direction_of) == 0.0:
-            row = row._replace(meaning=f"{row.meaning} (no meaning without {one.direction_of})")
-        rows.append(row)
-    return rows
 
 
 def no_unknown(name: str, actuator: Any, unknowns: Sequence[Unknown]) -> InputError:
