@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ematwin.errors import InputError, ParameterError
+from ematwin.models.bldc.model import MODEL
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.scenario import Chirp, Profile, Ramp, Scenario, Sine, Step, shipped_scenarios
-from ematwin.models.servo import check_travel
 from refusals import refusal_of
 
 T = np.linspace(0.0, 2.0, 2001)
@@ -88,7 +88,7 @@ def test_shipped_scenarios_stay_within_the_travel_of_the_shipped_actuator():
         scenario = Scenario.load_file(name)
         assert scenario.name == name
         assert scenario.description
-        check_travel(scenario, BldcActuator.load())
+        MODEL.check_scenario(scenario, BldcActuator.load())
 
 
 def test_values_in_a_file_may_carry_units(tmp_path):
@@ -245,10 +245,10 @@ def test_an_impossible_scenario_file_is_refused_in_one_sentence(tmp_path, body, 
 def test_a_command_in_degrees_is_recognised():
     actuator = BldcActuator.load()
     with pytest.raises(ParameterError, match="looks like degrees"):
-        check_travel(Scenario(duration=1, command=[Step(value=20.0)]), actuator)
+        MODEL.check_scenario(Scenario(duration=1, command=[Step(value=20.0)]), actuator)
     with pytest.raises(ParameterError, match="Shorten the command"):
-        check_travel(Scenario(duration=1, command=[Step(value=0.6)]), actuator)
-    check_travel(Scenario(duration=1, command=[Step(value=0.5)]), actuator)
+        MODEL.check_scenario(Scenario(duration=1, command=[Step(value=0.6)]), actuator)
+    MODEL.check_scenario(Scenario(duration=1, command=[Step(value=0.5)]), actuator)
 
 
 def test_components_made_in_python_are_refused_in_one_sentence_too():

@@ -16,8 +16,8 @@ from pydantic import ValidationError
 from ematwin.errors import InputError, ParameterError
 from ematwin.estimation.free_unknowns import unknowns_of
 from ematwin.models.base import Model
-from ematwin.models.parameter_set import ParameterSet
-from ematwin.models.registry import DEFAULT_KIND, load_actuator, model_of
+from ematwin.models.parameter_set import DEFAULT_KIND, ParameterSet
+from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.unknown import HasUnknowns, Unknown
 from ematwin.validation import load_toml, one_sentence
 

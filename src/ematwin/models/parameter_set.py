@@ -39,7 +39,7 @@ from ematwin.quantities import as_percent, parse_share
 from ematwin.showing.results import frame_of_rows, html
 from ematwin.validation import all_at_once, findings, one_sentence
 
-UNNAMED_KIND = "bldc"  # the kind of a file that names none
+DEFAULT_KIND = "bldc"  # where none is named, as in older files
 
 
 def quantity(
@@ -162,7 +162,7 @@ class ParameterSet(BaseModel):
     @classmethod
     def from_dict(cls, table: dict[str, Any], what: str = "actuator") -> Self:
         """An actuator from the content of a parameter file: values, units and sources."""
-        kind = table.get("kind", UNNAMED_KIND)
+        kind = table.get("kind", DEFAULT_KIND)
         if kind not in (cls.kind, *cls.former_kinds):
             raise cls._wrong_kind(kind, what)
         own = {key: entry for key, entry in table.items() if key not in cls.beside}

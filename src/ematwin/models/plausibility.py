@@ -15,9 +15,9 @@ import numpy as np
 
 from ematwin.errors import RecordError
 from ematwin.numerics.signals import rounding
+from ematwin.recordings.channel import PHASES
 from ematwin.recordings.recording import Recording
 
-PHASES = ("current_a", "current_b", "current_c")
 _DEGREES = 180.0 / np.pi
 FEWEST = 100  # samples
 

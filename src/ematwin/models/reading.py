@@ -7,8 +7,8 @@ from typing import Any, Literal, Protocol, TypedDict, Unpack, overload
 
 from ematwin.errors import InputError, ParameterError, RecordError
 from ematwin.models.base import Model
-from ematwin.models.parameter_set import ParameterSet
-from ematwin.models.registry import DEFAULT_KIND, load_actuator, model_in, model_of, models
+from ematwin.models.parameter_set import DEFAULT_KIND, ParameterSet
+from ematwin.models.registry import load_actuator, model_in, model_of, models
 from ematwin.recordings.channel import Channel, ChannelMap, Columns
 from ematwin.recordings.cleaning import Policy
 from ematwin.recordings.collect import MissingChannelError, is_met, match

@@ -14,9 +14,8 @@ from typing import Any
 from ematwin.errors import InputError, ParameterError
 from ematwin.models.base import Model
 from ematwin.models.parameter_file import parameter_table
-from ematwin.models.parameter_set import UNNAMED_KIND, ParameterSet
+from ematwin.models.parameter_set import DEFAULT_KIND, ParameterSet
 
-DEFAULT_KIND = UNNAMED_KIND
 # Ours by kind, which is also the name of the folder but for hyphens.
 _OURS = ("bldc", "ball-screw", "linear-axis", "pmsm", "position-servo")
 _STATED = "fmu"  # each file of this kind states what it is, so that it has no sets, no channels
@@ -172,7 +171,7 @@ def _table(name_or_path: str | Path) -> dict[str, Any]:
 
 
 def _model(table: dict[str, Any], what: str | Path) -> Model:
-    kind = table.get("kind", UNNAMED_KIND)
+    kind = table.get("kind", DEFAULT_KIND)
     if not isinstance(kind, str):
         raise _no_kind(kind, f"{what}: there")
     return _model_of_kind(kind, f"{what}: there").of_file(table, str(what))

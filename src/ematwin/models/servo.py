@@ -12,12 +12,11 @@ import numpy as np
 
 from ematwin.errors import InputError, ParameterError, RecordError
 from ematwin.models.base import Candidates, Law, Model, Progress, Signal, Values
-from ematwin.models.plausibility import PHASES
 from ematwin.models.scenario import Scenario
 from ematwin.models.simulating import recording_of
 from ematwin.models.unknown import Unknown
 from ematwin.numerics.signals import rounding
-from ematwin.recordings.channel import Channel, Derivation
+from ematwin.recordings.channel import PHASES, Channel, Derivation
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 from ematwin.showing.text import apart
@@ -92,7 +91,22 @@ class ServoModel(Model):
 
     def check_scenario(self, scenario: Scenario, actuator: Any) -> None:
         """Raise `ParameterError` if the command leaves the travel."""
-        check_travel(scenario, actuator)
+        command, _ = scenario.histories(np.linspace(0.0, scenario.duration, 2001))
+        gear, low, high = actuator.transmission, float(command.min()), float(command.max())
+        if gear.travel_low <= low and high <= gear.travel_high:
+            return
+        as_degrees = np.radians([low, high])
+        fits = gear.travel_low <= as_degrees[0] and as_degrees[1] <= gear.travel_high
+        hint = (
+            "It looks like degrees; give radians or write the unit."
+            if fits and max(-low, high) > 1.0
+            else "Shorten the command."
+        )
+        raise ParameterError(
+            f"The command of scenario {scenario.name} reaches {low:.4g} to {high:.4g} rad, beyond "
+            f"the end stops of {actuator.name} at {gear.travel_low:.4g} and "
+            f"{gear.travel_high:.4g} rad. {hint}"
+        )
 
 
 def star_channels(
@@ -227,27 +241,6 @@ def motion_laws(model: Model, recording: Recording, actuator: Any) -> list[Law]:
             text = f"{speed} is not the slope of {position}"
             found.append(Law(text, both, lambda taken: np.subtract(*taken.values()), slack))
     return found
-
-
-def check_travel(scenario: Scenario, actuator: Any) -> None:
-    """Raise `ParameterError` if the command leaves the travel of the actuator."""
-    time = np.linspace(0.0, scenario.duration, 2001)
-    command, _ = scenario.histories(time)
-    gear = actuator.transmission
-    low, high = float(command.min()), float(command.max())
-    if low < gear.travel_low or high > gear.travel_high:
-        as_degrees = np.radians([low, high])
-        fits = gear.travel_low <= as_degrees[0] and as_degrees[1] <= gear.travel_high
-        hint = (
-            "It looks like degrees; give radians or write the unit."
-            if fits and max(-low, high) > 1.0
-            else "Shorten the command."
-        )
-        raise ParameterError(
-            f"The command of scenario {scenario.name} reaches {low:.4g} to {high:.4g} rad, beyond "
-            f"the end stops of {actuator.name} at {gear.travel_low:.4g} and "
-            f"{gear.travel_high:.4g} rad. {hint}"
-        )
 
 
 def check_motion(recording: Recording, actuator: Any) -> None:

@@ -7,7 +7,7 @@ a share of the run's noise in it would make its bands look quieter than the band
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from ematwin.estimation.baseline import frees_parameters
 from ematwin.estimation.constants import IMPLAUSIBLE
 from ematwin.estimation.learn import learn
 from ematwin.estimation.local import LocalDescent
-from ematwin.models.base import Model, Monitoring
+from ematwin.models.base import Model, Monitoring, Progress
 from ematwin.models.channels_agree import checked
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
@@ -33,7 +33,6 @@ from ematwin.monitoring.runs import Given, actuator_of, recordings_of
 from ematwin.recordings.recording import Recording
 from ematwin.showing.bars import told
 
-Progress = Callable[[float], None]
 _MOST_LEARNT = 8  # recordings that the parameters of other kinds are fitted to
 _MOST_MEANS = 24  # mean recordings that those of monitored kinds are fitted to: more are no better
 _MOST_LABELS = 20  # values of one label that are listed

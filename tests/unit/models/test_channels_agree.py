@@ -7,8 +7,9 @@ import pytest
 
 from ematwin.estimation.findings import late_channel
 from ematwin.models.channels_agree import contradictions
-from ematwin.models.pmsm.channels import PHASES, to_phases
+from ematwin.models.pmsm.channels import to_phases
 from ematwin.models.registry import load_actuator, model_of
+from ematwin.recordings.channel import PHASES
 from ematwin.recordings.recording import Recording
 
 RATE = 5000.0  # Hz

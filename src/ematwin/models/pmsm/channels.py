@@ -5,10 +5,9 @@ from typing import Any
 import numpy as np
 
 from ematwin.models.servo import COMMAND_AND_LOAD, star_channels
-from ematwin.recordings.channel import Channel, Derivation
+from ematwin.recordings.channel import PHASES, Channel, Derivation
 from ematwin.recordings.recording import Recording
 
-PHASES = ("current_a", "current_b", "current_c")
 VOLTAGES = ("voltage_a", "voltage_b", "voltage_c")
 TERMINALS = ("terminal_voltage_a", "terminal_voltage_b", "terminal_voltage_c")
 LINES = ("line_voltage_ab", "line_voltage_bc")

@@ -11,6 +11,7 @@ from ematwin.models.pmsm.parameters import PmsmActuator
 from ematwin.models.pmsm.plausibility import check_phases, check_plausible, laws
 from ematwin.models.servo import ServoModel, little_motion, motion_laws, tracking_signals
 from ematwin.models.unknown import Contrast
+from ematwin.recordings.channel import PHASES
 from ematwin.recordings.recording import Recording
 
 
@@ -57,7 +58,7 @@ class PmsmModel(ServoModel):
     demands = (
         Demand("travel", "rad", ("command", "output_position")),
         Demand("speed", "rad/s", ("output_position",), is_rate=True),
-        Demand("current", "A", (*recorded.PHASES, *recorded.ROTATING)),
+        Demand("current", "A", (*PHASES, *recorded.ROTATING)),
         Demand("load", "N*m", ("load",)),
     )
 

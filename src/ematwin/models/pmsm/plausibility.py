@@ -14,7 +14,6 @@ from ematwin.errors import RecordError
 from ematwin.models.base import Law
 from ematwin.models.plausibility import check_agreement, check_sizes, check_sum
 from ematwin.models.pmsm.channels import (
-    PHASES,
     ROTATING,
     ROTATING_VOLTAGES,
     TERMINALS,
@@ -24,6 +23,7 @@ from ematwin.models.pmsm.channels import (
 from ematwin.models.pmsm.comparison import MOVING
 from ematwin.models.pmsm.parameters import PmsmActuator
 from ematwin.models.servo import check_motion, current_laws, star_laws
+from ematwin.recordings.channel import PHASES
 from ematwin.recordings.recording import Recording
 
 
