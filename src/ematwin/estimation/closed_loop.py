@@ -13,7 +13,6 @@ from ematwin.estimation.aliases import aliases_of
 from ematwin.estimation.baseline import Baseline, ClosedLoop, with_all_free
 from ematwin.estimation.correction import corrected, reweighed, with_model_error
 from ematwin.estimation.descent import Descent
-from ematwin.estimation.free_unknowns import lowered
 from ematwin.estimation.healthy_fit import between_recordings
 from ematwin.estimation.problem import Problem
 from ematwin.models.base import Model
@@ -30,7 +29,7 @@ def closed_loop(
     """
     now = replace(baseline, recordings=0)  # of one occasion: nothing has drifted since
     compared = model.compare(one.recording, actuator)
-    alone = Problem([compared], lowered(model.faults(actuator)))
+    alone = Problem([compared], model.faults(actuator))
     full = with_all_free(model, actuator, alone, now)
     aliases = aliases_of(model, actuator, full, full.start)
     descent = Descent(aliases, least_noise=full.least_noise, settled=np.inf)

@@ -1,7 +1,6 @@
 """Free and held unknowns of an actuator, as a user names them."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 from typing import Any
 
 from ematwin.errors import InputError
@@ -47,18 +46,10 @@ def unknowns_of(
     return free, {name: value for name, value in fixed.items() if name not in left_out}
 
 
-def lowered(faults: Iterable[Unknown]) -> list[Unknown]:
-    """Unknowns that may lie as far below healthy as a kind lets monitoring look.
-
-    A twin that is worn itself finds healthy recordings there.
-    """
-    return [replace(one, lower=one.lower - one.slack) if one.slack else one for one in faults]
-
-
 def searched(model: Model, actuator: Any) -> list[Unknown]:
-    """Faults, with their slack, and nuisances: the unknowns of a search on healthy recordings."""
-    return lowered(
+    """Faults and nuisances: the unknowns of a search on healthy recordings."""
+    return [
         one
         for one in model.unknowns(actuator)
         if one.role in ("fault", "nuisance") and not one.marginal
-    )
+    ]

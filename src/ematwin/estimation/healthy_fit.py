@@ -27,7 +27,7 @@ from ematwin.estimation.constants import AS_GOOD, SAME_COMMAND, WORSE, WORST
 from ematwin.estimation.corrected_problem import as_searched, corrected_at, reference_scatter
 from ematwin.estimation.correction import Corrected, corrected, reweighed, with_model_error
 from ematwin.estimation.descent import Descent
-from ematwin.estimation.free_unknowns import lowered, searched
+from ematwin.estimation.free_unknowns import searched
 from ematwin.estimation.laplace import Laplace, laplace
 from ematwin.estimation.local import LocalDescent
 from ematwin.estimation.multistart import MultistartDescent
@@ -296,7 +296,7 @@ def healthy_bias(
 
     def judged(one: Comparison, search: Search | None = None) -> _Judged:
         """The faults of a recording, all else free as it is known."""
-        problem = as_searched(Problem([one], lowered(model.faults(actuator))))
+        problem = as_searched(Problem([one], model.faults(actuator)))
         end = find(problem, search or usual_search(model, shown_along(model, actuator, problem)))
         seen = assess(model, actuator, problem, end, now)
         chosen = [n for n, one in enumerate(problem.unknowns) if one.direction_of is None]
@@ -336,7 +336,7 @@ def _descended_to(
     one: Comparison, faults: Sequence[Unknown], held: Mapping[str, float]
 ) -> np.ndarray:
     """(d,) faults at the end of a descent from healthy, which may end below it."""
-    problem = Problem([one], lowered(faults), held=held)
+    problem = Problem([one], faults, held=held)
     problem = corrected_at(problem, problem.healthy) or problem
     return LocalDescent().run(problem, budget=None, seed=1, report=lambda *_: None).point
 
@@ -349,7 +349,7 @@ def _odd(faults: Sequence[Unknown], found: Sequence[_Judged]) -> tuple[int, str]
     if len(found) < 3:
         return None
     values, errors = (np.array(each) for each in list(zip(*found, strict=True))[:2])
-    width = np.array([one.width + one.slack for one in faults])
+    width = np.array([one.width for one in faults])
     away = np.abs(values - np.median(values, axis=0)) / width
     scatter = np.hypot(spread_of(away, axis=0), errors / width)
     usual = np.maximum(scatter, 0.05 / _ODD)  # so much of a range is never odd

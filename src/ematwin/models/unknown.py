@@ -105,8 +105,6 @@ class Unknown:
     direction_of : str or None, name of the magnitude whose direction this is, in turns from
         -1/2: the two are searched as the components of a vector
     valleys : int, number of ranges of the value in which the misfit may have separate minima
-    slack : float, how far below the lower bound monitoring looks: healthy means as the average
-        healthy run, and half of the runs are better than that
     physical_unit : str, of ``physical``; None takes ``unit``
     physical : callable or None, ``(actuator, value) -> value in physical_unit``, floats or arrays;
         None where the value itself is physical
@@ -130,7 +128,6 @@ class Unknown:
     marginal: bool = False
     direction_of: str | None = None
     valleys: int = 1
-    slack: float = 0.0
     physical_unit: str | None = None
     physical: Callable[[Any, Any], Any] | None = None
     caveat: str = ""

@@ -166,7 +166,7 @@ def _magnitudes(calibration: PopulationCalibration, own: Measurements) -> tuple[
     spread = np.hypot(reported.within / np.sqrt(len(own.runs)), reported.between)
     value = calibration.values_of(own.features).mean(0)
     healthy = reported.mean.at(own.covariate).mean(0)
-    lower = {o.name: o.lower - o.slack for o in calibration.model.faults(calibration.actuator)}
+    lower = {o.name: o.lower for o in calibration.model.faults(calibration.actuator)}
     found = []
     for n, one in enumerate(calibration.quantities):
         reach = COVERAGE * spread[n] * np.array([-1.0, 1.0])
