@@ -8,7 +8,7 @@ import pytest
 
 import ematwin
 from ematwin.errors import FileError, InputError, RecordError
-from ematwin.models.reading import channels_of
+from ematwin.models.bldc.channels import CHANNELS
 from ematwin.recordings.channel import ChannelMap
 from ematwin.testing.reader_contract import bench_channels
 
@@ -27,15 +27,12 @@ delimiter = ";"
 """
 
 
-BLDC = channels_of("bldc")
-
-
 def of(given: object) -> ChannelMap:
-    return ChannelMap.of(given, BLDC)  # type: ignore[arg-type]
+    return ChannelMap.of(given, CHANNELS)  # type: ignore[arg-type]
 
 
 def parse(texts: list[str], base: ChannelMap | None = None) -> ChannelMap:
-    return ChannelMap.parse(texts, BLDC, base)
+    return ChannelMap.parse(texts, CHANNELS, base)
 
 
 @pytest.fixture

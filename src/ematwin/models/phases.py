@@ -19,7 +19,6 @@ class Phase:
 
     name: str  # e.g. "out", "rest", "back", numbered where one comes again
     steady: bool  # the transient is over
-    moving: bool  # the command moves
     samples: slice
 
     @property
@@ -47,16 +46,15 @@ def phases(command: np.ndarray, interval: float, settling_time: float) -> list[P
     seen: dict[str, int] = {}
     for first, end in pairwise(edges):
         middle = float(np.median(speed[first:end]))
-        moving = abs(middle) > _SAME * largest
-        kind = ("out" if middle > 0.0 else "back") if moving else "rest"
+        kind = "rest" if abs(middle) <= _SAME * largest else "out" if middle > 0.0 else "back"
         seen[kind] = seen.get(kind, 0) + 1
         name = kind if seen[kind] == 1 else f"{kind} {seen[kind]}"
         cut = min(first + settle, end)
         if end - cut < 12:  # samples; shorter steady phases belong to the transient before
             cut = end
-        found.append(Phase(name, False, moving, slice(int(first), int(cut))))
+        found.append(Phase(name, False, slice(int(first), int(cut))))
         if cut < end:
-            found.append(Phase(name, True, moving, slice(int(cut), int(end))))
+            found.append(Phase(name, True, slice(int(cut), int(end))))
     steady = [speed[phase.samples] for phase in found if phase.steady]
     if not steady or max(float(np.ptp(part)) for part in steady) > 0.1 * largest:
         return _equal_parts(command.size)  # a sine: its speed never stays
@@ -75,6 +73,6 @@ def calm(command: np.ndarray, interval: float, settling_time: float) -> np.ndarr
 def _equal_parts(samples: int) -> list[Phase]:
     even = np.linspace(0, samples, _EQUAL_PARTS + 1).astype(int)
     return [
-        Phase(f"part {n + 1}", False, True, slice(int(a), int(b)))
+        Phase(f"part {n + 1}", False, slice(int(a), int(b)))
         for n, (a, b) in enumerate(pairwise(even))
     ]

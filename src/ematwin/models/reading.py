@@ -164,11 +164,6 @@ def write(recording: Recording | Sequence[Recording], path: str | Path) -> None:
         write_recordings(recording, path, _channels_of(first[0]) if first else ())
 
 
-def channels_of(actuator: Any = None) -> tuple[Channel, ...]:
-    """The channels of a kind of actuator, as `ChannelMap` wants them; ``actuator`` as in `read`."""
-    return _model(actuator).channels
-
-
 def _model(actuator: Any) -> Model:
     if actuator is None:
         return model_of(DEFAULT_KIND)

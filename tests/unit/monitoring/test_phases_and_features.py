@@ -28,7 +28,6 @@ def test_out_rest_and_back_have_a_transient_and_a_steady_part_each():
         "out, transient", "out, steady", "rest, transient", "rest, steady", "back, transient",
         "back, steady",
     ]  # fmt: skip
-    assert [phase.moving for phase in found] == [True, True, False, False, True, True]
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.3, 0.5, 0.9])

@@ -86,9 +86,7 @@ class BallScrewModel(Model):
                 ("motor_current", "drive_current")),
     )  # fmt: skip
     command = "set_point"
-    needs = (
-        (("position_error",), ("position",)), "current",
-    )  # fmt: skip
+    needs = ((("position_error",), ("position",)), "current")
     default_search = "levenberg-marquardt"
     # What a recording of current and position error can say something of, and how far (as a
     # factor, one standard deviation) the template may be off.

@@ -193,7 +193,24 @@ class PmsmActuator(ServoParameters):
 
     @model_validator(mode="after")
     def _loops_are_stable(self) -> Self:
-        check_loops(self)
+        for loop in ("current", "speed", "position"):
+            own = getattr(self.controller, f"{loop}_time")
+
+            def stable(share: float, loop: str = loop, own: float = own) -> bool:
+                return loop_radius(self, loop, share * own) <= 1.0 + 1e-9  # of the unit circle
+
+            if stable(1.0):
+                continue
+            limit = own * largest_share(stable)
+            advice = (
+                f"it is stable up to {1e6 * limit:.3g} us; shorten it or lower the gains"
+                if limit > 1e-6 * own  # of a sample time: a limit below is none
+                else "no sample time makes it stable; lower the gains"
+            )
+            raise ParameterError(
+                f"the {loop} loop is unstable at controller.{loop}_time = {1e6 * own:.4g} us: "
+                f"{advice}"
+            )
         return self
 
     def largest_stable_step(self, model: str) -> float:
@@ -212,29 +229,6 @@ class PmsmActuator(ServoParameters):
         return min(limits)
 
 
-def check_loops(actuator: Any) -> None:
-    """Raise `ParameterError` if a loop is unstable at its sample time; the limit is said."""
-    control = actuator.controller
-    for loop, name in (("current", "current_time"), ("speed", "speed_time"),
-                       ("position", "position_time")):  # fmt: skip
-        own = getattr(control, name)
-
-        def stable(share: float, loop: str = loop, own: float = own) -> bool:
-            return loop_radius(actuator, loop, share * own) <= 1.0 + 1e-9  # of the unit circle
-
-        if stable(1.0):
-            continue
-        limit = own * largest_share(stable)
-        advice = (
-            f"it is stable up to {1e6 * limit:.3g} us; shorten it or lower the gains"
-            if limit > 1e-6 * own  # of a sample time: a limit below is none
-            else "no sample time makes it stable; lower the gains"
-        )
-        raise ParameterError(
-            f"the {loop} loop is unstable at controller.{name} = {1e6 * own:.4g} us: {advice}"
-        )
-
-
 def loop_radius(actuator: Any, loop: str, sample_time: float) -> float:
     """Largest magnitude of the eigenvalues of a loop over its sample time, s.
 
@@ -243,7 +237,7 @@ def loop_radius(actuator: Any, loop: str, sample_time: float) -> float:
     if loop == "current":
         motor = actuator.motor
         return max(
-            spectral_radius(_current_loop(actuator, inductance, sample_time, np.eye(3)))
+            spectral_radius(_current_loop(actuator, inductance, sample_time))
             for inductance in (motor.inductance_d, motor.inductance_q)
         )
     control = actuator.controller
@@ -252,13 +246,13 @@ def loop_radius(actuator: Any, loop: str, sample_time: float) -> float:
     counts = (max(1, round(speed / current)), max(1, round(sample_time / current)))
     rigid = loop == "speed"
     period = sample_time / counts[1]
-    return spectral_radius(_cascade(actuator, period, counts, rigid, np.eye(10)))
+    return spectral_radius(_cascade(actuator, period, counts, rigid))
 
 
-def _current_loop(actuator: Any, inductance: float, period: float, x: np.ndarray) -> np.ndarray:
-    """Current, integrator and pending voltage after a sample; rows of (3, columns)."""
+def _current_loop(actuator: Any, inductance: float, period: float) -> np.ndarray:
+    """Transition (3, 3) of current, integrator and pending voltage over a sample."""
     control, resistance = actuator.controller, actuator.motor.resistance
-    current, integral, pending = x
+    current, integral, pending = np.eye(3)
     voltage = integral - control.current_gain * current
     integral = integral - control.current_integral * period * current
     decay = math.exp(-resistance * period / inductance)
@@ -266,15 +260,13 @@ def _current_loop(actuator: Any, inductance: float, period: float, x: np.ndarray
     return np.stack([current, integral, voltage])
 
 
-def _cascade(
-    actuator: Any, period: float, counts: tuple[int, int], rigid: bool, x: np.ndarray
-) -> np.ndarray:
-    """All loops over one sample of the slowest; rows of (10, columns)."""
+def _cascade(actuator: Any, period: float, counts: tuple[int, int], rigid: bool) -> np.ndarray:
+    """Transition (10, 10) of all loops, of motor and output over one sample of the slowest."""
     motor, control, gear = actuator.motor, actuator.controller, actuator.transmission
     k_t = 1.5 * motor.pole_pairs * motor.flux
     inductance, resistance = motor.inductance_q, motor.resistance
     decay = math.exp(-resistance * period / inductance)
-    current, integral, pending, w_m, th_m, w_o, th_o, total, before, reference = x
+    current, integral, pending, w_m, th_m, w_o, th_o, total, before, reference = np.eye(10)
     w_ref = 0.0 * w_m if rigid else -control.position_gain * th_o
     pieces = 4  # steps of the mechanics
     dt = period / pieces
