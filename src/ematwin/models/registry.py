@@ -103,23 +103,18 @@ def model_of(actuator: Any) -> Model:
     return _model_of_kind(actuator if isinstance(actuator, str) else type(actuator).kind, "There")
 
 
-def _model_of_kind(kind: str, there: str) -> Model:
-    """The model of a kind; ``there`` begins the sentence of the error."""
+def _model_of_kind(kind: Any, there: str) -> Model:
+    """The model of a kind; ``there`` begins the sentence of the error, which names all kinds."""
     if kind in (*_OURS, _STATED):
         return _own(kind)
     for model in models().values():
         if kind == model.kind or kind in model.parameters.former_kinds:
             return model
-    if kind in _BROKEN:
+    if isinstance(kind, str) and kind in _BROKEN:
         raise ParameterError(_BROKEN[kind])
-    raise _no_kind(kind, there)
-
-
-def _no_kind(kind: object, there: str) -> ParameterError:
-    """The error that names all kinds, and those broken ones that may be meant."""
     known = ", ".join([*models(), _STATED])
     said = f"{there} is no kind of actuator {kind!r}; choose one of {known}."
-    return ParameterError(" ".join([said, *broken_kinds()]))
+    raise ParameterError(" ".join([said, *broken_kinds()]))
 
 
 def shipped_actuators() -> dict[str, Path]:
@@ -171,7 +166,5 @@ def _table(name_or_path: str | Path) -> dict[str, Any]:
 
 
 def _model(table: dict[str, Any], what: str | Path) -> Model:
-    kind = table.get("kind", DEFAULT_KIND)
-    if not isinstance(kind, str):
-        raise _no_kind(kind, f"{what}: there")
-    return _model_of_kind(kind, f"{what}: there").of_file(table, str(what))
+    model = _model_of_kind(table.get("kind", DEFAULT_KIND), f"{what}: there")
+    return model.of_file(table, str(what))
