@@ -161,7 +161,7 @@ def monitor_scores(
 
     Parameters
     ----------
-    constants : (B, 65) array, the fields of `Constants`; B a multiple of `LANES`
+    constants : (B, 65) array, the fields of `Constants`
     command, load : (P + K + 1,) arrays, at the ticks of the current loops, rad and N m on the
         motor shaft; the load runs in straight lines between
     before : P ticks that settle the start and are not compared; whole samples of all loops
@@ -192,9 +192,10 @@ def monitor_scores(
     z1 = np.empty((7, LANES))
     z2 = np.empty((7, LANES))
     for first in range(0, constants.shape[0], LANES):
+        inside = min(LANES, constants.shape[0] - first)
         for n in range(LANES):
-            for m in range(constants.shape[1]):
-                own[m, n] = constants[first + n, m]
+            for m in range(constants.shape[1]):  # the last one fills the lanes of a block
+                own[m, n] = constants[first + min(n, inside - 1), m]
             c = lane(own, n)
             plant[:, n] = 0.0
             loops[:, n] = 0.0
@@ -254,7 +255,7 @@ def monitor_scores(
                             cost[n] += weight[m] * error * error
                     if keep:
                         for m in range(7):
-                            for n in range(LANES):
+                            for n in range(inside):
                                 answer[first + n, m, place] = out[m, n]
             if tick + 1 < count:
                 d_load = (load[tick + 1] - load[tick]) / substeps
@@ -275,5 +276,5 @@ def monitor_scores(
                         write_plant(plant, n, now)
                     if measured:
                         take_legs(own, plant, loops, 0.5 / substeps)
-        for n in range(LANES):
+        for n in range(inside):
             costs[first + n] = cost[n]

@@ -169,7 +169,7 @@ class PmsmComparison(Comparison):
             return None
         from ematwin.models.pmsm.simulate import channels_of, reference_columns
 
-        actuator = self.actuator.with_arrays({n: x for n, x in values.items() if "." in n})
+        actuator = self.actuator.varied(values)
         ratio = actuator.transmission.ratio
         substeps = actuator.substeps(actuator.steps.reference)
         columns = reference_columns(
@@ -253,27 +253,24 @@ class PmsmComparison(Comparison):
         from ematwin.numerics.lanes import LANES
 
         count = len(constants)
-        lost = ~np.isfinite(constants).all(axis=1)
-        blocks = -(-count // LANES)
-        lanes = np.pad(constants, ((0, blocks * LANES - count), (0, 0)), "edge")
-        costs = np.empty(len(lanes))
-        answer = np.empty((len(lanes), 7, target.shape[1]) if keep else (0, 0, 0))
+        costs = np.empty(count)
+        answer = np.empty((count, 7, target.shape[1]) if keep else (0, 0, 0))
         taps = self.low_pass.taps(1.0 / self.actuator.controller.current_time, 0.0)[:5]
         ticks = np.array(self.actuator.ticks)
 
-        def work(block: int) -> None:
-            part = slice(block * LANES, (block + 1) * LANES)
+        def work(part: slice) -> None:
             monitor_scores(
-                lanes[part], self.command, self.load, self.before, self.start, self.step,
+                constants[part], self.command, self.load, self.before, self.start, self.step,
                 self.substeps, ticks, taps, target, self._weights, every, self._measured,
                 costs[part], answer[part],
             )  # fmt: skip
 
-        side_by_side(work, range(blocks), self.threads)
-        costs[:count][lost] = math.nan
+        side_by_side(work, [slice(n, n + LANES) for n in range(0, count, LANES)], self.threads)
+        lost = ~np.isfinite(constants).all(axis=1)
+        costs[lost] = math.nan
         if keep:
-            answer[:count][lost] = math.nan
-        return costs[:count], answer[:count, : len(COMPARED)]
+            answer[lost] = math.nan
+        return costs, answer[:, : len(COMPARED)]
 
 
 def only_measured(recording: Recording) -> bool:

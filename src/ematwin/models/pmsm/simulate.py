@@ -22,7 +22,6 @@ from ematwin.models.pmsm.unknowns import Constants, constants_of, fields_of
 from ematwin.models.scenario import Scenario
 from ematwin.models.stepped import Stepped, initial_position
 from ematwin.numerics.compile import part
-from ematwin.numerics.lanes import LANES
 
 _OUTPUTS = (
     "current_a", "current_b", "current_c", "voltage_a", "voltage_b", "voltage_c",
@@ -128,18 +127,18 @@ def _monitor(
     start: float, substeps: int, every: int, progress: Progress | None,
 ) -> dict[str, np.ndarray]:  # fmt: skip
     ratio, step = actuator.transmission.ratio, actuator.controller.current_time / substeps
-    constants = np.repeat(constants_of(actuator, one_candidate(values), 1, step), LANES, axis=0)
+    constants = constants_of(actuator, one_candidate(values), 1, step)
     theta = start * ratio
     read = theta + Constants(*constants[0]).resolver / actuator.motor.pole_pairs
     target = np.zeros((batch.COMPARED, command.size))
 
     def answers(measured: bool) -> dict[str, np.ndarray]:
-        answer = np.empty((LANES, len(batch.ANSWERS), command.size))
+        answer = np.empty((1, len(batch.ANSWERS), command.size))
         batch.monitor_scores(
             constants, command * ratio, load / ratio, 0,
             np.array([read, 0.0, theta, 0.0, 0.0, 0.0]), step, substeps, np.array(actuator.ticks),
             np.array([1.0, 0.0, 0.0, 0.0, 0.0]), target, np.zeros(batch.COMPARED), 1, measured,
-            np.empty(LANES), answer,
+            np.empty(1), answer,
         )  # fmt: skip
         return dict(zip(batch.ANSWERS, answer[0, :, ::every], strict=True))
 

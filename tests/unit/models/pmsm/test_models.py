@@ -6,7 +6,6 @@ import pytest
 from ematwin.models.pmsm.batch import ANSWERS, monitor_scores
 from ematwin.models.pmsm.channels import to_rotor
 from ematwin.models.pmsm.unknowns import Constants, constants_of
-from ematwin.numerics.lanes import LANES
 from naive.pmsm import servo
 from pmsm_inputs import ACTUATOR, TICK, healthy, reference, smooth_move
 
@@ -40,17 +39,17 @@ def monitor(values, command, load, step=ACTUATOR.steps.monitor, actuator=ACTUATO
     """The same of the monitor model, without its filter."""
     substeps = round(TICK / step)
     one = {name: np.array([value]) for name, value in values.items()}
-    constants = np.repeat(constants_of(actuator, one, 1, step), LANES, axis=0)
+    constants = constants_of(actuator, one, 1, step)
     c = Constants(*constants[0])
 
     def answers(measured):
-        answer = np.empty((LANES, 7, command.size))
+        answer = np.empty((1, 7, command.size))
         monitor_scores(
             constants, command, load, 0, np.array([c.resolver / c.pole_pairs, 0, 0, 0, 0, 0.0]),
             step, substeps, np.array(ACTUATOR.ticks), np.array([1.0, 0, 0, 0, 0]),
-            np.zeros((6, command.size)), np.zeros(6), 1, measured, np.empty(LANES), answer,
+            np.zeros((6, command.size)), np.zeros(6), 1, measured, np.empty(1), answer,
         )  # fmt: skip
-        return dict(zip(ANSWERS, answer[3], strict=True))
+        return dict(zip(ANSWERS, answer[0], strict=True))
 
     found, measured = answers(False), answers(True)
     for name in found.keys() - {"voltage_d", "voltage_q"}:
