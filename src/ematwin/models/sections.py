@@ -23,6 +23,10 @@ class Steps(Section):
     monitor: float = quantity("s", "step of the monitor model", exact=True, gt=0)
 
 
+# These set the grid of steps, which a batch shares: they cannot differ between candidates.
+GRID = ("controller.sample_time", "steps.twin")
+
+
 class TwinSteps(Section):
     """Fixed step of the twin."""
 

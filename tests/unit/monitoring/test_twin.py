@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from ematwin.errors import InputError, RecordError
 from ematwin.models.ball_screw.model import MODEL
-from ematwin.models.ball_screw.parameters import FIXED, BallScrew
+from ematwin.models.ball_screw.parameters import BallScrew
 from ematwin.models.ball_screw.twin import (
     LEAST_FRICTION,
     BallScrewState,
@@ -19,6 +19,7 @@ from ematwin.models.ball_screw.twin import (
     falling_friction,
     steps_of,
 )
+from ematwin.models.sections import GRID
 from ematwin.recordings.recording import Recording
 from made_up_rig import out_and_back
 from naive import ball_screw as naive
@@ -69,7 +70,7 @@ def test_a_loop_slower_or_faster_than_the_recording_is_the_naive_version():
         np.testing.assert_allclose(error, slow[1], rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.parametrize("place", FIXED)
+@pytest.mark.parametrize("place", GRID)
 def test_what_sets_the_grid_of_steps_cannot_differ(place):
     inputs = Recording(np.arange(SET_POINT.size) * INTERVAL, {"set_point": SET_POINT})
     with pytest.raises(InputError, match=f"{place} cannot be searched"):

@@ -7,11 +7,12 @@ import numpy as np
 
 from ematwin.errors import RecordError
 from ematwin.models import base
-from ematwin.models.ball_screw.parameters import FIXED, BallScrew
+from ematwin.models.ball_screw.parameters import BallScrew
 from ematwin.models.base import Demand, Model, Reported, Signal, Values
 from ematwin.models.comparison import Candidates, Comparison, TraceComparison
 from ematwin.models.phases import calm
 from ematwin.models.plausibility import check_travel_of
+from ematwin.models.sections import GRID
 from ematwin.models.unknown import Alias, Unknown
 from ematwin.recordings.channel import Channel, Derivation
 from ematwin.recordings.noise import Noise
@@ -100,7 +101,7 @@ class BallScrewModel(Model):
         "controller.position_gain": 1.5,
         "controller.integral_gain": 1.5,
     }
-    fixed = FIXED
+    fixed = GRID
     study = base.Study(noisy=True)
     monitoring = MONITORING
 

@@ -16,9 +16,6 @@ from pydantic import model_validator
 from ematwin.models.parameter_set import ParameterSet, Section, quantity
 from ematwin.models.sections import TwinSteps
 
-# These set the grid of steps, which a batch shares: they cannot differ between candidates.
-FIXED = ("controller.sample_time", "steps.twin")
-
 
 class Screw(Section):
     """Ball screw, nut and guide."""

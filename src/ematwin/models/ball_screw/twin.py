@@ -8,7 +8,8 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from ematwin.errors import RecordError
-from ematwin.models.ball_screw.parameters import FIXED, BallScrew
+from ematwin.models.ball_screw.parameters import BallScrew
+from ematwin.models.sections import GRID
 from ematwin.numerics.backlash import play
 from ematwin.numerics.compile import step
 from ematwin.numerics.friction import loaded_friction
@@ -114,7 +115,7 @@ def ball_screw_constants(
 
     ``k`` are unknowns by name and parameters by place; steps are as of `steps_of`.
     """
-    own = actuator.varied(k, FIXED)
+    own = actuator.varied(k, GRID)
     screw, drive, control = own.screw, own.drive, own.controller
     per_radian = screw.lead / (2.0 * math.pi)
     gain = k.get("gain", 1.0)

@@ -8,8 +8,9 @@ import numpy as np
 from ematwin.errors import RecordError
 from ematwin.models.base import Demand, Law, Model, Signal, Values
 from ematwin.models.comparison import Candidates
-from ematwin.models.linear_axis.parameters import FIXED, LinearAxis
+from ematwin.models.linear_axis.parameters import LinearAxis
 from ematwin.models.plausibility import check_enough, check_travel_of
+from ematwin.models.sections import GRID
 from ematwin.models.unknown import Alias, Contrast, Unknown, multiple
 from ematwin.recordings.channel import Channel, Derivation
 from ematwin.recordings.noise import Noise
@@ -59,7 +60,7 @@ class LinearAxisModel(Model):
         "friction.fading_speed": 1.75,
         "drive.response_time": 1.75,
     }
-    fixed = FIXED
+    fixed = GRID
 
     demands = (
         Demand("travel", "m", ("reference", "position")),

@@ -22,9 +22,6 @@ from ematwin.models.sections import TwinSteps
 from ematwin.numerics.linear_algebra import exponential, largest_share, spectral_radius
 from ematwin.recordings.recording import Recording
 
-# These set the grid of steps, which a batch shares: they cannot differ between candidates.
-FIXED = ("controller.sample_time", "steps.twin")
-
 
 class Carriage(Section):
     """What moves, with the inertia of motor and screw, as seen at the carriage."""

@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ematwin.errors import RecordError
-from ematwin.models.linear_axis.parameters import FIXED, LinearAxis
+from ematwin.models.linear_axis.parameters import LinearAxis
+from ematwin.models.sections import GRID
 from ematwin.numerics.compile import step
 from ematwin.numerics.lanes import Traces
 from ematwin.numerics.scalar import clip
@@ -133,7 +134,7 @@ def axis_constants(
     ``candidates`` are faults by name and parameters by place, (B,) each.
     """
     k = candidates or {}
-    own = actuator.varied(k, FIXED)
+    own = actuator.varied(k, GRID)
     friction, drive, control = own.friction, own.drive, own.controller
     dry = friction.coulomb * k.get("friction", 1.0)
     dry_side = np.sqrt(friction.coulomb_ratio * k.get("dry_asymmetry", 1.0))
