@@ -47,6 +47,7 @@ from ematwin.recordings.channel import Channel
 from ematwin.recordings.collect import is_met
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
+from ematwin.showing.text import capital
 
 # authors have all of these from here
 __all__ = (
@@ -374,9 +375,7 @@ class Model(ABC):
         """Traces for a page, the most important first: each compared channel."""
         known = recording.channels.keys() & set(self.outputs)
         return [
-            Signal(
-                one.meaning[:1].upper() + one.meaning[1:], one.unit, recording.channels[one.name]
-            )
+            Signal(capital(one.meaning), one.unit, recording.channels[one.name])
             for one in self.channels
             if one.name in known
         ]

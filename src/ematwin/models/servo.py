@@ -19,7 +19,7 @@ from ematwin.numerics.signals import rounding
 from ematwin.recordings.channel import PHASES, Channel, Derivation
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
-from ematwin.showing.text import apart
+from ematwin.showing.text import apart, capital
 
 COMMAND_AND_LOAD = (
     Channel("command", "rad", "commanded output position", ("cmd", "setpoint"), "output"),
@@ -67,7 +67,7 @@ class ServoModel(Model):
         try:
             actuator.check_step(form, longest)
         except ParameterError as error:
-            raise InputError(str(error)[0].upper() + str(error)[1:] + ".") from None
+            raise InputError(f"{capital(str(error))}.") from None
         time, channels, taken = self.simulated(
             form, actuator, scenario, values, rate, longest, initial_position, progress
         )

@@ -48,25 +48,22 @@ def by_population(
     runs: dict[Any, list[Beside]] = {}
     for one in every:
         runs.setdefault(one.recording.together, []).append(one)
-
-    def diagnosis(members: list[Beside], without: str = "") -> Diagnosis:
-        first = members[0].recording
-        labels = {name: text for name, text in first.labels.items() if name != without}
-        return _together(calibration, members, labels, name_of(first, labels, one_source))
-
-    alone = tuple(diagnosis([one]) for one in every)
-    together = tuple(diagnosis(members, without="motion") for members in runs.values())
+    alone = tuple(_together(calibration, [one], one_source) for one in every)
+    together = tuple(
+        _together(calibration, members, one_source, without="motion") for members in runs.values()
+    )
     return Detection(alone, together, {"": calibration})
 
 
 def _together(
     calibration: PopulationCalibration,
     members: Sequence[Beside],
-    labels: dict[str, str],
-    name: str,
+    one_source: bool,
+    without: str = "",
 ) -> Diagnosis:
-    """The diagnosis of recordings that are judged together."""
-    own, start = measured(members), members[0].recording.start
+    """The diagnosis of recordings that are judged together, named ``without`` a label."""
+    own, first = measured(members), members[0].recording
+    labels = {name: text for name, text in first.labels.items() if name != without}
     found, scores = calibration.posterior(own), calibration.scores(own).mean(0)
     furthest = np.argsort(-np.abs(scores))[:4].tolist()
     evidence = {calibration.layout[n].name: float(scores[n]) for n in furthest}
@@ -94,7 +91,7 @@ def _together(
         obstacles=doubts,
     )  # fmt: skip
     return Diagnosis(
-        name=name,
+        name=name_of(first, labels, one_source),
         labels=labels,
         verdict=verdict,
         magnitudes=magnitudes,
@@ -102,7 +99,7 @@ def _together(
         # a wreck is strange too
         alarm=verdict.grade in ("fault", "changed") or (faulty > CERTAIN and strange),
         notes=tuple(_notes(calibration, members, statistics, covariate)),
-        when=None if start is None else start.isoformat(),
+        when=None if first.start is None else first.start.isoformat(),
         probabilities={} if doubts else found.probabilities,
         standing=Standing(found.distance, evidence, statistics, covariate),
     )

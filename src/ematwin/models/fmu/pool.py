@@ -24,7 +24,6 @@ from ematwin.errors import EmatwinError
 from ematwin.numerics.side_by_side import cores, side_by_side
 
 _PROGRAM = Path(__file__).with_name("worker.py")
-_NOTHING: Any = object()
 
 
 class Pool:
@@ -58,7 +57,7 @@ class Pool:
                     stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
                 )  # fmt: skip
                 self._running.add(worker)
-                _told(worker, _NOTHING, 60.0)  # s: licences and large libraries take their time
+                _told(worker, None, 60.0)  # s: licences and large libraries take their time
             rows, said = _told(worker, task, limit)
         except BaseException as error:  # an interrupt leaves an answer in the pipe
             _end({worker})
@@ -79,12 +78,12 @@ class Pool:
 
 
 def _told(worker: Any, task: Any, limit: float) -> Any:
-    """The answer of a worker to a task, or to nothing."""
+    """The answer of a worker to a task; once it is ready where there is none."""
     begun, timer = time.monotonic(), threading.Timer(limit, worker.kill)
     timer.daemon = True
     timer.start()
     try:
-        if task is not _NOTHING:
+        if task is not None:
             pickle.dump(task, worker.stdin)
             worker.stdin.flush()
         answer = pickle.load(worker.stdout)

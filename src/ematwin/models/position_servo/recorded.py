@@ -14,6 +14,7 @@ from ematwin.models.position_servo.parameters import unknowns
 from ematwin.recordings.channel import Channel
 from ematwin.recordings.cleaning import runs
 from ematwin.recordings.recording import Recording
+from ematwin.showing.text import counted
 
 CHANNELS = (
     Channel("goal_position", "rad", "commanded position, 0 where a pendulum hangs down",
@@ -62,7 +63,7 @@ def stretch(recording: Recording, actuator: Any) -> Stretch:
     reads = runs(false[first:stop])
     if reads:
         said.append(
-            f"{len(reads)} false read{'s' if len(reads) > 1 else ''} of the position, the first at "
+            f"{counted(len(reads), 'false read')} of the position, the first at "
             f"{time[first + reads[0][0]]:.2f} s, left out."
         )
     sound = np.flatnonzero(~false[first:stop]) + first
