@@ -26,7 +26,7 @@ from pydantic import (
 from pydantic.fields import FieldInfo
 
 from ematwin.errors import InputError, ParameterError
-from ematwin.files import written_whole
+from ematwin.files import write_text
 from ematwin.models.parameter_file import (
     parameter_table,
     read_table,
@@ -358,8 +358,7 @@ class ParameterSet(BaseModel):
         """Write a parameter file, whole or not at all; ``sources`` replace those given."""
         import tomli_w
 
-        with written_whole(path) as draft:
-            draft.write_text(tomli_w.dumps(self.as_table(sources)), encoding="utf-8")
+        write_text(path, tomli_w.dumps(self.as_table(sources)))
 
     def template(self, written: Mapping[str, Any] | None = None) -> str:
         """Text of a parameter file with comments, to be edited; it reads back as this actuator.

@@ -23,7 +23,7 @@ from ematwin.estimation.baseline import (
     baseline_of,
     frees_parameters,
 )
-from ematwin.files import written_whole
+from ematwin.files import write_text
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import actuator_in, load_actuator, model_of, shipped_actuators
@@ -99,8 +99,7 @@ class Calibration:
         """
         table = self._table(sources)
         table["baseline"]["checksum"] = checksum_of(tomllib.loads(tomli_w.dumps(table)))
-        with written_whole(path) as draft:
-            draft.write_text(tomli_w.dumps(table), encoding="utf-8")
+        write_text(path, tomli_w.dumps(table))
 
     def _table(self, sources: Mapping[str, str] | None) -> dict[str, Any]:
         return {**self.actuator.as_table(sources), "baseline": self.baseline.as_table()}
