@@ -61,7 +61,7 @@ def simulate(
     held = actuator.whole_ticks(SETTLED, every)
     command = np.concatenate([np.full(held, start), asked])
     load = np.concatenate([np.full(held, carried[0]), carried])
-    run = reference_columns if fidelity == "reference" else _monitor
+    run = reference_columns if fidelity == "reference" else monitor_columns
     columns = run(actuator, values, command, load, start, substeps, every, progress)
     columns = {name: column[held // every :] for name, column in columns.items()}
     channels = {
@@ -122,10 +122,11 @@ def reference_columns(
     return {name: trace[:, batch.REFERENCE_COLUMNS.index(name)].copy() for name in wanted}
 
 
-def _monitor(
+def monitor_columns(
     actuator: PmsmActuator, values: Mapping[str, float], command: np.ndarray, load: np.ndarray,
-    start: float, substeps: int, every: int, progress: Progress | None,
+    start: float, substeps: int, every: int, progress: Progress | None = None,
 ) -> dict[str, np.ndarray]:  # fmt: skip
+    """The same columns of the monitor model, and its motor's speed, without a low-pass."""
     ratio, step = actuator.transmission.ratio, actuator.controller.current_time / substeps
     constants = constants_of(actuator, one_candidate(values), 1, step)
     theta = start * ratio

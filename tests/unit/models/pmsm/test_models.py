@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from ematwin.models.pmsm.batch import ANSWERS, monitor_scores
 from ematwin.models.pmsm.channels import to_rotor
-from ematwin.models.pmsm.unknowns import Constants, constants_of
+from ematwin.models.pmsm.simulate import monitor_columns
 from naive.pmsm import servo
 from pmsm_inputs import ACTUATOR, TICK, healthy, reference, smooth_move
 
@@ -35,31 +34,6 @@ def motion():
     return np.concatenate([half, half[::-1][1:]]), np.full(2 * half.size - 1, 0.3)
 
 
-def monitor(values, command, load, step=ACTUATOR.steps.monitor, actuator=ACTUATOR):
-    """The same of the monitor model, without its filter."""
-    substeps = round(TICK / step)
-    one = {name: np.array([value]) for name, value in values.items()}
-    constants = constants_of(actuator, one, 1, step)
-    c = Constants(*constants[0])
-
-    def answers(measured):
-        answer = np.empty((1, 7, command.size))
-        monitor_scores(
-            constants, command, load, 0, np.array([c.resolver / c.pole_pairs, 0, 0, 0, 0, 0.0]),
-            step, substeps, np.array(ACTUATOR.ticks), np.array([1.0, 0, 0, 0, 0]),
-            np.zeros((6, command.size)), np.zeros(6), 1, measured, np.empty(1), answer,
-        )  # fmt: skip
-        return dict(zip(ANSWERS, answer[0], strict=True))
-
-    found, measured = answers(False), answers(True)
-    for name in found.keys() - {"voltage_d", "voltage_q"}:
-        np.testing.assert_array_equal(found[name], measured[name])
-    found |= {f"terminal_{x}": measured[f"voltage_{x}"] for x in "dq"}
-    found["motor_position"] = command - found.pop("motor_error")
-    found["output_position"] = command - found.pop("output_error")
-    return found
-
-
 def electrical(columns):
     """The angle of the drive's frame."""
     return ACTUATOR.motor.pole_pairs * columns["motor_position"]
@@ -70,6 +44,16 @@ def with_terminals(columns):
     phases = [columns[f"terminal_voltage_{x}"] for x in "abc"]
     both = to_rotor(*phases, electrical(columns))
     return columns | dict(zip(("terminal_d", "terminal_q"), both, strict=True))
+
+
+def monitor(values, command, load, step=ACTUATOR.steps.monitor, actuator=ACTUATOR):
+    """Columns of the monitor model by name; command and load on the motor shaft, at ticks."""
+    ratio, substeps = actuator.transmission.ratio, actuator.substeps(step)
+    found = with_terminals(
+        monitor_columns(actuator, values, command / ratio, load * ratio, 0.0, substeps, 1)
+    )
+    # in the phases themselves it leaves out the common part that space-vector modulation adds
+    return {n: x for n, x in found.items() if not n.startswith("terminal_voltage")}
 
 
 def gaps(one, other):
