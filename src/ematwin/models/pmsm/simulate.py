@@ -126,7 +126,7 @@ def monitor_columns(
     actuator: PmsmActuator, values: Mapping[str, float], command: np.ndarray, load: np.ndarray,
     start: float, substeps: int, every: int, progress: Progress | None = None,
 ) -> dict[str, np.ndarray]:  # fmt: skip
-    """The same columns of the monitor model, and its motor's speed, without a low-pass."""
+    """As `reference_columns`, by the monitor model without its low-pass, with ideal sensors."""
     ratio, step = actuator.transmission.ratio, actuator.controller.current_time / substeps
     constants = constants_of(actuator, one_candidate(values), 1, step)
     theta = start * ratio
