@@ -254,15 +254,11 @@ def monitor_scores(
                             error = target[m, place] - out[m, n]
                             cost[n] += weight[m] * error * error
                     if keep:
-                        for m in range(7):
-                            for n in range(inside):
-                                answer[first + n, m, place] = out[m, n]
+                        answer[first : first + inside, :, place] = out[:, :inside].T
             if tick + 1 < count:
                 d_load = (load[tick + 1] - load[tick]) / substeps
                 if measured:
-                    for n in range(LANES):
-                        loops[11, n] = 0.0
-                        loops[12, n] = 0.0
+                    loops[11:] = 0.0
                 for j in range(substeps):
                     load_now = load[tick] + (j + 0.5) * d_load
                     if measured:
@@ -276,5 +272,4 @@ def monitor_scores(
                         write_plant(plant, n, now)
                     if measured:
                         take_legs(own, plant, loops, 0.5 / substeps)
-        for n in range(inside):
-            costs[first + n] = cost[n]
+        costs[first : first + inside] = cost[:inside]
