@@ -233,8 +233,7 @@ def stepped(actuator: PositionServo, most_delay: float, interval: float) -> Step
     def begin(c, u, x):
         write_state(x, 0, at_rest(u[0, 0], u[0, 0], constants_of(c, 0)))
         x[done, 0] = 0.0
-        for n in range(kept):
-            x[goals + n, 0] = u[0, 0]
+        x[goals:, 0] = u[0, 0]
 
     @part
     def sample(c, x, u, n, y):
