@@ -149,7 +149,7 @@ def test_halving_the_step_quarters_the_error():
 
 def test_friction_never_adds_energy():
     """In no step does the mass gain more than the force does: the midpoint rule is exact there."""
-    c = axis_constants(AXIS)
+    c = axis_constants(AXIS, {})
     rng = np.random.default_rng(1)
     dt = INTERVAL / substeps_of(AXIS)
     now, lost, turned = AxisState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), [], 0

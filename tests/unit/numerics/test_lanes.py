@@ -25,7 +25,7 @@ print(*last, max(widths))
 
 def ends():
     """Where three candidates end."""
-    constants, start = axis_constants(load_actuator("emps")), AxisState(*[0.0] * 6)
+    constants, start = axis_constants(load_actuator("emps"), {}), AxisState(*[0.0] * 6)
     command = np.linspace(0.0, 0.01, 50)
     traces = axis_traces(command, None, constants, start, 1e-3, 2, count=3)
     return traces["position"][:, -1].tolist()

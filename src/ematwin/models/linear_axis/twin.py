@@ -126,14 +126,11 @@ axis_traces = Traces(AxisConstants, AxisState, AxisAnswer, controlled, axis_step
 FIRST = 20  # samples from which the first state is taken; the published scores leave them out
 
 
-def axis_constants(
-    actuator: LinearAxis, candidates: Mapping[str, Any] | None = None
-) -> AxisConstants:
-    """Constants of candidates, numbers or (B,) arrays; all others are healthy.
+def axis_constants(actuator: LinearAxis, k: Mapping[str, Any]) -> AxisConstants:
+    """Constants of candidates, numbers or (B,) arrays.
 
-    ``candidates`` are faults by name and parameters by place, (B,) each.
+    ``k`` are faults by name and parameters by place; what it does not name is healthy.
     """
-    k = candidates or {}
     own = actuator.varied(k, GRID)
     friction, drive, control = own.friction, own.drive, own.controller
     dry = friction.coulomb * k.get("friction", 1.0)
