@@ -111,12 +111,10 @@ def _mask(found: Collected, starts: np.ndarray, holes: _Holes, inputs: Collectio
                 f"command did meanwhile is unknown, and {_LONGEST_BRIDGE * 1e3:g} ms is the "
                 'longest that is bridged. Take the longest sound stretch with gaps="longest".'
             )
-    masked: list[list[float]] = []
-    for start, stop in sorted((float(time[a]), float(time[b])) for _, a, b in filled):
-        if masked and start <= masked[-1][1]:
-            masked[-1][1] = max(stop, masked[-1][1])
-        else:
-            masked.append([start, stop])
+    between = np.zeros(time.size - 1, dtype=bool)  # from a sample to the next
+    for _, a, b in filled:
+        between[a:b] = True
+    masked = [[float(time[a]), float(time[b])] for a, b in runs(between)]
     total = sum(stop - start for start, stop in masked)
     if total > 0.5 * (time[-1] - time[0]):
         raise RecordError(

@@ -309,14 +309,9 @@ def _add(
 def _unit(found: Collected, channel: Channel, name: str, entry: MappedChannel) -> tuple[str, str]:
     """The unit of a channel and who states it: map, file, name, or nobody (SI is assumed)."""
     file, stated, chosen = found.file, found.file.stated_unit(name), entry.unit
-    if (
-        chosen is None
-        and entry.channel != name
-        and words.fits(words.beside(entry.channel)[1], channel.unit)
-    ):
-        chosen = words.beside(entry.channel)[
-            1
-        ]  # "Phase A [mA]" in the map for the channel "Phase A"
+    beside = words.beside(entry.channel)[1]  # "Phase A [mA]" in the map for the channel "Phase A"
+    if chosen is None and entry.channel != name and words.fits(beside, channel.unit):
+        chosen = beside
     if chosen is not None:
         if stated and stated != chosen:
             said = f"The map gives {channel.name} in {chosen}, the file in {stated}"

@@ -62,9 +62,9 @@ class Survey:
         return any(one.rate is not None for one in self.channels)
 
 
-def survey(path: Any, *, progress: Progress | None = None, **options: Any) -> Survey:
+def survey(path: Any, *, progress: Progress | None = None) -> Survey:
     """Look at every channel of a file of a known format, or of a DataFrame."""
-    with open_file(path, **options) as file:
+    with open_file(path) as file:
         names = file.names
         rates: dict[str, float | None] = {}
         found: list[Surveyed] = []

@@ -102,7 +102,10 @@ def write_table(path: str | Path, columns: Mapping[str, Any], metadata: str | No
     if kind not in {".parquet", ".csv"}:
         raise InputError(f"Cannot tell how to write {path}: end its name in .parquet or .csv.")
     if kind == ".csv":
-        columns = {no_formula(name): _cells(values) for name, values in columns.items()}
+        columns = {
+            no_formula(name): x if isinstance(x, np.ndarray) else [no_formula(cell) for cell in x]
+            for name, x in columns.items()
+        }
     table = pa.table({name: from_numpy(values) for name, values in columns.items()})
     with written_whole(path) as draft:
         if kind == ".parquet":
@@ -120,18 +123,13 @@ def write_table(path: str | Path, columns: Mapping[str, Any], metadata: str | No
                 write_csv(table, file)
 
 
-def _cells(values: Any) -> Any:
-    if isinstance(values, np.ndarray):
-        return values
-    return [no_formula(value) if isinstance(value, str) else value for value in values]
+def no_formula(cell: Any) -> Any:
+    """A cell, with an apostrophe before a text that a spreadsheet would compute.
 
-
-def no_formula(text: str) -> str:
-    """A text for a cell, with an apostrophe before it if a spreadsheet would compute it.
-
-    Numbers such as ``-1.5`` are left as they are, and dashes alone, which stand for missing values.
+    Texts such as ``-1.5`` are left as they are, and dashes alone, which stand for missing values.
     """
-    return f"'{text}" if _FORMULA.match(text) and not _NUMBER.fullmatch(text) else text
+    computed = isinstance(cell, str) and _FORMULA.match(cell) and not _NUMBER.fullmatch(cell)
+    return f"'{cell}" if computed else cell
 
 
 def without_apostrophe(text: str) -> str:

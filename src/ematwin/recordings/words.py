@@ -259,9 +259,9 @@ def unit_in_name(name: str, si_unit: str, names: Collection[str] = ()) -> tuple[
     return stem, "A" if unit == "a" else unit
 
 
-def says_nothing(unit: str | None) -> bool:
+def says_nothing(unit: str) -> bool:
     """Whether the unit that a file states is empty."""
-    return unit is None or unit.strip().casefold() in _NONE
+    return unit.strip().casefold() in _NONE
 
 
 def example(si_unit: str) -> str:

@@ -12,7 +12,7 @@ import shutil
 import zipfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from datetime import date, datetime, time, tzinfo
+from datetime import datetime, tzinfo
 from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -124,8 +124,8 @@ class RecordedFile:
 
     def stated_unit(self, name: str) -> str:
         """Unit of a channel; "" where the file states none, or a dash."""
-        stated = self.unit(name)
-        return "" if stated is None or says_nothing(stated) else stated.strip()
+        stated = (self.unit(name) or "").strip()
+        return "" if says_nothing(stated) else stated
 
     def time_base(self, name: str) -> str:
         """Key of the time base of a channel."""
@@ -276,18 +276,10 @@ def _sheet(path: Path, folder: Path) -> tuple[Path, str]:
     with inside.open("w", newline="", encoding="utf-8") as target:
         writer = csv.writer(target, delimiter=";")
         for row in sheet.iter_rows(values_only=True):
-            writer.writerow(_as_text(cell) for cell in row)
+            writer.writerow(row)
     others = len(book.worksheets) - 1
     book.close()
     return inside, f"sheet “{sheet.title}” was read, and not the other {others}" if others else ""
-
-
-def _as_text(cell: Any) -> str:
-    if cell is None:
-        return ""
-    if isinstance(cell, float):
-        return repr(cell)
-    return cell.isoformat() if isinstance(cell, date | datetime | time) else str(cell)
 
 
 def known_suffixes() -> list[str]:

@@ -14,7 +14,8 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from datetime import date
+from datetime import UTC, datetime, timedelta, tzinfo
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,7 @@ _CLOCK = re.compile(
     r"(\d\d?):(\d\d):(\d\d)(?:[.,](\d{1,9}))?\s*(?:([AaPp])\.?[Mm]\.?)?\s*(Z|[+-]\d\d:?\d\d)?"
 )
 MISSING = np.iinfo(np.int64).min
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 def is_clock(text: str) -> bool:
@@ -82,27 +84,22 @@ class Clock:
                 year, day, month = later_year, first, second
                 if self.month_first:
                     day, month = month, day
-            on = date(1970, 1, 1) if year is None else date(int(year), int(month), int(day))
             hour, minute, second, fraction, half, zone = match.groups()[7:]
-            hours = int(hour)
-            if half:
-                hours = hours % 12 + (12 if half in "pP" else 0)
-            if hours > 23 or int(minute) > 59 or int(second) > 60:
+            hours = int(hour) % 12 + 12 * (half in "pP") if half else int(hour)
+            on = (int(year or 1970), int(month or 1), int(day or 1), hours, int(minute))
+            began = datetime(*on, tzinfo=_zone(zone or "Z"))
+            if int(second) > 60:  # 60 is a leap second
                 raise ValueError
         except ValueError:
             raise RecordError(f"{text!r} is no clock time such as 09:14:02.5") from None
-        days = (on - date(1970, 1, 1)).days
-        seconds = 86_400 * days + 3600 * hours + 60 * int(minute) + int(second) - _offset(zone)
+        seconds = (began - _EPOCH) // timedelta(seconds=1) + int(second)
         return seconds * 10**9 + int((fraction or "").ljust(9, "0"))
 
 
-def _offset(zone: str | None) -> int:
-    """Seconds of a time zone such as ``+01:00``."""
-    if zone is None or zone == "Z":
-        return 0
-    digits = zone[1:].replace(":", "")
-    seconds = 3600 * int(digits[:2]) + 60 * int(digits[2:])
-    return seconds if zone[0] == "+" else -seconds
+@cache
+def _zone(text: str) -> tzinfo | None:
+    """A time zone such as ``+01:00``."""
+    return datetime.strptime(text, "%z").tzinfo
 
 
 def over_midnight(seconds: np.ndarray) -> np.ndarray:
