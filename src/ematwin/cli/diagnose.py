@@ -43,7 +43,6 @@ def calibrate(
     from ematwin.report import calibration as page
 
     check_target(out, (".toml",), replace=force or is_as_written(out))
-    options.check_outputs(report)
     before = None if add is None else ematwin.Calibration.load(add)
     if before is not None:
         template = before.actuator
@@ -129,7 +128,6 @@ def identify(
     """Find the faults with which the digital twin behaves like the recorded actuator."""
     from ematwin.monitoring.runs import is_one
 
-    options.check_outputs(report, table)
     failing = options.grades(fail_on)
 
     def twin(given: Any, first: Path) -> ematwin.Calibration:
@@ -239,7 +237,6 @@ def detect(
     """
     if each not in ("motion", "run"):
         raise InputError(f"--each must be motion or run, received {each!r}.")
-    options.check_outputs(report, table)
     failing = options.grades(fail_on)
     wanted = options.choice(where or [], "--where")
 

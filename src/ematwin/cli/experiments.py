@@ -55,7 +55,6 @@ def design(
     from ematwin.report import experiments as pages
 
     check_target(out, (".toml",), replace=force)
-    options.check_outputs(report)
     chosen = ematwin.load_actuator(actuator)
     settings: dict[str, Any] = {
         "scenario": scenario,
@@ -231,7 +230,6 @@ def identifiability(
     from ematwin.experiments.identifiability import FALSE_ALARM, MISS, ranked
     from ematwin.report import experiments as pages
 
-    options.check_outputs(report)
     values = options.numbers(fault or [], "--fault")
     given: list[str | None] = [*commands] if commands else [None]
     settings: dict[str, Any] = {

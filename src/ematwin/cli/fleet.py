@@ -10,7 +10,7 @@ import typer
 
 import ematwin
 from ematwin.cli import answers, options
-from ematwin.cli.options import argument, option
+from ematwin.cli.options import argument, file_to_write, option
 from ematwin.errors import InputError
 from ematwin.showing.results import plain
 
@@ -35,9 +35,11 @@ fleet = typer.Typer(
 def status(
     fleet: Path = FLEET,
     report: Path | None = options.REPORT,
-    table: Path | None = option("Write a row for each actuator as a table (.csv or .parquet)."),
-    recordings: Path | None = option(
-        "Write a row for each recording as a table (.csv or .parquet)."
+    table: Path | None = file_to_write(
+        "Write a row for each actuator as a table (.csv or .parquet).", ".csv", ".parquet"
+    ),
+    recordings: Path | None = file_to_write(
+        "Write a row for each recording as a table (.csv or .parquet).", ".csv", ".parquet"
     ),
     fail_on: str | None = STEP,
     units: str | None = options.UNITS,
@@ -45,7 +47,6 @@ def status(
 ) -> None:
     """Say which actuator needs what, and when, from the recordings that are judged."""
     _check_step(fail_on)
-    options.check_outputs(report, table, recordings)
     known = ematwin.Fleet(fleet, create=False)
     if table is not None:
         known.export(table, "advisory")
@@ -214,7 +215,6 @@ def watch(
     _check_step(fail_on)
     if every is not None and not every > 0.0:
         raise InputError(f"--every needs seconds above 0, received {every:g}.")
-    options.check_outputs(report, table)
     columns = None
     if column or map_file:
         columns = options.map_of(column, map_file, ematwin.load_actuator(actuator))

@@ -9,7 +9,7 @@ import typer
 
 import ematwin
 from ematwin.cli import answers, options
-from ematwin.cli.options import argument, option
+from ematwin.cli.options import argument, file_to_write, option
 from ematwin.errors import FileError, InputError
 from ematwin.files import check_target, write_text
 from ematwin.quantities import QUANTITIES, parse_units, preferred, settings_file, units_in_settings
@@ -164,7 +164,7 @@ def channels(
     file: Path = argument("CSV, Parquet, Excel, MAT, MDF4, TDMS, HDF5, ULog or MCAP."),
     actuator: str | None = options.RECORDED_ACTUATOR,
     write: Path | None = option("Write the proposed map here (.toml), for identify --map."),
-    plot: Path | None = option("Write a page with every channel here (.html)."),
+    plot: Path | None = file_to_write("Write a page with every channel here (.html).", ".html"),
     force: bool = options.FORCE,
     json: bool = options.JSON,
 ) -> None:
@@ -177,7 +177,6 @@ def channels(
 
     if write is not None:
         check_target(write, (".toml",), replace=force)
-    options.check_outputs(plot)
     chosen = ematwin.load_actuator(actuator or options.meant([file], None, None))
     with answers.progress_bar(f"Reading {file.name}", not json) as progress:
         found = survey(file, progress=progress)

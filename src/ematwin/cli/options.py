@@ -36,6 +36,17 @@ def flag(name: str, help: str) -> Any:
     return typer.Option(False, name, help=help)
 
 
+def file_to_write(help: str, *suffixes: str) -> Any:
+    """An option for a file that will be written; refused before any work if that cannot be."""
+
+    def checked(path: Path | None) -> Path | None:
+        if path is not None:
+            check_target(path, suffixes)
+        return path
+
+    return option(help, callback=checked)
+
+
 def _names(module: str, names: Callable[[Any], Iterable[str]]) -> Callable[[str], list[str]]:
     """Complete one of the ``names`` that a module of ematwin knows, which is loaded only then."""
 
@@ -82,8 +93,8 @@ GAPS = option("Holes in the record: refuse, longest or mask.", "refuse")
 LOAD = option(
     'The constant load of a record that does not hold it, e.g. "10 N*m"; 0 if there was none.'
 )
-TABLE = option("Write all verdicts as a table (.csv or .parquet).")
-REPORT = option("Write a self-contained page here (.html).")
+TABLE = file_to_write("Write all verdicts as a table (.csv or .parquet).", ".csv", ".parquet")
+REPORT = file_to_write("Write a self-contained page here (.html).", ".html")
 FORCE = flag("--force", "Replace a file that exists, which you may have edited.")
 RECORDED_ACTUATOR = option(
     "A shipped parameter set of any kind, a TOML file, or a calibrated actuator; if not "
@@ -135,14 +146,6 @@ def grades(text: str | None) -> set[str]:
     if not found <= {"fault", "changed", "none", "healthy"}:
         raise InputError(f"--fail-on takes fault, changed and none, received {text!r}.")
     return found
-
-
-def check_outputs(page: Path | None, *tables: Path | None) -> None:
-    """Refuse a page or table that cannot be written, before any work is done."""
-    if page is not None:
-        check_target(page, (".html",))
-    for table in filter(None, tables):
-        check_target(table, (".csv", ".parquet"))
 
 
 def meant(files: list[Path], column: list[str] | None, map_file: Path | None) -> "ParameterSet":

@@ -15,9 +15,9 @@ import ematwin
 from ematwin.cli import answers, options
 from ematwin.cli.diagnose import print_findings
 from ematwin.cli.fleet import print_fleet
-from ematwin.cli.options import argument, flag, option
+from ematwin.cli.options import argument, file_to_write, flag, option
 from ematwin.errors import FileError, InputError
-from ematwin.files import check_target, write_text
+from ematwin.files import write_text
 from ematwin.showing.text import said
 
 
@@ -29,9 +29,11 @@ def simulate(
     model: str | None = option("For the brushless actuator: reference (default) or monitor."),
     scenario: str | None = options.SCENARIO,
     actuator: str = options.ACTUATOR,
-    out: Path | None = option("Write the record here (.parquet or .csv)."),
-    plot: Path | None = option(
-        "Write a page here that shows the record beside the healthy one (.html)."
+    out: Path | None = file_to_write(
+        "Write the record here (.parquet or .csv).", ".parquet", ".csv"
+    ),
+    plot: Path | None = file_to_write(
+        "Write a page here that shows the record beside the healthy one (.html).", ".html"
     ),
     noise: str | None = option("Sensor noise, e.g. white=0.02,offset=0.05,bits=12,full_scale=25."),
     seed: int = option("Seed of the noise.", 0),
@@ -44,7 +46,6 @@ def simulate(
     json: bool = options.JSON,
 ) -> None:
     """Simulate an actuator with any mix of its faults."""
-    from ematwin.models.reading import WRITTEN
     from ematwin.models.registry import model_of
     from ematwin.models.unknown import table_of
 
@@ -52,12 +53,9 @@ def simulate(
     kind = model_of(chosen)
     values = kind.values_of(chosen, options.numbers(fault or [], "--fault"))
     asked = kind.load_scenario(scenario)
-    if out is not None:
-        check_target(out, WRITTEN)
-        for source in (scenario or "", actuator):
-            if Path(source).is_file() and out.exists() and out.samefile(source):
-                raise InputError(f"--out {out} would overwrite its own input. Give another name.")
-    options.check_outputs(plot)
+    for source in (scenario or "", actuator):
+        if Path(source).is_file() and out is not None and out.exists() and out.samefile(source):
+            raise InputError(f"--out {out} would overwrite its own input. Give another name.")
     more = [] if also is None else [name.strip() for name in also.split(",") if name.strip()]
     settings: dict[str, Any] = {"noise": noise, "seed": seed, "step": step, "also": more}
     settings["sample_rate"] = sample_rate

@@ -18,7 +18,6 @@ from ematwin.recordings.recording import Recording
 from ematwin.recordings.tables import write_recording, write_recordings
 from ematwin.showing.results import is_frame
 
-WRITTEN = (".parquet", ".csv")  # endings that `write` knows
 Paths = list[str] | list[Path] | list[str | Path] | tuple[str | Path, ...]
 
 

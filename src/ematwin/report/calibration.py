@@ -179,7 +179,7 @@ def plot_before_and_after(report: CalibrationReport) -> Any:
             left.line(time, target - before, "measured - template", BLUE, dash="dot")
             left.line(time, target - after, "measured - calibrated", GREY)
             panels += [beside.line(time, after, "calibrated", ORANGE), left]
-    return panels_drawn(panels, "time, s", 200)
+    return panels_drawn(panels, 200)
 
 
 def plot_residuals(report: CalibrationReport) -> Any:

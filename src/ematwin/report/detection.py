@@ -10,7 +10,7 @@ from ematwin.monitoring.detection import Detection, Diagnosis, counted, gathered
 from ematwin.monitoring.population_calibration import DRIFT, PopulationCalibration
 from ematwin.quantities import preferred
 from ematwin.report.page import Row, Section, Table, listed, render
-from ematwin.report.style import AMBER, GREEN, GREY, SERIES, stacked
+from ematwin.report.style import AMBER, GREEN, GREY, SERIES, error_bars, stacked
 
 
 def detection_page(found: Detection) -> str:
@@ -116,10 +116,8 @@ def plot_trend(found: Detection, each: str = "run") -> Any:
     def marks(row: int, y: list[float], above: Sequence[float] = (), below: Any = ()) -> None:
         for name, (color, symbol) in looks.items():
             own = [n for n, verdict in enumerate(rows) if verdict.said == name]
-            bars = {
-                "type": "data", "symmetric": False, "color": GREY, "thickness": 1,
-                "array": [above[n] for n in own], "arrayminus": [below[n] for n in own],
-            } if above else None  # fmt: skip
+            reach = ([side[n] for n in own] for side in (above, below))
+            bars = error_bars(*reach, color=GREY, thickness=1) if above else None
             if own:
                 figure.add_scatter(
                     x=[x[n] for n in own], y=[y[n] for n in own], mode="markers", name=name,

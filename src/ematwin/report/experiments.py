@@ -293,7 +293,7 @@ def plot_command(found: Design | Discrimination) -> Any:
         signal = model.signals(record, actuator)[0]
         answers = answers or [Panel(f"{signal.title}, healthy", signal.unit)]
         answers[0].line(record.time, signal.values, name, color)
-    return panels_drawn([*panels, *answers], "time, s", 195)
+    return panels_drawn([*panels, *answers], 195)
 
 
 def plot_errors(found: Design) -> Any:
@@ -325,7 +325,7 @@ def plot_healthy_tests(found: HealthyTests) -> Any:
         time = np.linspace(0.0, scenario.duration, _POINTS)
         for panel, values in zip(panels, scenario.histories(time), strict=False):
             panel.line(time, values, f"test {n + 1}", _TESTS[n % 3])
-    return panels_drawn(panels, "time, s", 165)
+    return panels_drawn(panels, 165)
 
 
 def plot_learnt_errors(found: HealthyTests) -> Any:

@@ -131,12 +131,11 @@ def plot_faults(found: Identification) -> Any:
         figure.add_bar(
             y=members, x=[at[name] for name in members], orientation="h", name=label,
             marker_color=color, width=0.62,
-            error_x={
-                "type": "data", "symmetric": False, "thickness": 1.6, "width": 5,
-                "color": style.GREY,
-                "array": [max(ends[name][1] - at[name], 0.0) for name in members],
-                "arrayminus": [max(at[name] - ends[name][0], 0.0) for name in members],
-            },
+            error_x=style.error_bars(
+                [max(ends[name][1] - at[name], 0.0) for name in members],
+                [max(at[name] - ends[name][0], 0.0) for name in members],
+                thickness=1.6, width=5, color=style.GREY,
+            ),
             customdata=[_hover(found, name) for name in members],
             hovertemplate="%{customdata}<extra></extra>",
         )  # fmt: skip
@@ -212,7 +211,7 @@ def plot_fit(found: Identification, recording: Recording | None = None) -> Any:
         left = style.Panel("Residual", unit)
         left.line(time, target - fitted, "measured - fitted", style.GREY)
         panels += [beside.line(time, fitted, "fitted", style.ORANGE), left]
-    return style.panels_drawn(panels, "time, s", 240)
+    return style.panels_drawn(panels, 240)
 
 
 def plot_convergence(found: Any) -> Any:

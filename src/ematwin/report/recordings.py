@@ -84,7 +84,7 @@ def plot_recording(recording: Recording) -> Any:
     for name, values in recording.channels.items():
         panel = Panel(name.replace("_", " "), recording.units.get(name, ""))
         panels.append(panel.line(recording.time, values, panel.title, BLUE))
-    return style.panels_drawn(panels, "time, s", 120).update_layout(showlegend=False)
+    return style.panels_drawn(panels, 120).update_layout(showlegend=False)
 
 
 def plot_channels(found: Survey, taken: tuple[str, ...] = (), rate: float | None = None) -> Any:
@@ -100,12 +100,8 @@ def plot_channels(found: Survey, taken: tuple[str, ...] = (), rate: float | None
     figure = style.stacked(names, units, "time, s" if timed else "sample", 110 + 120 * len(shown))
     for n, one in enumerate(shown):
         name, color = ("in the map", ORANGE) if one.name in taken else ("not used", BLUE)
-        figure.add_scatter(
-            x=style.compact(one.places / ((one.rate or rate or 1.0) if timed else 1.0)),
-            y=style.compact(one.shape), mode="lines", name=name, legendgroup=color,
-            showlegend=all(trace.legendgroup != color for trace in figure.data),
-            line={"color": color, "width": 1.2}, row=n + 1, col=1,
-        )  # fmt: skip
+        x = one.places / ((one.rate or rate or 1.0) if timed else 1.0)
+        style.line(figure, n + 1, x, one.shape, name, color, width=1.2)
     figure.update_xaxes(matches=None)
     figure.update_layout(hovermode="closest")
     return figure
@@ -126,4 +122,4 @@ def plot_response(recording: Recording, healthy: Recording, actuator: Any) -> An
         if one.reference is not None:
             panel.line(time, one.reference, "command", BLUE, dash="dot")
         panels.append(panel.line(time, one.values, "faulty", ORANGE))
-    return style.panels_drawn(panels, "time, s", 215)
+    return style.panels_drawn(panels, 215)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.report.style import empty, styled
+from ematwin.report.style import empty, entry, error_bars, styled
 
 # Okabe and Ito, told apart by colour-blind readers; from the ninth on Tol's muted ones.
 PALETTE = (
@@ -48,11 +48,10 @@ def _means(analysis: Any, metric: str, title: str) -> Any:
             continue
         figure.add_bar(
             x=list(cells["case"]), y=_short(mean), name=name, marker_color=color,
-            error_y={
-                "type": "data", "symmetric": False, "thickness": 1, "width": 2,
-                "array": _short((cells[f"{metric}_mean_high_95"] - mean).fillna(0.0)),
-                "arrayminus": _short((mean - cells[f"{metric}_mean_low_95"]).fillna(0.0)),
-            },
+            error_y=error_bars(
+                _short((cells[f"{metric}_mean_high_95"] - mean).fillna(0.0)),
+                _short((mean - cells[f"{metric}_mean_low_95"]).fillna(0.0)), thickness=1, width=2,
+            ),
         )  # fmt: skip
     buttons = [
         {"label": scale, "method": "relayout", "args": [{"yaxis.type": scale}]}
@@ -125,11 +124,11 @@ def _distributions(analysis: Any) -> Any:
                 continue
             q1, median, q3 = np.maximum(cell[["err_q1", "err_median", "err_q3"]], least)
             figure.add_scatter(
-                x=[name], y=_short([median]), mode="markers", name=name, legendgroup=name,
-                showlegend=all(trace.name != name for trace in figure.data),
+                x=[name], y=_short([median]), mode="markers", **entry(figure, name),
                 marker={"symbol": "line-ew", "size": 18, "line": {"color": color, "width": 3}},
-                error_y={"type": "data", "symmetric": False, "array": _short([q3 - median]),
-                         "arrayminus": _short([median - q1]), "color": color, "width": 6},
+                error_y=error_bars(
+                    _short([q3 - median]), _short([median - q1]), color=color, width=6
+                ),
                 hovertemplate=f"median {median:.3g}, quartiles {q1:.3g} to {q3:.3g}", **place,
             )  # fmt: skip
             if len(rows) <= 30:  # runs of a cell drawn one by one
@@ -188,18 +187,14 @@ def _spread(
 ) -> None:  # fmt: skip
     """A line with a band around it: columns of a DataFrame over its evaluations."""
     x, (middle, low, high) = curve["evaluations"], (curve[column] for column in columns)
-    first = all(trace.name != name for trace in figure.data)
-    shared = {"legendgroup": name, "name": name, "mode": "lines", **(where or {})}
+    shown = entry(figure, name) | {"mode": "lines", **(where or {})}
     if np.isfinite(low).all():
         figure.add_scatter(
             x=_short(np.r_[x, x[::-1]]), y=_short(np.r_[high, low[::-1]]), fill="toself",
-            fillcolor=color, opacity=0.18, line={"width": 0}, hoverinfo="skip", showlegend=False,
-            **shared,
+            fillcolor=color, opacity=0.18, line={"width": 0}, hoverinfo="skip",
+            **shown | {"showlegend": False},
         )  # fmt: skip
-    figure.add_scatter(
-        x=_short(x), y=_short(middle), line={"color": color, "width": 1.5}, showlegend=first,
-        **shared,
-    )  # fmt: skip
+    figure.add_scatter(x=_short(x), y=_short(middle), line={"color": color, "width": 1.5}, **shown)
 
 
 def _short(values: Any) -> list[float | None]:

@@ -17,7 +17,6 @@ BLUE, ORANGE, GREEN, GREY = "#0072b2", "#d55e00", "#009e73", "#8c959f"
 AMBER, PALE = "#e69f00", "#aeb8c2"
 # Faults side by side: none of them the green of healthy nor the grey of no verdict.
 SERIES = ("#d55e00", "#cc79a7", "#0072b2", "#e69f00", "#56b4e9", "#7a5195", "#b8860b", "#a6761d")
-SHOWN_POINTS = 2400  # of a line; more make the page slow and show nothing more
 
 
 def _template() -> Any:
@@ -48,11 +47,11 @@ class Panel:
         return self
 
 
-def panels_drawn(panels: Sequence[Panel], x_title: str, height: int) -> Any:
-    """Panels above one another, ``height`` px each."""
+def panels_drawn(panels: Sequence[Panel], height: int) -> Any:
+    """Panels over time above one another, ``height`` px each."""
     shown = [preferred(panel.unit) for panel in panels]
     titles, units = [panel.title for panel in panels], [unit for unit, _ in shown]
-    figure = stacked(titles, units, x_title, 110 + height * len(panels))
+    figure = stacked(titles, units, "time, s", 110 + height * len(panels))
     for row, (panel, (_, factor)) in enumerate(zip(panels, shown, strict=True), start=1):
         for x, y, name, color, style in panel.lines:
             line(figure, row, x, factor * y, name, color, **style)
@@ -98,16 +97,26 @@ def styled(figure: Any, height: int, **layout: Any) -> Any:
 
 def line(figure: Any, row: int, x: Any, y: Any, name: str, color: str, **style: Any) -> None:
     """Add a line to a panel, thinned to its extremes; the same name shares one legend entry."""
-    shown = all(trace.name != name for trace in figure.data)
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
-    kept = extremes(y, SHOWN_POINTS)
+    kept = extremes(y, 2400)  # more points make the page slow and show nothing more
     figure.add_scatter(
-        x=compact(x[kept]), y=compact(y[kept]), name=name, legendgroup=name, showlegend=shown,
-        mode="lines", line={"color": color, "width": 1.4, **style}, row=row, col=1,
+        x=_compact(x[kept]), y=_compact(y[kept]), mode="lines", **entry(figure, name),
+        line={"color": color, "width": 1.4, **style}, row=row, col=1,
     )  # fmt: skip
 
 
-def compact(values: np.ndarray) -> np.ndarray:
+def entry(figure: Any, name: str) -> dict[str, Any]:
+    """Name of a trace; the first of a figure with that name stands in the legend for all."""
+    first = all(trace.name != name for trace in figure.data)
+    return {"name": name, "legendgroup": name, "showlegend": first}
+
+
+def error_bars(above: Any, below: Any, **look: Any) -> dict[str, Any]:
+    """Bars from values up to ``above`` and down to ``below`` them."""
+    return {"type": "data", "symmetric": False, "array": above, "arrayminus": below, **look}
+
+
+def _compact(values: np.ndarray) -> np.ndarray:
     """Numbers in single precision where a figure cannot tell: half the size on a page."""
     known = values[np.isfinite(values)]
     steps = np.abs(np.diff(np.sort(known)))
