@@ -1,6 +1,7 @@
-"""``ematwin simulate``: records, plots, answers for people and for programs."""
+"""``ematwin simulate`` and ``export-fmu``: records, plots, archives, answers for programs."""
 
 import re
+import zipfile
 
 import numpy as np
 import pytest
@@ -85,3 +86,16 @@ def test_help_and_version_are_at_hand(ematwin):
         assert "simulate" in answer.out
     assert "--fault" in ematwin("simulate", "--help").out
     assert ematwin("--version").out == f"ematwin {library.__version__}\n"
+
+
+def test_the_archive_is_written_and_named(ematwin, tmp_path):
+    answer = ematwin("export-fmu", "emps", "--out", "axis.fmu", "--fmi", "2", "--json")
+    assert (answer.code, answer.err) == (0, "")
+    found = answer.told
+    actuator = library.load_actuator("emps")
+    assert (found["kind"], found["fmi"]) == ("linear-axis", 2)
+    assert found["fingerprint"] == actuator.fingerprint
+    with zipfile.ZipFile(tmp_path / "axis.fmu") as archive:
+        assert archive.testzip() is None
+        (tmp_path / "again.toml").write_bytes(archive.read("resources/actuator.toml"))
+    assert library.load_actuator(tmp_path / "again.toml").fingerprint == actuator.fingerprint

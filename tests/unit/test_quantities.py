@@ -1,4 +1,4 @@
-"""Units that a user prefers: what is shown follows them, and what programs read stays SI."""
+"""Units that a user prefers: what is shown follows, what programs read stays SI; usual factors."""
 
 import json
 import math
@@ -7,14 +7,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import pint
 import pytest
 
 import ematwin
-from ematwin.errors import EmatwinError
+from ematwin.errors import EmatwinError, ParameterError
 from ematwin.exploring.explorer import Explorer
 from ematwin.monitoring.detection import Magnitude
 from ematwin.plots import plot_recording
-from ematwin.quantities import preferred, use_units
+from ematwin.quantities import _USUAL, preferred, to_si, use_units
 from refusals import refused
 
 
@@ -122,3 +123,34 @@ def test_the_shell_keeps_units_and_an_option_goes_before_them(ematwin: Any, sett
     for text, said in (("[units]\nangle = 3", "received 1 '3'"), ("units", "Cannot read the")):
         settings.write_text(text)
         refused(ematwin("units"), said)
+
+
+# The factors of usual units are those of pint
+
+REGISTRY = pint.UnitRegistry(cache_folder=None)
+
+
+@pytest.mark.parametrize(
+    ("spelled", "proper"),
+    [
+        ("gcm²", "g*cm^2"), ("gcm2", "g*cm^2"), ("g cm²", "g*cm^2"), ("gcm^2", "g*cm^2"),
+        ("kgcm²", "kg*cm^2"), ("kg cm2", "kg*cm^2"), ("kgm²", "kg*m^2"), ("kgmm²", "kg*mm^2"),
+    ],
+)  # fmt: skip
+def test_inertias_may_be_spelled_as_on_data_sheets(spelled, proper) -> None:
+    assert to_si(33.3, spelled, "kg*m^2", "it") == pytest.approx(
+        float(REGISTRY.Quantity(33.3, proper).to("kg*m^2").magnitude), rel=1e-12
+    )
+
+
+def test_a_mass_in_another_power_of_length_is_refused() -> None:
+    for unit in ("gcm", "gcm3", "gcm20", "kgs2"):
+        with pytest.raises(ParameterError, match="must have a unit of the kind"):
+            to_si(1.0, unit, "kg*m^2", "it")
+
+
+@pytest.mark.parametrize(("unit", "si_unit"), _USUAL)
+@pytest.mark.parametrize("value", [0.72, 25.0, 1.0 / 3.0, 8000.0])
+def test_a_usual_unit_gives_to_the_last_bit_what_pint_gives(unit, si_unit, value) -> None:
+    expected = float(REGISTRY.Quantity(value, unit).to(si_unit).magnitude)
+    assert to_si(value, unit, si_unit, "it") == expected
