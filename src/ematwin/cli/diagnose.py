@@ -58,11 +58,10 @@ def calibrate(
     recordings = options.load(records, columns, template, where=chosen, gaps=gaps)
     faults = {name: fitting(recordings, labels) for name, labels in taught.items()}
     name = out.stem if template.name in shipped_actuators() else None  # its own stays
-    with answers.progress_bar("Calibrating", not json) as progress:
-        found = ematwin.calibrate(
-            fitting(recordings, wanted), template, known=faults or None, name=name,
-            progress=progress, add_to=before,
-        )  # fmt: skip
+    found = ematwin.calibrate(
+        fitting(recordings, wanted), template, known=faults or None, name=name,
+        progress=not json, add_to=before,
+    )  # fmt: skip
     found.save(out)
     if report is not None:
         found.report(report)
@@ -144,20 +143,17 @@ def identify(
         "held": options.numbers(hold or [], "--hold"), "checkpoint": checkpoint,
         "load": options.constant_load(load, known.actuator), "exact": exact,
         "thresholds": options.pairs(threshold or [], "--threshold"), "uncertainty": uncertainty,
+        "progress": not json,
     }  # fmt: skip
     alone = isinstance(recordings, list) and len(records) == len(recordings) == 1
     if not (alone and is_one(records[0])):
-        with answers.progress_bar("Judging", not json) as show:
-            settings["progress"] = lambda done, cost, count: show(done / count)
-            judged = ematwin.identify(recordings, known, algorithm, **settings)
+        judged = ematwin.identify(recordings, known, algorithm, **settings)
         _give_verdicts(judged, recordings, "motion", table, report, json, failing)
         return
     if table is not None:
         raise InputError("--table is of several recordings; give more, or a folder.")
-    with answers.progress_bar("searching", not json) as show:
-        settings["progress"] = answers.searching(show, "simulations", "misfit")
-        # given away, so that what was sampled faster than it is compared can be freed
-        found = ematwin.identify(recordings.pop(), known, algorithm, **settings)
+    # given away, so that what was sampled faster than it is compared can be freed
+    found = ematwin.identify(recordings.pop(), known, algorithm, **settings)
     if report is not None:
         found.report(report)
 
@@ -254,8 +250,7 @@ def detect(
     )  # fmt: skip
     given = options.constant_load(load, known.actuator)
     judge = known if isinstance(recordings, list) else None  # else each run's own
-    with answers.progress_bar("Judging", not json) as progress:
-        found = ematwin.detect(recordings, judge, load=given, progress=progress)
+    found = ematwin.detect(recordings, judge, load=given, progress=not json)
     _give_verdicts(found, recordings, each, table, report, json, failing)
 
 

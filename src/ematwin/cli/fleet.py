@@ -221,11 +221,10 @@ def watch(
     Paths(recordings, serial_number)  # refuses what is not there before a fleet is made
     known = ematwin.Fleet(fleet)
     while True:
-        with answers.progress_bar("Judging", not json) as progress:
-            found = known.watch(
-                recordings, actuator=actuator, columns=columns, progress=progress,
-                pattern=serial_number, scheduler=scheduler,
-            )  # fmt: skip
+        found = known.watch(
+            recordings, actuator=actuator, columns=columns, progress=not json,
+            pattern=serial_number, scheduler=scheduler,
+        )  # fmt: skip
         if table is not None and len(known):
             known.export(table, "advisory")
         if report is not None:

@@ -57,17 +57,17 @@ def simulate(
         if Path(source).is_file() and out is not None and out.exists() and out.samefile(source):
             raise InputError(f"--out {out} would overwrite its own input. Give another name.")
     more = [] if also is None else [name.strip() for name in also.split(",") if name.strip()]
-    settings: dict[str, Any] = {"noise": noise, "seed": seed, "step": step, "also": more}
-    settings["sample_rate"] = sample_rate
-    with answers.progress_bar(f"Simulating {asked.duration:g} s", not json) as progress:
-        record = ematwin.simulate(model, asked, values, chosen, progress=progress, **settings)
+    settings: dict[str, Any] = {
+        "noise": noise, "seed": seed, "step": step, "also": more, "sample_rate": sample_rate,
+        "progress": not json,
+    }  # fmt: skip
+    record = ematwin.simulate(model, asked, values, chosen, **settings)
     if out is not None:
         ematwin.write(record, out)
     if plot is not None:
         from ematwin.report.recordings import comparison_page
 
-        with answers.progress_bar("Simulating healthy", not json) as progress:
-            healthy = ematwin.simulate(model, asked, None, chosen, progress=progress, **settings)
+        healthy = ematwin.simulate(model, asked, None, chosen, **settings)
         write_text(plot, comparison_page(record, healthy, values, chosen))
     summary = kind.summary(record, chosen)
     described = kind.describe(chosen, values)
@@ -210,15 +210,12 @@ def demo(
         progress(1.0)
     page = comparison_page(faulty, healthy[0], injected.as_dict(), sheet)
     write_text(folder / "simulated.html", page)
-    with answers.progress_bar("Calibrating on the healthy records", not json) as progress:
-        twin = ematwin.calibrate(files, sheet_file, name="calibrated", progress=progress)
+    twin = ematwin.calibrate(files, sheet_file, name="calibrated", progress=not json)
     twin.save(twin_file)
     twin.report(folder / "calibrated.html")
     record = ematwin.read(record_file)
-    with answers.progress_bar("searching", not json) as show:
-        tell = answers.searching(show, "simulations", "misfit")
-        found = ematwin.identify(record, twin, seed=seed, progress=tell)
-        without = ematwin.identify(record, sheet_file, seed=seed, progress=tell)
+    found = ematwin.identify(record, twin, seed=seed, progress=not json)
+    without = ematwin.identify(record, sheet_file, seed=seed, progress=not json)
     found.report(folder / "report.html")
     without.report(folder / "uncalibrated.html")
     if json:

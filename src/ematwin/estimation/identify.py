@@ -77,7 +77,7 @@ def identified(
     started = time.perf_counter()
 
     def shown(done: int, cost: float, budget: int) -> tuple[float, str]:
-        return done / budget, f"best misfit {cost:.4g}"
+        return done / budget, f"{done}/{budget} simulations, best misfit {cost:.4g}"
 
     with told(progress, "searching", shown) as tell:
         where = estimate_initial_angle(
