@@ -17,15 +17,6 @@ from ematwin.errors import FileError, InputError, ParameterError
 
 # pint holds that a radian is nothing, so that Hz passes for rad/s and a bare number for rad.
 ANGULAR = re.compile(r"rad|deg|°|turn|rpm|rev|arcmin|arcsec|gon|cycle", re.IGNORECASE)
-_ANGLES = {"rad", "rad/s"}
-_NO_ANGLES = {"", "Hz", "s"}
-_NEWTON_METRE = re.compile(r"\b([kmu\N{MICRO SIGN}]?)N([cm]?)m\b")  # nautical mile to pint
-_VOLT_SECOND = re.compile(r"\b(m?)Vs\b")
-# pint takes 1/min for 1/60 rad/s instead of a turn a minute
-_PER_MINUTE = re.compile(r"(?:\b(?:u|r|rev|1)/min\b|\bmin\^?-1(?!\d)|\b[ru]pm\b)", re.IGNORECASE)
-_THOUSAND = re.compile(r"\b1000\s*rpm\b")
-# gcm², kgcm2 and kgm² of data sheets; the dot and the space are left to pint
-_INERTIA = re.compile(r"\b([mk]?g)\s?([cm]?m)(?:\^2|2|\N{SUPERSCRIPT TWO})(?!\d)")
 # Factors of usual units, as pint has them: importing it takes longer than reading a file.
 _USUAL = {
     ("ms", "s"): 1e-3, ("us", "s"): 1e-6, ("mm", "m"): 1e-3, ("um", "m"): 1e-6,
@@ -79,23 +70,28 @@ def to_si(value: float, unit: str, si_unit: str, what: str) -> float:
 
 def spelled_out(unit: str) -> str:
     """A unit with products as pint spells them: ``Nm`` as ``N*m``."""
-    spelled = _VOLT_SECOND.sub(r"\1V*s", _NEWTON_METRE.sub(r"\1N*\2m", unit))
-    return _INERTIA.sub(r"\1*\2^2", spelled)
+    # Nm is a nautical mile to pint
+    unit = re.sub(r"\b([kmu\N{MICRO SIGN}]?)N([cm]?)m\b", r"\1N*\2m", unit)
+    unit = re.sub(r"\b(m?)Vs\b", r"\1V*s", unit)
+    # gcm², kgcm2 and kgm² of data sheets; the dot and the space are left to pint
+    return re.sub(r"\b([mk]?g)\s?([cm]?m)(?:\^2|2|\N{SUPERSCRIPT TWO})(?!\d)", r"\1*\2^2", unit)
 
 
 def turns_a_minute(unit: str) -> str:
     """A unit with its turns a minute as pint spells them: ``V/(1000 1/min)`` as ``V/(krpm)``."""
-    return _THOUSAND.sub("krpm", _PER_MINUTE.sub("rpm", unit))
+    # pint takes 1/min for 1/60 rad/s instead of a turn a minute
+    unit = re.sub(r"(?i)\b(?:u|r|rev|1)/min\b|\bmin\^?-1(?!\d)|\b[ru]pm\b", "rpm", unit)
+    return re.sub(r"\b1000\s*rpm\b", "krpm", unit)
 
 
 def _is_mistaken(unit: str, si_unit: str) -> bool:
     """Whether pint would convert what means something else: Hz, rad/s and 1/s are one to it."""
     angular = ANGULAR.search(unit) is not None
-    if si_unit in _ANGLES:
+    if si_unit in ("rad", "rad/s"):
         return not angular
     if si_unit == "1/s":
         return "hz" in unit.lower() or "hertz" in unit.lower()
-    return si_unit in _NO_ANGLES and angular
+    return si_unit in ("", "Hz", "s") and angular
 
 
 def parse_quantity(text: str, si_unit: str, what: str) -> float:

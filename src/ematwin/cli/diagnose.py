@@ -254,10 +254,6 @@ def detect(
     _give_verdicts(found, recordings, each, table, report, json, failing)
 
 
-# Keys that each verdict has, null where they do not apply.
-_ALWAYS = dict.fromkeys(("distance", "load_N", "sensor_coupling"))
-
-
 def _give_verdicts(
     found: Any, recordings: Any, each: str, table: Path | None,
     report: Path | None, json: bool, failing: set[str],
@@ -272,10 +268,10 @@ def _give_verdicts(
         found.report(report)
 
     def plain() -> dict[str, object]:
-        told = []
+        told, always = [], dict.fromkeys(("distance", "load_N", "sensor_coupling"))
         for name, known in found.calibrations.items():
             actuator = {"actuator": known.actuator.name, "kind": known.actuator.kind}
-            verdicts = [{**_ALWAYS, **one.as_dict()} for one in found[name].each(each)]
+            verdicts = [{**always, **one.as_dict()} for one in found[name].each(each)]
             told.append({**({"name": name} if name else {}), **actuator, "verdicts": verdicts})
         more = {"each": each, "not_judged": found.missing, "report": report}
         more |= {"assumed": assumed, "warnings": doubtful}

@@ -254,8 +254,8 @@ class ChannelMap(BaseModel):
         """
         table: dict[str, Any] = {} if base is None else base.as_table()
         for text in columns:
-            key, value = (part.strip() for part in f"{text}=".split("=", 1))
-            value = value.removesuffix("=").strip().strip("\"'")
+            key, _, value = (part.strip() for part in text.partition("="))
+            value = value.strip("\"'")
             if not key or not value:
                 example = 'name="channel", such as i_a="Phase A [A]"'
                 raise InputError(f"A column is written {example}; received {text!r}.")

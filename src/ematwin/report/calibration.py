@@ -259,10 +259,8 @@ def _motion(model: Model, recording: Recording) -> tuple[np.ndarray, str, np.nda
 
 def _by_parts(values: np.ndarray, gap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Middles of equal parts of the range of values (N,), and RMS of a gap (N,); NaN of a few."""
-    edges = np.linspace(values.min(), values.max(), _PARTS + 1)
-    part = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, _PARTS - 1)
-    counts = np.bincount(part, minlength=_PARTS)
-    squares = np.bincount(part, weights=gap**2, minlength=_PARTS)
+    counts, edges = np.histogram(values, _PARTS)
+    squares, _ = np.histogram(values, edges, weights=gap**2)
     kept = counts > max(3, 0.1 * values.size / _PARTS)
     sizes = np.sqrt(squares / np.maximum(counts, 1))
     return 0.5 * (edges[1:] + edges[:-1]), np.where(kept, sizes, np.nan)

@@ -10,9 +10,6 @@ from contextlib import AbstractContextManager, contextmanager
 from html import escape
 from typing import Any
 
-_PAUSE = 0.1  # s between two pictures
-
-
 Bar = Callable[..., None]  # takes the share done, in [0, 1], and a few words
 
 
@@ -67,7 +64,7 @@ def _in_notebook(title: str) -> Iterator[Bar]:
     def update(share: float, words: str = "") -> None:
         nonlocal last
         now = time.monotonic()
-        if now - last >= _PAUSE:
+        if now - last >= 0.1:  # s between two pictures
             last = now
             shown.update(picture(share, words))
 

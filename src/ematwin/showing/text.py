@@ -5,7 +5,6 @@ from collections.abc import Sequence
 
 from ematwin.quantities import preferred
 
-_COARSEST = 2.5  # units of the last digit in an interval, at least; ten times as many at most
 _MOST_DIGITS = 6  # significant ones, however narrow the interval
 _PLAIN = 6  # decimals, and digits before the point, that are written without a power of ten
 
@@ -21,7 +20,7 @@ def with_interval(value: float, low: float, high: float) -> tuple[str, str]:
     if not math.isfinite(width + value) or width <= 0.0:
         return plain(value, 4), f"{plain(low, 4)} to {plain(high, 4)}"
     power = _power(largest)
-    place = max(_power(width / _COARSEST), power - _MOST_DIGITS + 1)
+    place = max(_power(width / 2.5), power - _MOST_DIGITS + 1)
     if _scale(power) == 0:  # what has four digits is not rounded to tens
         place = min(place, max(0, power - 3))
     said = [_fixed(x, place, _scale(power)) for x in (value, low, high)]

@@ -42,11 +42,6 @@ MISSING = np.iinfo(np.int64).min
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
-def is_clock(text: str) -> bool:
-    """Whether a text is a clock time, with or without a date."""
-    return _CLOCK.fullmatch(text.strip()) is not None
-
-
 @dataclass(frozen=True)
 class Clock:
     """How the clock times of a column are written."""
@@ -236,7 +231,7 @@ def _signs(lines: Sequence[str], delimiter: str | None, decimal: str | None) -> 
             break
         width, votes = Counter(len(row) for row in rows).most_common(1)[0]
         filled = sum(text.strip().casefold() not in _MISSING for row in rows for text in row)
-        clocks = sum(is_clock(text) for row in rows for text in row)
+        clocks = sum(_CLOCK.fullmatch(text.strip()) is not None for row in rows for text in row)
         for mark in [decimal] if decimal else [".", ","]:
             if mark == sign and not any('"' in line for line in lines):
                 continue
