@@ -29,6 +29,7 @@ from ematwin.showing.results import is_frame
 Progress = Callable[[float], None]
 ENTRY_POINTS = "ematwin.readers"
 _TEXT = (".csv", ".tsv", ".txt")
+_PACKED = (".gz", ".zip", ".xlsx", ".xlsm")  # read as what they hold
 _FORMATS = {
     **dict.fromkeys(_TEXT, "csv_file:CsvFile"),
     ".parquet": "binary_files:ParquetFile",
@@ -38,8 +39,8 @@ _FORMATS = {
     **dict.fromkeys((".h5", ".hdf5"), "binary_files:Hdf5File"),
     ".ulg": "binary_files:ULogFile",
     ".mcap": "binary_files:McapFile",
+    **dict.fromkeys(_PACKED, "base:open_packed"),
 }
-_PACKED = (".gz", ".zip", ".xlsx", ".xlsm")  # read as what they hold
 _ELSEWHERE = {
     **dict.fromkeys((".xls", ".ods"), "Save it as .xlsx or .csv."),
     ".db3": "Convert the bag: ros2 bag convert, with storage_id: mcap.",
@@ -197,8 +198,6 @@ def open_file(path: Any, **options: Any) -> RecordedFile:
     path = Path(path)
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise FileError(f"{path} is a pipe or a device; save the recording to a file first.")
-    if suffix in _PACKED and path.is_file():
-        return _open_packed(path, **options)
     maker: Any
     if suffix in _FORMATS:
         module, name = _FORMATS[suffix].split(":")
@@ -208,7 +207,7 @@ def open_file(path: Any, **options: Any) -> RecordedFile:
         maker = next((one.load() for one in others), None)
     if maker is None and suffix in _ELSEWHERE:
         raise InputError(f"Cannot read {path} itself. {_ELSEWHERE[suffix]}")
-    if maker is None and suffix not in _PACKED:
+    if maker is None:
         known = ", ".join(known_suffixes())
         raise InputError(f"Cannot tell how to read {path}: its name must end in {known}.")
     if path.is_dir():
@@ -224,16 +223,14 @@ def open_file(path: Any, **options: Any) -> RecordedFile:
     return opened
 
 
-def _open_packed(path: Path, **options: Any) -> RecordedFile:
+def open_packed(path: Path, **options: Any) -> RecordedFile:
     """Open the content of a gzip or zip file or a workbook; ``options`` are for text tables.
 
     It is unpacked into a temporary folder, deleted with the file, and read by its reader.
     """
-    suffix = path.suffix.lower()
     folder = TemporaryDirectory(prefix="ematwin-")
-    content = {".gz": _ungzipped, ".zip": _unzipped}.get(suffix, _sheet)
-    with refusing(path, suffix[1:]):
-        inside, assumed = content(path, Path(folder.name))
+    content = {".gz": _ungzipped, ".zip": _unzipped}.get(path.suffix.lower(), _sheet)
+    inside, assumed = content(path, Path(folder.name))
     try:
         opened = open_file(inside, **options)
     except EmatwinError as error:
@@ -284,7 +281,7 @@ def _sheet(path: Path, folder: Path) -> tuple[Path, str]:
 
 def known_suffixes() -> list[str]:
     """Suffixes that can be read, with installed plug-ins."""
-    return [*_FORMATS, *_PACKED, *(f".{entry.name}" for entry in entry_points(group=ENTRY_POINTS))]
+    return [*_FORMATS, *(f".{entry.name}" for entry in entry_points(group=ENTRY_POINTS))]
 
 
 def load_library(module: str, package: str, purpose: str) -> Any:
