@@ -1,4 +1,4 @@
-"""MDF files as test benches write them."""
+"""Files as test benches write them: MDF, text tables."""
 
 from datetime import datetime
 from pathlib import Path
@@ -30,4 +30,13 @@ def write_mdf(
         if start is not None:
             mdf.start_time = start
         mdf.save(path, overwrite=True)
+    return path
+
+
+def german_csv(path: Path, columns: dict[str, np.ndarray]) -> Path:
+    """As a bench program of a German PC writes: cp1252, semicolons, decimal comma, a preamble."""
+    lines = ["Prüfstand 7;Datum: 21.11.2026;;", "Bediener: Müller;;;", "", ";".join(columns)]
+    for row in np.column_stack(list(columns.values())):
+        lines.append(";".join(f"{value:.7g}".replace(".", ",") for value in row))
+    path.write_bytes("\r\n".join([*lines, ""]).encode("cp1252"))
     return path

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bench_files import german_csv
 from devtools import seen_at
 from ematwin.testing.reader_contract import bench_channels
 from refusals import refused
@@ -12,15 +13,12 @@ from refusals import refused
 
 def bench_file(folder: Path, command: str = "Sollwert [°]") -> Path:
     channels = bench_channels()
-    names = ["Zeit [ms]", command, "Strom U [mA]", "Strom V [mA]", "Kanal <b>"]
-    columns = [
-        1e3 * channels["time"], np.degrees(channels["command"]), 1e3 * channels["current_a"],
-        1e3 * channels["current_b"], channels["time"],
-    ]  # fmt: skip
-    rows = [";".join(f"{x:.6g}".replace(".", ",") for x in row) for row in np.column_stack(columns)]
-    path = folder / "bench.csv"
-    path.write_bytes("\r\n".join(["Prüfstand", ";".join(names), *rows, ""]).encode("cp1252"))
-    return path
+    a, b = (1e3 * channels[name] for name in ("current_a", "current_b"))
+    columns = {
+        "Zeit [ms]": 1e3 * channels["time"], command: np.degrees(channels["command"]),
+        "Strom U [mA]": a, "Strom V [mA]": b, "Kanal <b>": channels["time"],
+    }  # fmt: skip
+    return german_csv(folder / "bench.csv", columns)
 
 
 def test_a_map_is_shown_and_written_and_can_be_read(done, tmp_path: Path) -> None:

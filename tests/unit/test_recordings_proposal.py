@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 import ematwin
-from bench_files import write_mdf
+from bench_files import german_csv, write_mdf
 from ematwin.errors import RecordError
 from ematwin.models.proposing import propose_map
 from ematwin.recordings.proposal import Proposal
@@ -21,21 +21,12 @@ LOAD = np.where(TIME > 0.05, 10.0, 0.0)
 DEGREES = np.degrees(COMMAND)
 
 
-def ugly(path: Path, columns: dict[str, np.ndarray]) -> Path:
-    """As a bench program of a German PC writes: cp1252, semicolons, decimal comma, a preamble."""
-    lines = ["Prüfstand 7;Datum: 21.11.2026;;", "Bediener: Müller;;;", "", ";".join(columns)]
-    for row in np.column_stack(list(columns.values())):
-        lines.append(";".join(f"{value:.7g}".replace(".", ",") for value in row))
-    path.write_bytes("\r\n".join([*lines, ""]).encode("cp1252"))
-    return path
-
-
 def channel_of(proposal: Proposal) -> dict[str, str]:
     return {name: entry.channel for name, entry in proposal.entries.items()}
 
 
 def test_an_ugly_german_file_is_understood_and_its_map_reads_it(tmp_path: Path) -> None:
-    path = ugly(
+    path = german_csv(
         tmp_path / "bench.csv",
         {
             "Zeit [ms]": 1e3 * TIME, "Sollwert Lage [°]": DEGREES, "Strom U [mA]": 1e3 * A,
@@ -58,7 +49,7 @@ def test_an_ugly_german_file_is_understood_and_its_map_reads_it(tmp_path: Path) 
 
 
 def test_units_that_nobody_states_are_told_only_where_one_is_plausible(tmp_path: Path) -> None:
-    path = ugly(
+    path = german_csv(
         tmp_path / "bench.csv",
         {"Zeit": 1e3 * TIME, "Sollwert": DEGREES, "Strom U": 1e3 * A, "Strom V": 1e3 * B},
     )
@@ -77,7 +68,7 @@ def test_units_that_nobody_states_are_told_only_where_one_is_plausible(tmp_path:
 
 def test_degrees_beyond_the_end_stops_cannot_be_radians(tmp_path: Path) -> None:
     wide = 100.0 * COMMAND
-    path = ugly(
+    path = german_csv(
         tmp_path / "bench.csv",
         {"Zeit [s]": TIME, "Sollwert": np.degrees(wide), "Strom U [A]": A, "Strom V [A]": B},
     )
@@ -94,7 +85,7 @@ def test_degrees_beyond_the_end_stops_cannot_be_radians(tmp_path: Path) -> None:
     ],
 )
 def test_two_channels_that_are_equally_likely_are_asked_for(tmp_path, names, asked):
-    path = ugly(
+    path = german_csv(
         tmp_path / "bench.csv",
         {"Zeit [s]": TIME, **dict.fromkeys(names, DEGREES), "Strom U [A]": A, "Strom V [A]": B},
     )
@@ -108,18 +99,18 @@ def test_two_channels_that_are_equally_likely_are_asked_for(tmp_path, names, ask
 def test_an_angle_without_a_shaft_goes_by_how_far_it_moves(tmp_path: Path) -> None:
     known = {"Zeit [s]": TIME, "Setpoint [deg]": DEGREES, "Phase A [A]": A, "Phase B [A]": B}
     for factor, name in ((0.97, "output_position"), (500.0, "motor_position")):
-        path = ugly(tmp_path / "bench.csv", {**known, "Position [deg]": factor * DEGREES})
+        path = german_csv(tmp_path / "bench.csv", {**known, "Position [deg]": factor * DEGREES})
         proposal = propose_map(path)
         assert channel_of(proposal)[name] == "Position [deg]"
         assert "times as far as the command" in proposal.entries[name].reasons[0]
-    path = ugly(tmp_path / "bench.csv", {**known, "Position [deg]": 3.0 * DEGREES})
+    path = german_csv(tmp_path / "bench.csv", {**known, "Position [deg]": 3.0 * DEGREES})
     proposal = propose_map(path)  # of neither shaft
     assert not {"output_position", "motor_position"} & proposal.entries.keys()
     assert "motor_position or output_position" in proposal.questions[0].sentence
 
 
 def test_other_quantities_are_not_taken_for_what_they_resemble(tmp_path: Path) -> None:
-    path = ugly(
+    path = german_csv(
         tmp_path / "bench.csv",
         {
             "t [s]": TIME, "Speed setpoint [rpm]": A, "Current setpoint [A]": A,
@@ -152,7 +143,7 @@ def test_units_that_a_file_states_are_surveyed_and_mapped(tmp_path: Path) -> Non
 
 def test_another_kind_is_asked_for_its_own_channels(tmp_path: Path) -> None:
     position = 0.1 * np.sin(20.0 * TIME)
-    path = ugly(
+    path = german_csv(
         tmp_path / "axis.csv",
         {"t [ms]": 1e3 * TIME, "Demand [mm]": 1e3 * position,
          "Following error [mm]": 0.01 * position, "Drive current [A]": A},
@@ -201,7 +192,7 @@ def test_words_of_benches_are_known(actuator: str, name: str, column: str | None
 
 
 def test_what_may_be_something_else_is_no_load_and_no_voltage(tmp_path: Path) -> None:
-    path = ugly(
+    path = german_csv(
         tmp_path / "bench.csv",
         {
             "t [s]": TIME, "Sollwinkel [deg]": DEGREES, "Phase A [mV]": 100.0 * A,
@@ -219,7 +210,7 @@ def test_what_may_be_something_else_is_no_load_and_no_voltage(tmp_path: Path) ->
 def test_a_map_takes_what_reading_takes(tmp_path: Path) -> None:
     """The plainest name wins in both, and the map says what would do as well."""
     names = {"time": TIME, "command_deg": DEGREES, "cmd": COMMAND, "current": A}
-    path = ugly(tmp_path / "bench.csv", names)
+    path = german_csv(tmp_path / "bench.csv", names)
     proposal = propose_map(path)
     account = ematwin.read(path).provenance["columns"]
     assert channel_of(proposal) == {name: one["channel"] for name, one in account.items()}
@@ -228,7 +219,7 @@ def test_a_map_takes_what_reading_takes(tmp_path: Path) -> None:
 
 def test_a_refusal_names_the_channel_that_is_likely_meant(tmp_path: Path) -> None:
     names = {"Zeit [s]": TIME, "Temp Sollwert [°C]": A, "Sollwert Lage [°]": DEGREES, "I [A]": A}
-    path = ugly(tmp_path / "bench.csv", names)
+    path = german_csv(tmp_path / "bench.csv", names)
     with pytest.raises(RecordError, match=r'Map it, such as command="Sollwert Lage \[°\]"'):
         ematwin.read(path)
     assert len(ematwin.read(path, {"command": "Sollwert Lage [°]"})) == TIME.size
@@ -240,6 +231,6 @@ def test_a_refusal_names_the_channel_that_is_likely_meant(tmp_path: Path) -> Non
 def test_a_position_in_place_of_its_error_is_mapped(tmp_path, unit, is_complete):
     wave = 100.0 * np.sin(20.0 * TIME)
     names = {"t [s]": TIME, f"demand{unit}": wave, f"position{unit}": 0.9 * wave, "I [A]": A}
-    proposal = propose_map(ugly(tmp_path / "axis.csv", names), "rm1605")
+    proposal = propose_map(german_csv(tmp_path / "axis.csv", names), "rm1605")
     assert proposal.is_complete == is_complete
     assert set(proposal.entries) == {"time", "set_point", "position", "current"}
