@@ -365,11 +365,13 @@ def moment(stamp: np.datetime64, zone: tzinfo | None = None) -> datetime | None:
     return found.replace(tzinfo=zone) if isinstance(found, datetime) else None
 
 
-def matrix_columns(name: str, shape: Sequence[int]) -> list[tuple[str, int]]:
-    """Channel names and lengths in an array: a vector, or up to 64 columns ``name[k]``."""
+def matrix_columns(name: str, shape: Sequence[int]) -> list[tuple[str, int, Any]]:
+    """Channel names, lengths and indices in an array: a vector, or up to 64 columns ``name[k]``."""
     sides = sorted(side for side in shape if side != 1)
     if len(sides) == 1:
-        return [(name, sides[0])]
-    if len(sides) == 2 and sides[0] <= 64:
-        return [(f"{name}[{k}]", sides[1]) for k in range(sides[0])]
-    return []
+        return [(name, sides[0], ...)]
+    if len(sides) != 2 or sides[0] > 64:
+        return []
+    count, length = sides
+    across = max(axis for axis, side in enumerate(shape) if side == count)
+    return [(f"{name}[{k}]", length, (*[slice(None)] * across, k)) for k in range(count)]

@@ -137,11 +137,8 @@ class Hdf5File(RecordedFile):
             name = f"{key}/{field}"
             self.channels[name], self.bases[name] = (key, field), f"{np.prod(shape)} samples"
         if item.dtype.kind in "biuf":
-            found = matrix_columns(key, shape)
-            for k, (name, length) in enumerate(found):
-                lying = shape[0] != length
-                part = np.s_[:] if len(found) == 1 else np.s_[k, :] if lying else np.s_[:, k]
-                self.channels[name], self.bases[name] = (key, part), f"{length} samples"
+            for name, length, index in matrix_columns(key, shape):
+                self.channels[name], self.bases[name] = (key, index), f"{length} samples"
 
 
 def _check_heaps(path: Path) -> None:
@@ -180,7 +177,7 @@ class MatFile(RecordedFile):
         self._fields: dict[str, np.ndarray] = {}  # of the variable that was read last
         for name, shape, kind in self._library.whosmat(path):
             if re.fullmatch(r"double|single|logical|u?int\d+", kind):
-                found = matrix_columns(name, shape)
+                found = [(key, length) for key, length, _ in matrix_columns(name, shape)]
             else:
                 found = [(key, values.shape[0]) for key, values in self._read(name)]
             for key, length in found:
@@ -206,14 +203,8 @@ def _flat(value: Any, name: str) -> Iterator[tuple[str, np.ndarray]]:
         for n, part in enumerate(value):
             yield from _flat(part, f"{name}[{n}]")
     elif isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
-        names = matrix_columns(name, value.shape)
-        if len(names) == 1:
-            yield names[0][0], value.reshape(-1)
-        elif names:
-            columns = value.squeeze()
-            columns = columns if columns.shape[1] == len(names) else columns.T
-            for k, (key, _) in enumerate(names):
-                yield key, columns[:, k]
+        for key, _, index in matrix_columns(name, value.shape):
+            yield key, value[index].reshape(-1)
 
 
 class ULogFile(RecordedFile):
