@@ -334,9 +334,7 @@ def plot_profile(found: Identification) -> Any:
         figure.add_vrect(*one.interval, fillcolor=style.GREEN, opacity=0.12, line_width=0, **place)
         figure.update_yaxes(range=[-0.2, 8.0], **place)  # rise that is shown
     figure.update_yaxes(title_text="rise", col=1)
-    above = [{"x": title.x, "xanchor": title.xanchor} for title in figure.layout.annotations]
-    style.styled(figure, 110 + 250 * rows, hovermode="closest")
-    return figure.update_layout(annotations=above)  # titles stay above their own panels
+    return style.styled(figure, 110 + 250 * rows, hovermode="closest")
 
 
 def _edges(x: np.ndarray) -> np.ndarray:

@@ -164,8 +164,6 @@ def _panels(analysis: Any) -> tuple[Any, dict[str, dict[str, int]]]:
         horizontal_spacing=0.09,
     )  # fmt: skip
     styled(figure, 70 + 260 * rows)
-    for n, note in enumerate(figure.layout.annotations):
-        note.x = figure.layout[f"xaxis{n + 1 if n else ''}"].domain[0]
     # room for the legend above the first titles
     legend = {"y": 1.0 + 30.0 / (260.0 * rows)}
     figure.update_layout(legend=legend, margin={"t": 70}, hovermode="closest")

@@ -91,7 +91,8 @@ def styled(figure: Any, height: int, **layout: Any) -> Any:
     )
     # the legend stands above the title of the first panel, 25 px higher
     figure.update_layout(legend_y=1.0 + 25.0 / max(height - 110, 100), **layout)
-    figure.update_annotations(x=0.0, xanchor="left", font_size=14)
+    for title, axis in zip(figure.layout.annotations, figure.select_xaxes(), strict=False):
+        title.update(x=axis.domain[0], xanchor="left", font_size=14)  # left above its panel
     return figure
 
 

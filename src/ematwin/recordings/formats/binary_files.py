@@ -263,7 +263,7 @@ class McapFile(RecordedFile):
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         reader = load_library("mcap_ros2.reader", "mcap-ros2-support", "Reading MCAP files")
-        found: dict[str, list[float]] = {}
+        found: dict[tuple[str, str], list[float]] = {}  # by topic and field
         self._times: dict[str, list[float]] = {}
         for one in reader.read_ros2_messages(str(path)):
             topic, message = one.channel.topic, one.ros_msg
@@ -272,10 +272,10 @@ class McapFile(RecordedFile):
             told = logged if stamp is None else stamp.sec + 1e-9 * stamp.nanosec
             self._times.setdefault(topic, []).append(told or logged)
             for field, value in _numbers(message):
-                found.setdefault(f"{topic}/{field}", []).append(value)
-        for name, values in found.items():
-            topic = max((one for one in self._times if name.startswith(f"{one}/")), key=len)
+                found.setdefault((topic, field), []).append(value)
+        for (topic, field), values in found.items():
             if len(values) == len(self._times[topic]):
+                name = f"{topic}/{field}"
                 self.channels[name], self.bases[name] = values, topic
         if not found:
             raise FileError(
