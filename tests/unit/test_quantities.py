@@ -16,6 +16,7 @@ from ematwin.exploring.explorer import Explorer
 from ematwin.monitoring.detection import Magnitude
 from ematwin.plots import plot_recording
 from ematwin.quantities import _USUAL, preferred, to_si, use_units
+from ematwin.report.identification import plot_answers
 from refusals import refused
 
 
@@ -64,8 +65,9 @@ def test_units_that_cannot_be_shown_are_refused(units, said):
 
 def test_sentences_tables_and_figures_follow_and_programs_get_si(tmp_path):
     record = ematwin.simulate("monitor", faults={"friction": 0.25}, seed=1)
-    use_units("torque=mN m, angle=mrad")
-    found = ematwin.identify(record, exact=True, only=["friction", "backlash"])
+    use_units("torque=mN m, angle=mrad, current=mA")
+    only = ["friction", "backlash"]
+    found = ematwin.identify(record, exact=True, only=only, uncertainty="laplace")
     low, high = found.physical_values["friction"][1:]
     assert re.search(r"friction \+50.*? % \((?:45\.0|44\.9)\d* mN m, ", found.verdict.sentence)
     assert re.search(r"backlash +(?:5\.0|4\.9)\d* mrad", str(found))
@@ -74,6 +76,8 @@ def test_sentences_tables_and_figures_follow_and_programs_get_si(tmp_path):
     titles = {axis.title.text for axis in plot_recording(record).select_yaxes()}
     assert {"mrad", "mN m"} <= titles
     assert not {"rad", "N*m"} & titles
+    (axis,) = plot_answers(found, record).select_yaxes()
+    assert axis.title.text == "mA"
     found.report(tmp_path / "page.html")
     assert "mN m" in (tmp_path / "page.html").read_text()
     row = Magnitude("friction", "N*m", 0.045, 0.044, 0.046, (0.03, 0.031), 9.0)

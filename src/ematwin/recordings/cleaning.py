@@ -43,8 +43,8 @@ def make_sound(found: Collected, policy: Policy, inputs: Collection[str]) -> Non
             f"{steps.max():.4g} s, and {starts.size} are far longer than the median of "
             f"{np.median(steps):.4g} s. Record or export it with a fixed step."
         )
-    missing = {name: runs(~np.isfinite(values)) for name, values in found.columns.items()}
-    holes = {name: some for name, some in missing.items() if some}
+    columns = found.columns.items()
+    holes = {name: some for name, values in columns if (some := runs(~np.isfinite(values)))}
     if not starts.size and not holes:
         return
     if policy == "refuse":

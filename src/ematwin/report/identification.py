@@ -354,15 +354,16 @@ def plot_answers(found: Identification, recording: Recording) -> Any:
     thin = slice(None, None, max(1, len(recording) // 5_000))
     time = recording.time[thin]
     titles, units = ([captions[name][k] for name in bands] for k in (0, 1))
-    figure = style.stacked(titles, units, "time, s", 330 * len(bands))
-    for n, (name, band) in enumerate(bands.items()):
-        low, middle, high = band[:, thin]
-        style.line(figure, n + 1, time, measured[name][thin], "measured", style.GREY)
-        edge = {"row": n + 1, "col": 1, "mode": "lines", "line": {"width": 0}}
+    shown = [preferred(unit) for unit in units]
+    figure = style.stacked(titles, [unit for unit, _ in shown], "time, s", 330 * len(bands))
+    for row, (name, (_, factor)) in enumerate(zip(bands, shown, strict=True), start=1):
+        low, middle, high = factor * bands[name][:, thin]
+        style.line(figure, row, time, factor * measured[name][thin], "measured", style.GREY)
+        edge = {"row": row, "col": 1, "mode": "lines", "line": {"width": 0}}
         figure.add_scatter(x=time, y=high, showlegend=False, hoverinfo="skip", **edge)
         figure.add_scatter(
-            x=time, y=low, fill="tonexty", fillcolor="rgba(213, 94, 0, 0.3)", showlegend=n == 0,
+            x=time, y=low, fill="tonexty", fillcolor="rgba(213, 94, 0, 0.3)", showlegend=row == 1,
             name="95 % of answers", **edge,
         )  # fmt: skip
-        style.line(figure, n + 1, time, middle, "median answer", style.ORANGE)
+        style.line(figure, row, time, middle, "median answer", style.ORANGE)
     return figure

@@ -109,17 +109,14 @@ def plot_channels(found: Survey, taken: tuple[str, ...] = (), rate: float | None
 
 def plot_response(recording: Recording, healthy: Recording, actuator: Any) -> Any:
     """Signals of a recording, beside a healthy one under the same command."""
-    signals, time = model_of(actuator).signals, recording.time
-    pairs = zip(signals(recording, actuator), signals(healthy, actuator), strict=True)
-    (first, base), *others = pairs
-    beside = Panel(first.title, first.unit).line(time, base.values, "healthy", PALE, width=5)
-    title = f"Difference of the {first.title[0].lower()}{first.title[1:]}"
-    difference = first.values - base.values
-    left = Panel(title, first.unit).line(time, difference, "faulty - healthy", GREY)
-    panels = [beside.line(time, first.values, "faulty", ORANGE), left]
-    for one, other in others:
+    signals, time, panels = model_of(actuator).signals, recording.time, []
+    pairs = list(zip(signals(recording, actuator), signals(healthy, actuator), strict=True))
+    for one, other in pairs:
         panel = Panel(one.title, one.unit).line(time, other.values, "healthy", PALE, width=5)
         if one.reference is not None:
             panel.line(time, one.reference, "command", BLUE, dash="dot")
         panels.append(panel.line(time, one.values, "faulty", ORANGE))
-    return style.panels_drawn(panels, 215)
+    first, base = pairs[0]
+    left = Panel(f"Difference of the {first.title[0].lower()}{first.title[1:]}", first.unit)
+    left.line(time, first.values - base.values, "faulty - healthy", GREY)
+    return style.panels_drawn([panels[0], left, *panels[1:]], 215)
