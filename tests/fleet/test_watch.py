@@ -185,6 +185,13 @@ def test_a_missing_folder_is_refused(tmp_path, ematwin):
     assert not (tmp_path / "fleet").exists()
 
 
+def test_a_table_that_is_not_written_is_not_said_to_be(tmp_path, ematwin):
+    (tmp_path / "bench").mkdir()
+    answer = ematwin("watch", "bench", "--fleet", "fleet", "--table", "advisory.csv")
+    assert "No recording is judged yet." in answer.out
+    assert "wrote" not in answer.out
+
+
 def test_the_command_says_what_each_needs_and_ends_with_a_code(recordings, tmp_path, ematwin):
     recorded(recordings, "S-2", "2026-03-04", 60, friction=3.0)
     arguments = ("watch", "recordings", "--fleet", "fleet", "--actuator", SERVO)

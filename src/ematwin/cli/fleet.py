@@ -225,13 +225,14 @@ def watch(
             recordings, actuator=actuator, columns=columns, progress=not json,
             pattern=serial_number, scheduler=scheduler,
         )  # fmt: skip
-        if table is not None and len(known):
-            known.export(table, "advisory")
+        filled = table if len(known) else None  # without a recording there is no table
+        if filled is not None:
+            known.export(filled, "advisory")
         if report is not None:
             known.report(report)
         fails = every is None and _reached(known, fail_on)
         told = partial(_plain, known, found), partial(_tell, known, found)
-        answers.give(json, *told, table, report, fails=fails)
+        answers.give(json, *told, filled, report, fails=fails)
         if every is None:
             break
         time.sleep(every)
