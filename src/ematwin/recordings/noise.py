@@ -27,22 +27,18 @@ class Noise:
     full_scale: float = 25.0
 
     def __post_init__(self) -> None:
-        hint = f" It looks like per cent; write {self.white / 100.0:g}."
-        for is_right, said in (
-            (np.isfinite(self.white) and self.white >= 0.0,
-             f"White noise must be a share of at least 0, received {self.white}."),
-            (not self.white > 1.0,
-             "White noise is a share of the signal's RMS and must be at most 1, received "
-             f"{self.white:g}.{hint if self.white >= 2.0 else ''}"),
-            (np.isfinite(self.offset),
-             f"The offset must be a number of amperes, received {self.offset}."),
-            (self.bits is None or (isinstance(self.bits, int) and 2 <= self.bits <= 32),
-             f"A converter has 2 to 32 bits, received {self.bits}."),
-            (np.isfinite(self.full_scale) and self.full_scale > 0.0,
-             f"full_scale must be positive amperes, received {self.full_scale}."),
-        ):  # fmt: skip
-            if not is_right:
-                raise InputError(said)
+        if not (np.isfinite(self.white) and self.white >= 0.0):
+            raise InputError(f"White noise must be a share of at least 0, received {self.white}.")
+        if self.white > 1.0:
+            hint = f" It looks like per cent; write {self.white / 100.0:g}."
+            said = "White noise is a share of the signal's RMS and must be at most 1, received"
+            raise InputError(f"{said} {self.white:g}.{hint if self.white >= 2.0 else ''}")
+        if not np.isfinite(self.offset):
+            raise InputError(f"The offset must be a number of amperes, received {self.offset}.")
+        if self.bits is not None and not (isinstance(self.bits, int) and 2 <= self.bits <= 32):
+            raise InputError(f"A converter has 2 to 32 bits, received {self.bits}.")
+        if not (np.isfinite(self.full_scale) and self.full_scale > 0.0):
+            raise InputError(f"full_scale must be positive amperes, received {self.full_scale}.")
 
     @classmethod
     def of(cls, given: "Noise | float | str | None") -> "Noise | None":

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from ematwin.errors import FileError, InputError, RecordError
-from ematwin.files import written_whole
+from ematwin.files import check_target, written_whole
 from ematwin.recordings.channel import TIME, Channel, with_time
 from ematwin.recordings.recording import Recording
 from ematwin.validation import refuse_newer
@@ -98,9 +98,8 @@ def write_table(path: str | Path, columns: Mapping[str, Any], metadata: str | No
     import pyarrow as pa
 
     path = Path(path)
+    check_target(path, (".parquet", ".csv"))
     kind = path.suffix.lower()
-    if kind not in {".parquet", ".csv"}:
-        raise InputError(f"Cannot tell how to write {path}: end its name in .parquet or .csv.")
     if kind == ".csv":
         columns = {
             no_formula(name): x if isinstance(x, np.ndarray) else [no_formula(cell) for cell in x]
