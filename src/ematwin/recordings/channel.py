@@ -85,10 +85,7 @@ def plain(text: str) -> str:
 def channel_called(text: str, channels: Sequence[Channel]) -> Channel | None:
     """The channel that a name or alias means, or None."""
     key = plain(text)
-    for channel in channels:
-        if key == channel.name or key in channel.aliases:
-            return channel
-    return None
+    return next((one for one in channels if key in (one.name, *one.aliases)), None)
 
 
 PHASES = ("current_a", "current_b", "current_c")

@@ -21,7 +21,6 @@ from ematwin.recordings.recording import Recording, check_finite, check_increasi
 
 Arrays = dict[str, np.ndarray]
 ABSURD = 1e12  # in any SI unit of a record: no recording holds that
-GAP = 4.5  # steps longer than this many ordinary ones are a gap, not jitter
 _PASS = 0.8  # of the new Nyquist frequency: passed whole; above it the filter falls
 _ATTENUATION = 80.0  # dB
 _WHOLE = 1e-6  # a ratio of rates so close to an integer is one
@@ -59,7 +58,7 @@ def tidy_time(time: np.ndarray, what: object) -> tuple[np.ndarray, list[str]]:
 def gap_starts(time: np.ndarray) -> np.ndarray:
     """Indices of the samples after which samples are missing."""
     steps = np.diff(time)
-    return np.flatnonzero(steps > GAP * np.median(steps))
+    return np.flatnonzero(steps > 4.5 * np.median(steps))  # shorter ones are jitter
 
 
 def _grid_behind_rounding(time: np.ndarray) -> np.ndarray | None:
@@ -174,7 +173,7 @@ def onto(
         result = _akima(time, values, moved)
     else:
         result = np.interp(moved, time, values)  # a NaN spreads to its neighbours and no further
-    for n in np.flatnonzero(np.diff(time) > GAP * step):
+    for n in gap_starts(time):
         result[(wanted > time[n]) & (wanted < time[n + 1])] = np.nan
     return np.asarray(result)
 
