@@ -30,18 +30,26 @@ def print_json(answer: Any) -> None:
 
 
 def give(
-    json: bool, plain: Callable[[], Any], tell: Callable[[], None], *written: Path | None,
-    fails: bool = False,
+    json: bool, plain: Callable[[], Any], tell: Callable[[], None],
+    *files: Path | tuple[Path | None, Callable[[Path], Any]] | None, fails: bool = False,
 ) -> None:  # fmt: skip
-    """Answer a program (`plain`) or people (`tell`, then the files that were ``written``).
+    """Write files, then answer a program (`plain`) or people (`tell`, then what was written).
 
-    ``fails``: a grade of --fail-on was met, so that the exit code is 1.
+    ``files`` are paths, None for what was not asked for, each with the function that writes there;
+    alone where it is written already. ``fails``: a grade of --fail-on was met, so that the exit
+    code is 1.
     """
+    written = []
+    for path, write in (one if isinstance(one, tuple) else (one, None) for one in files):
+        if path is not None:
+            written.append(path)
+            if write is not None:
+                write(path)
     if json:
         print_json(plain())
     else:
         tell()
-        for path in filter(None, written):
+        for path in written:
             typer.echo(f"wrote {path}")
     if fails:
         raise typer.Exit(1)

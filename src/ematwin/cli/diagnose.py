@@ -62,9 +62,6 @@ def calibrate(
         fitting(recordings, wanted), template, known=faults or None, name=name,
         progress=not json, add_to=before,
     )  # fmt: skip
-    found.save(out)
-    if report is not None:
-        found.report(report)
     assumed, doubtful = options.remarks(recordings)
 
     def tell() -> None:
@@ -82,7 +79,8 @@ def calibrate(
         answers.print_notes("Warning", doubtful)
 
     more = {"out": out, "assumed": assumed, "warnings": doubtful}
-    answers.give(json, lambda: {**found.as_dict(), **more}, tell, out, report)
+    files = (out, found.save), (report, found.report)
+    answers.give(json, lambda: {**found.as_dict(), **more}, tell, *files)
 
 
 def identify(
@@ -154,8 +152,6 @@ def identify(
         raise InputError("--table is of several recordings; give more, or a folder.")
     # given away, so that what was sampled faster than it is compared can be freed
     found = ematwin.identify(recordings.pop(), known, algorithm, **settings)
-    if report is not None:
-        found.report(report)
 
     def tell() -> None:
         print_findings(found)
@@ -166,7 +162,8 @@ def identify(
             )
 
     fails = found.verdict.grade in failing
-    answers.give(json, lambda: {**found.as_dict(), "report": report}, tell, report, fails=fails)
+    plain, file = (lambda: {**found.as_dict(), "report": report}), (report, found.report)
+    answers.give(json, plain, tell, file, fails=fails)
 
 
 def print_findings(found: "ematwin.Identification") -> None:
@@ -262,10 +259,6 @@ def _give_verdicts(
     from ematwin.recordings.tables import write_rows
 
     assumed, doubtful = options.remarks(getattr(recordings, "recordings", recordings))
-    if table is not None:
-        write_rows(table, found.rows(each))
-    if report is not None:
-        found.report(report)
 
     def plain() -> dict[str, object]:
         told, always = [], dict.fromkeys(("distance", "load_N", "sensor_coupling"))
@@ -283,7 +276,8 @@ def _give_verdicts(
         answers.print_notes("Warning", doubtful)
 
     fails = any(one.grade in failing for one in found.each(each))
-    answers.give(json, plain, tell, table, report, fails=fails)
+    files = (table, lambda path: write_rows(path, found.rows(each))), (report, found.report)
+    answers.give(json, plain, tell, *files, fails=fails)
 
 
 def _print_verdicts(found: Any, each: str) -> None:

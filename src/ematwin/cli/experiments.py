@@ -101,8 +101,6 @@ def design(
         if check:
             with answers.progress_bar(f"Identifying {2 * check} recordings", not json) as share:
                 found = found.check(check, seed=seed + 1, progress=share)
-    if report is not None:
-        write_text(report, page(found))
 
     def tell() -> None:
         typer.echo(found.sentence)
@@ -115,9 +113,9 @@ def design(
         elif not learn and not discriminate:
             _print_design(found)
 
-    files = written if learn else [out]
+    files = [*(written if learn else [out]), (report, lambda path: write_text(path, page(found)))]
     plain = {**found.as_dict(), "out": written, "report": report}
-    answers.give(json, lambda: plain, tell, *files, report)
+    answers.give(json, lambda: plain, tell, *files)
 
 
 def _refuse(which: str, given: dict[str, Any]) -> None:
@@ -245,8 +243,6 @@ def identifiability(
                 parts[one.scenario.name] = ematwin.sensitivity(
                     one.scenario, actuator, exact=exact, progress=progress
                 )
-    if report is not None:
-        write_text(report, pages.identifiability_page(found, parts))
 
     def tell() -> None:
         for one in found:
@@ -274,4 +270,5 @@ def identifiability(
             one["sobol"] = parts[one["scenario"]].as_dict()
         return {"commands": told, "report": report}
 
-    answers.give(json, plain, tell, report)
+    shown = (report, lambda path: write_text(path, pages.identifiability_page(found, parts)))
+    answers.give(json, plain, tell, shown)

@@ -48,12 +48,6 @@ def status(
     """Say which actuator needs what, and when, from the recordings that are judged."""
     _check_step(fail_on)
     known = ematwin.Fleet(fleet, create=False)
-    if table is not None:
-        known.export(table, "advisory")
-    if recordings is not None:
-        known.export(recordings)
-    if report is not None:
-        known.report(report)
     aside = [(str(row["source"]), str(row["reason"])) for row in known.set_aside]
 
     def tell() -> None:
@@ -64,7 +58,8 @@ def status(
 
     told = {"actuators": plain(known.table()), "set_aside": _listed(aside)}
     fails = _reached(known, fail_on)
-    answers.give(json, lambda: told, tell, table, recordings, report, fails=fails)
+    files = (table, partial(known.export, what="advisory")), (recordings, known.export)
+    answers.give(json, lambda: told, tell, *files, (report, known.report), fails=fails)
 
 
 @fleet.command()
@@ -225,14 +220,11 @@ def watch(
             recordings, actuator=actuator, columns=columns, progress=not json,
             pattern=serial_number, scheduler=scheduler,
         )  # fmt: skip
-        filled = table if len(known) else None  # without a recording there is no table
-        if filled is not None:
-            known.export(filled, "advisory")
-        if report is not None:
-            known.report(report)
+        advisory = table if len(known) else None  # without a recording there is no table
+        files = (advisory, partial(known.export, what="advisory")), (report, known.report)
         fails = every is None and _reached(known, fail_on)
         told = partial(_plain, known, found), partial(_tell, known, found)
-        answers.give(json, *told, filled, report, fails=fails)
+        answers.give(json, *told, *files, fails=fails)
         if every is None:
             break
         time.sleep(every)

@@ -183,9 +183,6 @@ def channels(
         proposal = ematwin.propose_map(file, chosen, found)
     if write is not None:
         write_text(write, proposal.as_toml())
-    if plot is not None:
-        write_text(plot, channels_page(found, proposal))
-
     plain = {
         "file": file, "format": found.kind, "channels": [one.as_dict() for one in found.channels],
         "assumed": list(found.assumed), "map": proposal.as_dict(), "written": write, "plot": plot,
@@ -197,7 +194,8 @@ def channels(
         answers.print_notes("Assumed", (f"{capital(text)}." for text in found.assumed))
         _print_proposal(proposal, file, actuator or chosen.name, write)
 
-    answers.give(json, lambda: plain, tell, plot)
+    page = (plot, lambda path: write_text(path, channels_page(found, proposal)))
+    answers.give(json, lambda: plain, tell, page)
 
 
 def _print_proposal(proposal: Any, file: Path, actuator: str, written: Path | None) -> None:

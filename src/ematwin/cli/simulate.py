@@ -5,6 +5,7 @@ gear, and the gains that the commissioning software shows. It leaves out how loo
 they integrate, the encoders and the cogging: calibration finds them.
 """
 
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -62,13 +63,13 @@ def simulate(
         "progress": not json,
     }  # fmt: skip
     record = ematwin.simulate(model, asked, values, chosen, **settings)
-    if out is not None:
-        ematwin.write(record, out)
-    if plot is not None:
+
+    def page(path: Path) -> None:
         from ematwin.report.recordings import comparison_page
 
         healthy = ematwin.simulate(model, asked, None, chosen, **settings)
-        write_text(plot, comparison_page(record, healthy, values, chosen))
+        write_text(path, comparison_page(record, healthy, values, chosen))
+
     summary = kind.summary(record, chosen)
     described = kind.describe(chosen, values)
     fidelity = model or kind.fidelities[0]
@@ -90,7 +91,8 @@ def simulate(
     what = f"{fidelity} model of {chosen.name}, scenario {asked.name}"
     samples = f"{len(record)} samples at {record.sample_rate:g} Hz"
     told = f"{table_of(described)}\n\n{what}: {samples}, {numbers}"
-    answers.give(json, lambda: plain, lambda: typer.echo(told), out, plot)
+    files = (out, partial(ematwin.write, record)), (plot, page)
+    answers.give(json, lambda: plain, lambda: typer.echo(told), *files)
 
 
 def export_fmu(
