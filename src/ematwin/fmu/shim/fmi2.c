@@ -1,18 +1,10 @@
 /* FMI 2.0 for co-simulation (FMI standard 2.0.5, section 4), over twin.h. */
 
-#include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "twin.h"
 
-#ifdef _WIN32
-#define EXPORT __declspec(dllexport)
-#else
-#define EXPORT __attribute__((visibility("default")))
-#endif
-
-typedef enum { OK, WARNING, DISCARD, ERROR, FATAL, PENDING } Status;
 typedef enum { MODEL_EXCHANGE, CO_SIMULATION } Type;
 typedef enum { DO_STEP, PENDING_STATUS, LAST_SUCCESSFUL_TIME, TERMINATED } StatusKind;
 
@@ -31,18 +23,16 @@ typedef struct {
     Callbacks callbacks;
 } Instance;
 
-static Status failed(Instance *instance, const Reason *why) {
-    if (instance->callbacks.logger)
+/* The status of a call of twin.h that gave 0, or -1 and a reason. */
+static Status told(Instance *instance, int failed) {
+    if (failed && instance->callbacks.logger)
         instance->callbacks.logger(instance->callbacks.environment, instance->name, ERROR,
-                                   "logStatusError", why->text); /* no % in any reason */
-    return ERROR;
+                                   "logStatusError", instance->twin.why); /* no % in any reason */
+    return failed ? ERROR : OK;
 }
 
 static Status refused(Instance *instance, const char *text) {
-    Reason why;
-    strncpy(why.text, text, sizeof why.text - 1);
-    why.text[sizeof why.text - 1] = 0;
-    return failed(instance, &why);
+    return told(instance, twin_refuse(&instance->twin, "%s", text));
 }
 
 EXPORT const char *fmi2GetTypesPlatform(void) { return "default"; }
@@ -88,18 +78,11 @@ EXPORT Status fmi2SetupExperiment(Instance *instance, int tolerance_defined, dou
 }
 
 EXPORT Status fmi2EnterInitializationMode(Instance *instance) {
-    if (instance->twin.mode != INSTANTIATED)
-        return refused(instance, "The initialization comes after instantiation or a reset.");
-    instance->twin.mode = INITIALIZING;
-    return OK;
+    return told(instance, twin_enter_initialization(&instance->twin, instance->twin.start));
 }
 
 EXPORT Status fmi2ExitInitializationMode(Instance *instance) {
-    if (instance->twin.mode != INITIALIZING)
-        return refused(instance, "The initialization was not entered.");
-    twin_begin(&instance->twin);
-    instance->twin.mode = RUNNING;
-    return OK;
+    return told(instance, twin_exit_initialization(&instance->twin));
 }
 
 EXPORT Status fmi2Terminate(Instance *instance) {
@@ -114,46 +97,40 @@ EXPORT Status fmi2Reset(Instance *instance) {
 
 EXPORT Status fmi2GetReal(Instance *instance, const unsigned references[], size_t count,
                           double values[]) {
-    Reason why;
-    return twin_get(&instance->twin, references, count, values, &why) ? failed(instance, &why) : OK;
+    return told(instance, twin_get(&instance->twin, references, count, values));
 }
 
 EXPORT Status fmi2SetReal(Instance *instance, const unsigned references[], size_t count,
                           const double values[]) {
-    Reason why;
-    for (size_t n = 0; n < count; n++)
-        if (twin_set(&instance->twin, references[n], values[n], &why))
-            return failed(instance, &why);
-    return OK;
+    int failed = 0;
+    for (size_t n = 0; n < count && !failed; n++)
+        failed = twin_set(&instance->twin, references[n], values[n]);
+    return told(instance, failed);
 }
 
 EXPORT Status fmi2SetRealInputDerivatives(Instance *instance, const unsigned references[],
                                           size_t count, const int order[], const double values[]) {
-    Reason why;
-    for (size_t n = 0; n < count; n++) {
+    int failed = 0;
+    for (size_t n = 0; n < count && !failed; n++) {
         if (order[n] != 1) return refused(instance, "Inputs have first derivatives alone.");
-        if (twin_set_rate(&instance->twin, references[n], values[n], &why))
-            return failed(instance, &why);
+        failed = twin_set_rate(&instance->twin, references[n], values[n]);
     }
-    return OK;
+    return told(instance, failed);
 }
 
 EXPORT Status fmi2DoStep(Instance *instance, double point, double size, int no_set_state) {
-    Reason why;
-    int64_t steps = twin_steps(&instance->twin, point, size, &why);
-    if (steps < 0) return failed(instance, &why);
+    int64_t steps = twin_steps(&instance->twin, point, size);
+    if (steps < 0) return told(instance, -1);
     for (int64_t n = 0; n < steps; n++) twin_advance(&instance->twin);
-    return twin_finish(&instance->twin, &why) ? failed(instance, &why) : OK;
+    return told(instance, twin_finish(&instance->twin));
 }
 
 EXPORT Status fmi2GetFMUstate(Instance *instance, void **state) {
-    Reason why;
-    return twin_save(&instance->twin, state, &why) ? failed(instance, &why) : OK;
+    return told(instance, twin_save(&instance->twin, &instance->twin, state));
 }
 
 EXPORT Status fmi2SetFMUstate(Instance *instance, void *state) {
-    Reason why;
-    return twin_restore(&instance->twin, state, &why) ? failed(instance, &why) : OK;
+    return told(instance, twin_restore(&instance->twin, state));
 }
 
 EXPORT Status fmi2FreeFMUstate(Instance *instance, void **state) {
@@ -168,14 +145,12 @@ EXPORT Status fmi2SerializedFMUstateSize(Instance *instance, void *state, size_t
 }
 
 EXPORT Status fmi2SerializeFMUstate(Instance *instance, void *state, char bytes[], size_t size) {
-    Reason why;
-    return twin_pack(state, bytes, size, &why) ? failed(instance, &why) : OK;
+    return told(instance, twin_pack(&instance->twin, state, bytes, size));
 }
 
 EXPORT Status fmi2DeSerializeFMUstate(Instance *instance, const char bytes[], size_t size,
                                       void **state) {
-    Reason why;
-    return twin_unpack(bytes, size, state, &why) ? failed(instance, &why) : OK;
+    return told(instance, twin_unpack(&instance->twin, bytes, size, state));
 }
 
 EXPORT Status fmi2GetRealStatus(Instance *instance, StatusKind kind, double *value) {

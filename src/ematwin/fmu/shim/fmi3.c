@@ -6,13 +6,6 @@
 
 #include "twin.h"
 
-#ifdef _WIN32
-#define EXPORT __declspec(dllexport)
-#else
-#define EXPORT __attribute__((visibility("default")))
-#endif
-
-typedef enum { OK, WARNING, DISCARD, ERROR, FATAL } Status;
 typedef uint32_t Reference;
 typedef void Log(void *environment, Status status, const char *category, const char *message);
 typedef void Intermediate(void *environment, double time, bool set_requested, bool get_allowed,
@@ -27,9 +20,15 @@ typedef struct {
     bool may_return_early;
 } Instance;
 
+/* The status of a call of twin.h that gave 0, or -1 and a reason. */
+static Status told(Instance *instance, int failed) {
+    if (failed && instance->log)
+        instance->log(instance->environment, ERROR, "logStatusError", instance->twin.why);
+    return failed ? ERROR : OK;
+}
+
 static Status refused(Instance *instance, const char *text) {
-    if (instance->log) instance->log(instance->environment, ERROR, "logStatusError", text);
-    return ERROR;
+    return told(instance, twin_refuse(&instance->twin, "%s", text));
 }
 
 EXPORT const char *fmi3GetVersion(void) { return "3.0"; }
@@ -68,19 +67,11 @@ EXPORT void fmi3FreeInstance(Instance *instance) { free(instance); }
 EXPORT Status fmi3EnterInitializationMode(Instance *instance, bool tolerance_defined,
                                           double tolerance, double start, bool stop_defined,
                                           double stop) {
-    if (instance->twin.mode != INSTANTIATED)
-        return refused(instance, "The initialization comes after instantiation or a reset.");
-    instance->twin.start = start;
-    instance->twin.mode = INITIALIZING;
-    return OK;
+    return told(instance, twin_enter_initialization(&instance->twin, start));
 }
 
 EXPORT Status fmi3ExitInitializationMode(Instance *instance) {
-    if (instance->twin.mode != INITIALIZING)
-        return refused(instance, "The initialization was not entered.");
-    twin_begin(&instance->twin);
-    instance->twin.mode = RUNNING;
-    return OK;
+    return told(instance, twin_exit_initialization(&instance->twin));
 }
 
 EXPORT Status fmi3Terminate(Instance *instance) {
@@ -95,31 +86,27 @@ EXPORT Status fmi3Reset(Instance *instance) {
 
 EXPORT Status fmi3GetFloat64(Instance *instance, const Reference references[], size_t count,
                              double values[], size_t places) {
-    Reason why;
     if (places != count) return refused(instance, "Each variable is one number.");
-    return twin_get(&instance->twin, references, count, values, &why) ? refused(instance, why.text)
-                                                                      : OK;
+    return told(instance, twin_get(&instance->twin, references, count, values));
 }
 
 EXPORT Status fmi3SetFloat64(Instance *instance, const Reference references[], size_t count,
                              const double values[], size_t places) {
-    Reason why;
+    int failed = 0;
     if (places != count) return refused(instance, "Each variable is one number.");
-    for (size_t n = 0; n < count; n++)
-        if (twin_set(&instance->twin, references[n], values[n], &why))
-            return refused(instance, why.text);
-    return OK;
+    for (size_t n = 0; n < count && !failed; n++)
+        failed = twin_set(&instance->twin, references[n], values[n]);
+    return told(instance, failed);
 }
 
 /* After each step the importer may set inputs for the next one, and may ask to stop there. */
 EXPORT Status fmi3DoStep(Instance *instance, double point, double size, bool no_set_state,
                          bool *event_needed, bool *terminate, bool *early, double *last_time) {
-    Reason why;
     Twin *twin = &instance->twin;
-    int64_t steps = twin_steps(twin, point, size, &why);
+    int64_t steps = twin_steps(twin, point, size);
     *event_needed = *terminate = *early = false;
     *last_time = twin_time(twin);
-    if (steps < 0) return refused(instance, why.text);
+    if (steps < 0) return told(instance, -1);
     for (int64_t n = 1; n <= steps; n++) {
         bool wanted = false;
         double until = 0.0;
@@ -133,17 +120,15 @@ EXPORT Status fmi3DoStep(Instance *instance, double point, double size, bool no_
         }
     }
     *last_time = *early || steps == 0 ? twin_time(twin) : point + size;
-    return twin_finish(twin, &why) ? refused(instance, why.text) : OK;
+    return told(instance, twin_finish(twin));
 }
 
 EXPORT Status fmi3GetFMUState(Instance *instance, void **state) {
-    Reason why;
-    return twin_save(&instance->twin, state, &why) ? refused(instance, why.text) : OK;
+    return told(instance, twin_save(&instance->twin, &instance->twin, state));
 }
 
 EXPORT Status fmi3SetFMUState(Instance *instance, void *state) {
-    Reason why;
-    return twin_restore(&instance->twin, state, &why) ? refused(instance, why.text) : OK;
+    return told(instance, twin_restore(&instance->twin, state));
 }
 
 EXPORT Status fmi3FreeFMUState(Instance *instance, void **state) {
@@ -158,14 +143,12 @@ EXPORT Status fmi3SerializedFMUStateSize(Instance *instance, void *state, size_t
 }
 
 EXPORT Status fmi3SerializeFMUState(Instance *instance, void *state, uint8_t bytes[], size_t size) {
-    Reason why;
-    return twin_pack(state, bytes, size, &why) ? refused(instance, why.text) : OK;
+    return told(instance, twin_pack(&instance->twin, state, bytes, size));
 }
 
 EXPORT Status fmi3DeserializeFMUState(Instance *instance, const uint8_t bytes[], size_t size,
                                       void **state) {
-    Reason why;
-    return twin_unpack(bytes, size, state, &why) ? refused(instance, why.text) : OK;
+    return told(instance, twin_unpack(&instance->twin, bytes, size, state));
 }
 
 /* What FMI 3 has beyond: an importer that loads all functions has to find them. */

@@ -10,6 +10,7 @@ next step begins. Between samples the last one stands. */
 #include "twin.h"
 
 #include <math.h>
+#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -21,9 +22,14 @@ int ematwin_sample(void **result, void **raised, const double *c, double *x, con
 int ematwin_advance(void **result, void **raised, const double *c, double *x, const double *u);
 
 static const double at[2] = {AT_COMMAND, AT_LOAD};
+static const char NO_VARIABLE[] = "There is no variable of this reference.";
+static const char OTHER_MODEL[] = "The state belongs to another model.";
 
-static int refuse(Reason *why, const char *text) {
-    snprintf(why->text, sizeof why->text, "%s", text);
+int twin_refuse(Twin *twin, const char *format, ...) {
+    va_list given;
+    va_start(given, format);
+    vsnprintf(twin->why, sizeof twin->why, format, given);
+    va_end(given);
     return -1;
 }
 
@@ -51,7 +57,7 @@ void twin_reset(Twin *twin) {
     twin->changed = 1;
 }
 
-void twin_begin(Twin *twin) {
+static void begin(Twin *twin) {
     void *none, *raised;
     double held[2] = {twin->u[0], twin->u[1]};
     update_constants(twin);
@@ -68,25 +74,34 @@ double twin_time(const Twin *twin) {
     return twin->start + (double)twin->steps * STEP;
 }
 
-int twin_set(Twin *twin, unsigned reference, double value, Reason *why) {
-    if (reference >= VARIABLES) return refuse(why, "There is no variable of this reference.");
+int twin_enter_initialization(Twin *twin, double start) {
+    if (twin->mode != INSTANTIATED)
+        return twin_refuse(twin, "The initialization comes after instantiation or a reset.");
+    twin->start = start;
+    twin->mode = INITIALIZING;
+    return 0;
+}
+
+int twin_exit_initialization(Twin *twin) {
+    if (twin->mode != INITIALIZING) return twin_refuse(twin, "The initialization was not entered.");
+    begin(twin);
+    twin->mode = RUNNING;
+    return 0;
+}
+
+int twin_set(Twin *twin, unsigned reference, double value) {
+    if (reference >= VARIABLES) return twin_refuse(twin, NO_VARIABLE);
     const Variable *one = &variables[reference];
-    if (one->role == 'f' && twin->mode > INITIALIZING) {
-        snprintf(why->text, sizeof why->text,
-                 "%s is fixed: set it before the initialization ends, or reset first.", one->name);
-        return -1;
-    }
-    if (one->role != 'i' && one->role != 'f' && one->role != 't') {
-        snprintf(why->text, sizeof why->text, "%s cannot be set.", one->name);
-        return -1;
-    }
+    if (one->role == 'f' && twin->mode > INITIALIZING)
+        return twin_refuse(
+            twin, "%s is fixed: set it before the initialization ends, or reset first.", one->name);
+    if (one->role != 'i' && one->role != 'f' && one->role != 't')
+        return twin_refuse(twin, "%s cannot be set.", one->name);
     if (!(value >= one->lower && value <= one->upper)) { /* NaN fails this as well */
         int above = one->lower > 0.0 && one->lower < 1e-300; /* more than zero, as XML has it */
-        snprintf(why->text, sizeof why->text,
-                 "%s must lie in %s%g, %g]%s%s, received %g; it stays as it was.", one->name,
-                 above ? "(" : "[", above ? 0.0 : one->lower, one->upper, *one->unit ? " " : "",
-                 one->unit, value);
-        return -1;
+        return twin_refuse(twin, "%s must lie in %s%g, %g]%s%s, received %g; it stays as it was.",
+                           one->name, above ? "(" : "[", above ? 0.0 : one->lower, one->upper,
+                           *one->unit ? " " : "", one->unit, value);
     }
     if (one->role == 'i') {
         twin->u[reference - FIRST_INPUT] = value;
@@ -97,24 +112,24 @@ int twin_set(Twin *twin, unsigned reference, double value, Reason *why) {
     return 0;
 }
 
-int twin_set_rate(Twin *twin, unsigned reference, double value, Reason *why) {
+int twin_set_rate(Twin *twin, unsigned reference, double value) {
     if (reference >= VARIABLES || variables[reference].role != 'i')
-        return refuse(why, "Only inputs have a derivative here.");
-    if (!isfinite(value)) return refuse(why, "The derivative of an input must be finite.");
+        return twin_refuse(twin, "Only inputs have a derivative here.");
+    if (!isfinite(value)) return twin_refuse(twin, "The derivative of an input must be finite.");
     twin->rate[reference - FIRST_INPUT] = value;
     return 0;
 }
 
-int twin_get(Twin *twin, const unsigned references[], size_t count, double values[], Reason *why) {
+int twin_get(Twin *twin, const unsigned references[], size_t count, double values[]) {
     double y[OUTPUTS];
     int known = 0;
     for (size_t n = 0; n < count; n++) {
         unsigned reference = references[n];
-        if (reference >= VARIABLES) return refuse(why, "There is no variable of this reference.");
+        if (reference >= VARIABLES) return twin_refuse(twin, NO_VARIABLE);
         char role = variables[reference].role;
         if (role == 'o' && !known) {
             Twin now = *twin; /* the sample itself is taken when the next step begins */
-            if (now.mode <= INITIALIZING) twin_begin(&now);
+            if (now.mode <= INITIALIZING) begin(&now);
             update_constants(&now);
             double u[2];
             inputs(&now, (double)now.since, (double)now.since, u);
@@ -131,44 +146,42 @@ int twin_get(Twin *twin, const unsigned references[], size_t count, double value
     return 0;
 }
 
-int twin_restore(Twin *twin, const Twin *saved, Reason *why) {
+int twin_restore(Twin *twin, const Twin *saved) {
     if (memcmp(saved->token, twin->token, sizeof twin->token) != 0)
-        return refuse(why, "The state belongs to another model.");
+        return twin_refuse(twin, OTHER_MODEL);
     *twin = *saved;
     return 0;
 }
 
-int twin_save(const void *from, void **state, Reason *why) {
+int twin_save(Twin *twin, const void *from, void **state) {
     if (!*state) *state = malloc(sizeof(Twin));
-    if (!*state) return refuse(why, "Not enough memory.");
+    if (!*state) return twin_refuse(twin, "Not enough memory.");
     memcpy(*state, from, sizeof(Twin));
     return 0;
 }
 
-int twin_pack(const void *state, void *bytes, size_t size, Reason *why) {
-    if (size < sizeof(Twin)) return refuse(why, "There is no room for the state.");
+int twin_pack(Twin *twin, const void *state, void *bytes, size_t size) {
+    if (size < sizeof(Twin)) return twin_refuse(twin, "There is no room for the state.");
     memcpy(bytes, state, sizeof(Twin));
     return 0;
 }
 
-int twin_unpack(const void *bytes, size_t size, void **state, Reason *why) {
-    if (size != sizeof(Twin)) return refuse(why, "The state belongs to another model.");
-    return twin_save(bytes, state, why);
+int twin_unpack(Twin *twin, const void *bytes, size_t size, void **state) {
+    if (size != sizeof(Twin)) return twin_refuse(twin, OTHER_MODEL);
+    return twin_save(twin, bytes, state);
 }
 
-int64_t twin_steps(const Twin *twin, double point, double size, Reason *why) {
-    if (twin->mode != RUNNING) return refuse(why, "A step comes after the initialization.");
+int64_t twin_steps(Twin *twin, double point, double size) {
+    if (twin->mode != RUNNING) return twin_refuse(twin, "A step comes after the initialization.");
     double off = (point - twin_time(twin)) / STEP;
-    if (!(fabs(off) <= 0.5 + 1e-6)) {
-        snprintf(why->text, sizeof why->text,
-                 "The communication point must be %.9g s, where the last step ended, received "
-                 "%.9g s.",
-                 twin_time(twin), point);
-        return -1;
-    }
+    if (!(fabs(off) <= 0.5 + 1e-6))
+        return twin_refuse(twin,
+                           "The communication point must be %.9g s, where the last step ended, "
+                           "received %.9g s.",
+                           twin_time(twin), point);
     double last = floor((point + size - twin->start) / STEP + 0.5);
     if (!(size >= 0.0 && last < 9e15))
-        return refuse(why, "The communication step must be a positive number of seconds.");
+        return twin_refuse(twin, "The communication step must be a positive number of seconds.");
     return (int64_t)last > twin->steps ? (int64_t)last - twin->steps : 0;
 }
 
@@ -186,11 +199,12 @@ void twin_advance(Twin *twin) {
     twin->since++;
 }
 
-int twin_finish(Twin *twin, Reason *why) {
+int twin_finish(Twin *twin) {
     double lost = 0.0;
     inputs(twin, (double)twin->since, (double)twin->since, twin->u);
     twin->rate[0] = twin->rate[1] = 0.0;
     twin->since = 0;
     for (size_t n = 0; n < STATES; n++) lost += 0.0 * twin->x[n];
-    return lost == 0.0 ? 0 : refuse(why, "The model diverged: check its parameters and inputs.");
+    if (lost == 0.0) return 0;
+    return twin_refuse(twin, "The model diverged: check its parameters and inputs.");
 }
