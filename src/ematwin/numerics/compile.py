@@ -14,21 +14,22 @@ machine code is kept for the next process.
 the sign of zero ignored, reciprocals of loop constants. Sums keep their order, and NaN keeps its
 meaning: it marks a candidate that diverged.
 
-numba's own cache keeps the machine code. By itself it notices no change of a step in another file
-than the loop's, nor of the fields of a tuple, and two processes that save different signatures at
-once may exchange them. So each loop has, for each signature, a folder that is named by all that
-the machine code depends on (`ematwin.numerics.content`), where there is nothing to mistake. A
-cache is executed when it is loaded: the folders lie in one that only the user can write.
+Machine code is kept in a file for each loop and signature, which is named by all that it depends on
+(`ematwin.numerics.content`). numba's own cache notices no change of a step in another file than the
+loop's, nor of the fields of a tuple, and two processes that save different signatures at once may
+exchange them. A cache is executed when it is loaded: the files lie in a folder that only the user
+can write.
 
 Processes that need the same machine code at once, such as workers of a study, wait for the first
 of them, which compiles it.
 
 The only private parts of numba in this file are the lock of its compiler, the cache of a function
-and the key of `_InOneFolder` (numba 0.61 to 0.68).
+and how a `CompileResult` is pickled (numba 0.61 to 0.68).
 """
 
 import functools
 import os
+import pickle
 import shutil
 import stat
 import sys
@@ -40,11 +41,14 @@ from types import FunctionType
 from typing import Any
 
 import numba
-from numba.core.caching import FunctionCache
+from numba.core.caching import NullCache
+from numba.core.compiler import CompileResult
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.serialize import dumps
 from numba.extending import register_jitable
 
 from ematwin import numerics
+from ematwin.files import written_whole
 from ematwin.numerics.content import content_of, signature_of
 
 RELAXED = {"contract", "nsz", "arcp"}
@@ -90,60 +94,54 @@ def loop(function: Callable[..., Any]) -> Any:
 def _loaded_or_compiled(made: Any, compile_it: Callable[[Any], Any], signature: Any) -> Any:
     """The entry of a loop for a signature; processes that need the same at once compile it once."""
     with global_compiler_lock, ExitStack() as stack:
-        if folder := _folder_of(made, signature):
-            with suppress(Exception):  # it cannot be written to: compiled in memory
-                made._cache = _in(folder, made.py_func)
-        if folder is None or not any(folder.rglob("*.nbc")):
+        path = _file_of(made, signature)
+        made._cache = NullCache() if path is None else _OneFile(path)
+        if path is None or not path.exists():
             numerics.compiling()
-            stack.enter_context(_turn(folder))
+            stack.enter_context(_turn(path))
         return compile_it(signature)
 
 
-def _folder_of(made: Any, signature: Any) -> Path | None:
-    """The folder for the machine code of a signature; None where nothing can be kept."""
+def _file_of(made: Any, signature: Any) -> Path | None:
+    """The file for the machine code of a signature; None where nothing can be kept."""
     function, folder = made.py_func, own_folder()
     if folder is None or not os.path.exists(function.__code__.co_filename):
         return None
     name = f"{function.__module__}.{function.__qualname__}".replace("<locals>.", "")
-    place = folder / name / content_of(made) / signature_of(signature)
+    place = folder / name / content_of(made)
     with suppress(OSError):
         place.mkdir(parents=True, exist_ok=True)
-        return place
+        return place / f"{signature_of(signature)}.nbc"
     return None
 
 
-def _in(folder: Path, function: FunctionType) -> "_InOneFolder":
-    config: Any = numba.config
-    before, config.CACHE_DIR = config.CACHE_DIR, str(folder)
-    try:
-        return _InOneFolder(function)
-    finally:
-        config.CACHE_DIR = before
+class _OneFile(NullCache):
+    """What numba asks for machine code, and gives it: that of one signature, in a file."""
 
-
-class _InOneFolder(FunctionCache):
-    """numba's cache, which takes loops around the same steps for others in each process."""
-
-    def _index_key(self, sig: Any, codegen: Any) -> Any:
-        return sig, codegen.magic_tuple()
+    def __init__(self, path: Path) -> None:
+        self._path = path
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        with suppress(Exception):  # damaged (pickle raises anything): compile it again
-            return super().load_overload(sig, target_context)
+        with suppress(Exception):  # missing, or damaged (pickle raises anything): compile it
+            target_context.refresh()
+            return CompileResult._rebuild(target_context, *pickle.loads(self._path.read_bytes()))
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
+        if data.lifted or data.library.has_dynamic_globals:  # holds addresses of this process
+            return
         with suppress(Exception):  # no room: the next process compiles it again
-            super().save_overload(sig, data)
-            _drop_stale(Path(self.cache_path).parents[1])
+            with written_whole(self._path) as draft:
+                draft.write_bytes(dumps(data._reduce()))
+            _drop_stale(self._path.parent)
 
 
-def _turn(folder: Path | None) -> AbstractContextManager[Any]:
+def _turn(path: Path | None) -> AbstractContextManager[Any]:
     """A lock that one process has at a time, for which others wait; it ends with its process."""
-    if sys.platform == "win32" or folder is None:
+    if sys.platform == "win32" or path is None:
         return nullcontext()
     try:
-        turn = folder.with_suffix(".lock").open("wb")
+        turn = path.with_suffix(".lock").open("wb")
     except OSError:
         return nullcontext()
     ends = time.monotonic() + 60.0  # s: the other may have been stopped

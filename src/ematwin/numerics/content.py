@@ -17,9 +17,9 @@ from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
 import llvmlite
-import llvmlite.binding
 import numba
 import numpy as np
+from numba.core.registry import cpu_target
 
 _BY_VERSION = {"numba", "llvmlite", "numpy", *sys.stdlib_module_names}
 
@@ -36,8 +36,7 @@ def signature_of(arguments: Any) -> str:
 
 @cache
 def _surroundings() -> str:
-    llvm, config = llvmlite.binding, vars(numba.config)
-    host = llvm.get_process_triple(), config["CPU_NAME"] or llvm.get_host_cpu_name()
+    host = cpu_target.target_context.codegen().magic_tuple()
     versions = (sys.implementation.cache_tag, numba, llvmlite, np)
     ours = [Path(__file__).with_name(name).read_bytes() for name in ("compile.py", "lanes.py")]
     return f"{host} {[getattr(one, '__version__', one) for one in versions]} {ours}"
