@@ -8,7 +8,8 @@ import pytest
 import ematwin
 from ematwin import Fleet
 from ematwin.errors import InputError
-from ematwin.fleet.watch import hash_of, watch
+from ematwin.fleet.store import content_of
+from ematwin.fleet.watch import watch
 from ematwin.models.reading import write
 from refusals import refused
 
@@ -92,10 +93,10 @@ def test_what_was_set_aside_is_tried_again_when_it_is_mended_or_renamed(tmp_path
 
     def late(path):
         gone.unlink(missing_ok=True)  # between the listing and the reading
-        return hash_of(path)
+        return content_of(path)
 
     with monkeypatch.context() as patched:
-        patched.setattr("ematwin.fleet.watch.hash_of", late)
+        patched.setattr("ematwin.fleet.watch.content_of", late)
         found = fleet.watch(folder, actuator=SERVO)
     assert (found.judged, len(found.set_aside)) == (0, 3)
     assert any("No such file" in reason for _, reason in found.set_aside)

@@ -49,18 +49,15 @@ class _Handler(LocalHandler):
     def do_GET(self) -> None:  # noqa: N802 (the name of the standard library)
         """A page."""
         name = self.name()
-        if name is None:
-            self.refuse(HTTPStatus.NOT_FOUND)
-            return
         try:
-            page = self.server.page(unquote(name))
+            page = None if name is None else self.server.page(unquote(name))
         except EmatwinError as error:
             self.send(HTTPStatus.INTERNAL_SERVER_ERROR, f"{error}\n", "text/plain")
             return
         if page is None:
             self.refuse(HTTPStatus.NOT_FOUND)
-            return
-        self.send(HTTPStatus.OK, page, "text/html", headers_of(page))
+        else:
+            self.send(HTTPStatus.OK, page, "text/html", headers_of(page))
 
 
 def headers_of(page: str) -> dict[str, str]:
@@ -73,7 +70,5 @@ def headers_of(page: str) -> dict[str, str]:
         f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; base-uri 'none'; "
         "form-action 'none'; frame-ancestors 'none'"
     )
-    return HEADERS | {
-        "Content-Security-Policy": policy,
-        "Refresh": "300",
-    }  # s, for a screen on the wall
+    # a screen on the wall asks again after so many seconds
+    return HEADERS | {"Content-Security-Policy": policy, "Refresh": "300"}

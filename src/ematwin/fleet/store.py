@@ -307,12 +307,21 @@ def id_of(content: str, motion: int, twin: str) -> str:
 
 
 def content_of(path: Path) -> str:
-    """The hash of a file, or `FileError` if it cannot be read."""
+    """The hash of a file, which is read again only where its size or time has changed.
+
+    `FileError` if it cannot be read.
+    """
     try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()[:20]
+        now = path.stat()
+        return _hash_at(path, now.st_size, now.st_mtime_ns)
     except OSError as error:
         raise FileError(f"Cannot read {path}: {os.strerror(error.errno or 5)}.") from None
+
+
+@cache
+def _hash_at(path: Path, size: int, time: int) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()[:20]
 
 
 def moment_of(text: str | datetime) -> datetime:

@@ -14,7 +14,6 @@ from concurrent.futures import CancelledError, Executor, ThreadPoolExecutor, as_
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -202,7 +201,7 @@ def watch(
     seen: set[str] = set()
     for path in paths.files:
         try:
-            content = hash_of(path)
+            content = content_of(path)
         except FileError as error:  # unreadable, or removed meanwhile; it has no row
             found.set_aside.append((str(path), str(error)))
             continue
@@ -261,20 +260,6 @@ def _workers(threads: int, scheduler: str | None) -> Iterator[Executor]:
         ) from None
     finally:
         engine.close()
-
-
-def hash_of(path: Path) -> str:
-    """The hash of a file, which is read again only where its size or time has changed."""
-    try:
-        now = path.stat()
-    except OSError:
-        return content_of(path)  # which says why
-    return _hash_at(path, now.st_size, now.st_mtime_ns)
-
-
-@cache
-def _hash_at(path: Path, size: int, time: int) -> str:
-    return content_of(path)
 
 
 @dataclass
