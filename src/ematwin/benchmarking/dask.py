@@ -77,7 +77,16 @@ class DaskEngine(Engine):
             time.sleep(0.2)
 
     def finished(self, timeout: float) -> list[Run]:  # noqa: D102
-        self._watch()
+        if self.client is not None and self.client.status not in {"running", "newly-created"}:
+            self._disconnect()
+        if time.monotonic() - self._looked >= _LOOK:
+            self._look()
+        if self._looked - self._answered > self._patience:
+            what = "was lost" if self.client is None else "has lost all of its workers"
+            raise EngineError(
+                f"The scheduler at {self._address} {what}, for {self._patience:g} s now. Finished "
+                "runs are kept; start it and its workers, and give the same command again."
+            )
         return super().finished(timeout)
 
     def _end(self) -> None:
@@ -120,34 +129,16 @@ class DaskEngine(Engine):
             with suppress(Exception):
                 client.close(timeout=5)
 
-    def _watch(self) -> None:
-        """Look for workers now and then; connect again where the scheduler is gone."""
-        running = self.client is not None and self.client.status in {"running", "newly-created"}
-        if running and time.monotonic() - self._looked < _LOOK:
-            return
-        if not running:
-            self._disconnect()
-            if time.monotonic() - self._looked >= _LOOK:
-                self._looked = time.monotonic()
-                with suppress(OSError, ValueError, TypeError):
-                    self._connect()
-        if self.client is not None and self._look():
-            return
-        if time.monotonic() - self._answered > self._patience:
-            what = "was lost" if self.client is None else "has lost all of its workers"
-            raise EngineError(
-                f"The scheduler at {self._address} {what}, for {self._patience:g} s now. Finished "
-                "runs are kept; start it and its workers, and give the same command again."
-            )
-
     def _look(self) -> int:
-        """Count the workers; as many runs go out at once."""
+        """Count the workers, connected again where the scheduler was lost; as many runs go out."""
+        self._looked = time.monotonic()
         try:
+            if self.client is None:
+                self._connect()
             threads = self.client.nthreads()
         except Exception:
             self._disconnect()
             return 0
-        self._looked = time.monotonic()
         wide = [address for address, n in threads.items() if n != 1]
         if wide:
             self.close()

@@ -165,26 +165,18 @@ def _subject(actuator: str) -> Subject:
     return Subject.stored(json.loads(actuator))
 
 
-# where the first eight healthy values come to lie: not in a corner, nor in the centre, nor on a
-# diagonal
-_FIRST = (0.31, 0.64, 0.42, 0.73, 0.27, 0.58, 0.69, 0.37)
-
-
-def places(dimension: int) -> np.ndarray:
-    """Where healthy values lie in the remapped box, (d,) array of shares of their ranges.
-
-    Any after the eighth, the n-th, is the fractional part g of n golden ratios, brought into 0.25
-    to 0.45 (g < 0.5) or 0.55 to 0.75.
-    """
-    golden = np.arange(len(_FIRST) + 1, dimension + 1) * 0.5 * (math.sqrt(5.0) - 1.0) % 1.0
-    further = 0.25 + 0.4 * golden + 0.1 * (golden >= 0.5)
-    return np.append(_FIRST, further)[:dimension]
-
-
 def shifts(unknowns: Sequence[Unknown]) -> np.ndarray:
-    """Shift of each component (d,) that brings its healthy value to its place."""
+    """Shift of each component (d,) that brings its healthy value to its place in the box.
+
+    Places are shares of the range. The first eight are not in a corner, nor in the centre, nor on a
+    diagonal; any after them, the n-th, is the fractional part g of n golden ratios, brought into
+    0.25 to 0.45 (g < 0.5) or 0.55 to 0.75.
+    """
+    first = (0.31, 0.64, 0.42, 0.73, 0.27, 0.58, 0.69, 0.37)
     healthy = [(one.healthy - one.lower) / one.width for one in unknowns]
-    return np.round(np.mod(places(len(healthy)) - healthy, 1.0), 12)
+    golden = np.arange(len(first) + 1, len(healthy) + 1) * 0.5 * (math.sqrt(5.0) - 1.0) % 1.0
+    places = np.append(first, 0.25 + 0.4 * golden + 0.1 * (golden >= 0.5))[: len(healthy)]
+    return np.round(np.mod(places - healthy, 1.0), 12)
 
 
 class RemappedProblem(Problem):
