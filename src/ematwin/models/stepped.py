@@ -78,6 +78,6 @@ def stepped_of(
     return Stepped(
         inputs=inputs, outputs=traces.answers._fields, constants=constants, begin=begin,
         sample=sample, advance=advance, interval=interval, substeps=substeps,
-        at=(traces.at,) * len(inputs), constant_count=len(traces.constants._fields),
+        at=(0.0,) * len(inputs), constant_count=len(traces.constants._fields),
         state_count=len(traces.state._fields),
     )  # fmt: skip

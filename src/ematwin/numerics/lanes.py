@@ -93,17 +93,15 @@ class Traces:
         and its compared channels
     sampled : step ``(state, command, load, n, c, interval) -> state, answers`` at sample ``n``;
         ``answers`` are what that sample shows
-    advanced : step ``(state, command, load, c, dt) -> state`` over a time ``dt``; command and load
-        run in straight lines from one sample to the next
-    at : at which share of a step command and load are taken: 0 at its start, 0.5 in its middle
+    advanced : step ``(state, command, load, c, dt) -> state`` over a time ``dt``, with command and
+        load at its start; they run in straight lines from one sample to the next
     """
 
     def __init__(
-        self, constants: Any, state: Any, answers: Any, sampled: Any, advanced: Any, *,
-        at: float = 0.0,
-    ) -> None:  # fmt: skip
+        self, constants: Any, state: Any, answers: Any, sampled: Any, advanced: Any
+    ) -> None:
         self.constants, self.state, self.answers = constants, state, answers
-        self.sampled, self.advanced, self.at = sampled, advanced, at
+        self.sampled, self.advanced = sampled, advanced
         self.loop = self._made_loop()
 
     def __call__(
@@ -138,8 +136,7 @@ class Traces:
         new_state, state_of, write_state = columns(self.state)
         new_answers, _, write_answers = columns(self.answers)
         rows, own_rows = len(self.answers._fields), len(self.constants._fields)
-        state_rows, at = len(self.state._fields), self.at
-        sampled, advanced = self.sampled, self.advanced
+        state_rows, sampled, advanced = len(self.state._fields), self.sampled, self.advanced
 
         @lane_loop
         def traces_over(command, load, constants, start, interval, substeps, traces):
@@ -181,8 +178,8 @@ class Traces:
                         d_command = (command[sample + 1] - command_now) / substeps
                         d_load = (load[sample + 1] - load_now) / substeps
                         for j in range(substeps):
-                            command_then = command_now + (j + at) * d_command
-                            load_then = load_now + (j + at) * d_load
+                            command_then = command_now + j * d_command
+                            load_then = load_now + j * d_load
                             for n in range(LANES):
                                 after = advanced(
                                     state_of(now, n), command_then, load_then,

@@ -45,7 +45,7 @@ def advanced(now, command, load, c, dt):
     return State(level, now.held)
 
 
-TRACES = Traces(Constants, State, Answer, sampled, advanced, at=0.5)
+TRACES = Traces(Constants, State, Answer, sampled, advanced)
 COMMAND = np.sin(np.linspace(0.0, 6.0, 40))
 LOAD = np.linspace(0.0, 0.3, 40)
 RATES = np.linspace(-3.0, -1.0, 37)  # three blocks of lanes, the last one in part
@@ -59,7 +59,7 @@ def plain(rate, start):
         rows.append(seen)
         for j in range(3):
             if n + 1 < COMMAND.size:
-                share = (j + 0.5) / 3
+                share = j / 3
                 command = COMMAND[n] + share * (COMMAND[n + 1] - COMMAND[n])
                 load = LOAD[n] + share * (LOAD[n + 1] - LOAD[n])
                 now = advanced.py_func(now, command, load, c, 0.1 / 3)
