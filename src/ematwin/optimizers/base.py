@@ -210,10 +210,10 @@ class PopulationOptimizer(Optimizer):
 
     A method gives ``_learn`` (take in costs), ``_move`` (next batch) and, where it is not uniform
     in the box, ``_start`` (first batch). It finds ``box``, ``population``, ``iterations``,
-    ``seed``, ``iteration`` (batches told) and ``rng``, the source of all chance, in place. Methods
-    that need no more than these have no ``__init__`` of their own. ``_learn`` receives costs in
-    which everything that is not finite has become +inf, for the whole batch, so that no method
-    needs to know of NaN or of a batch cut short.
+    ``seed``, ``iteration`` (batches told), ``points`` (N, d) of the batch told last, and ``rng``,
+    the source of all chance, in place. Methods that need no more than these have no ``__init__`` of
+    their own. ``_learn`` receives costs in which everything that is not finite has become +inf, for
+    the whole batch, so that no method needs to know of NaN or of a batch cut short.
     """
 
     def __init__(
@@ -225,6 +225,7 @@ class PopulationOptimizer(Optimizer):
         self.seed = whole_number(seed, "seed", 0)
         self.iteration = 0
         self.rng = np.random.default_rng(self.seed)
+        self.points = np.empty((0, box.dimension))
         self._pending: FloatArray | None = None
 
     def ask(self) -> FloatArray:
@@ -237,7 +238,9 @@ class PopulationOptimizer(Optimizer):
         """Take in the costs of the batch, or of its leading rows."""
         if self._pending is None:
             raise InputError("tell() without a batch to answer: call ask() first.")
-        self._learn(self._pending, checked_costs(self._pending, points, costs))
+        known = checked_costs(self._pending, points, costs)
+        self.points = self._pending
+        self._learn(self.points, known)
         self._pending = None
         self.iteration += 1
 

@@ -68,7 +68,6 @@ class Dragonfly(PopulationOptimizer):
         self.food_cost = np.inf
         self.enemy = np.zeros(box.dimension)
         self.enemy_cost = -np.inf
-        self._flies = np.empty((0, box.dimension))
         self._steps = np.empty((0, box.dimension))
 
     def _start(self) -> FloatArray:
@@ -77,7 +76,6 @@ class Dragonfly(PopulationOptimizer):
         return flies
 
     def _learn(self, points: FloatArray, costs: FloatArray) -> None:
-        self._flies = points
         best = int(np.argmin(costs))
         if costs[best] < self.food_cost:
             self.food_cost = float(costs[best])
@@ -100,7 +98,7 @@ class Dragonfly(PopulationOptimizer):
         f = 2 * self.rng.random()
         e = fading
 
-        X, V = self._flies, self._steps
+        X, V = self.points, self._steps
         reaches_food = np.all(np.abs(X - self.food) <= radius, axis=1)
         meets_enemy = np.all(np.abs(X - self.enemy) <= radius, axis=1)
         drift = w * V + reaches_food[:, None] * (f * (self.food - X))

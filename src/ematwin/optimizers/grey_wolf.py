@@ -39,7 +39,6 @@ class GreyWolf(PopulationOptimizer):
         self.power = positive(power, "power by which a falls")
         self.leaders = np.zeros((3, box.dimension))
         self.leader_costs = np.full(3, np.inf)
-        self._wolves = np.empty((0, box.dimension))
 
     def _learn(self, points: FloatArray, costs: FloatArray) -> None:
         """Run the program's wolf-by-wolf comparison, with running minima in place of the loop.
@@ -47,7 +46,6 @@ class GreyWolf(PopulationOptimizer):
         Alpha after wolf i is the least cost so far. Beta may only be a wolf that is worse than
         alpha at that moment, delta only one that is worse than both.
         """
-        self._wolves = points
         eligible = np.ones(len(costs), dtype=bool)
         for rank in range(3):
             offered = np.where(eligible, costs, np.inf)
@@ -66,8 +64,8 @@ class GreyWolf(PopulationOptimizer):
         # The batch just told is number iteration - 1, counted from zero as in the program.
         step = min(self.iteration - 1, self.iterations)
         a = falling(self.start, step, self.iterations, self.power)
-        r1, r2 = self.rng.random((2, 3, *self._wolves.shape))
+        r1, r2 = self.rng.random((2, 3, *self.points.shape))
         leaders = self.leaders[:, None, :]
         A = 2.0 * a * r1 - a
-        distance = np.abs(2.0 * r2 * leaders - self._wolves)
+        distance = np.abs(2.0 * r2 * leaders - self.points)
         return self.box.clip((leaders - A * distance).sum(axis=0) / 3.0)

@@ -63,7 +63,7 @@ _WHOLE_BATCH = (
     "It receives one point at a time; for an objective of a whole batch leave out vectorized=False."
 )
 
-_CHECKPOINT = "ematwin search checkpoint 3"  # its format; 1 was that of 0.2
+_CHECKPOINT = "ematwin search checkpoint 4"  # its format; 1 was that of 0.2
 
 
 @dataclass

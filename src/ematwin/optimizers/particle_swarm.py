@@ -163,7 +163,6 @@ class ParticleSwarm(PopulationOptimizer):
         self.crazy = probability(crazy, "share of crazy particles")
         self.best_points = np.empty((0, box.dimension))
         self.best_costs = np.full(self.population, np.inf)
-        self._particles = np.empty((0, box.dimension))
         self._velocity = np.empty((0, box.dimension))
 
     def _start(self) -> FloatArray:
@@ -174,7 +173,6 @@ class ParticleSwarm(PopulationOptimizer):
         return particles
 
     def _learn(self, points: FloatArray, costs: FloatArray) -> None:
-        self._particles = points
         better = costs < self.best_costs
         self.best_costs[better] = costs[better]
         self.best_points[better] = points[better]
@@ -185,7 +183,7 @@ class ParticleSwarm(PopulationOptimizer):
 
     def _move(self) -> FloatArray:
         weights = self.coefficients
-        x, p = self._particles, self.best_points
+        x, p = self.points, self.best_points
         progress = min(self.iteration / self.iterations, 1.0)
         g = p[self.topology.informants(self.best_costs, progress)]
         r1, r2 = self.rng.random((2, *x.shape))

@@ -47,10 +47,8 @@ class Whale(PopulationOptimizer):
         self.power = positive(power, "power by which a falls")
         self.leader = np.zeros(box.dimension)
         self.leader_cost = np.inf
-        self._whales = np.empty((0, box.dimension))
 
     def _learn(self, points: FloatArray, costs: FloatArray) -> None:
-        self._whales = points
         best = int(np.argmin(costs))
         if costs[best] < self.leader_cost:
             self.leader_cost = float(costs[best])
@@ -69,7 +67,7 @@ class Whale(PopulationOptimizer):
         C = 2.0 * r2
         l = (a2 - 1.0) * r3 + 1.0
 
-        whales, leader = self._whales, self.leader
+        whales, leader = self.points, self.leader
         bubble_net = np.abs(leader - whales) * np.exp(self.spiral * l) * np.cos(2.0 * np.pi * l)
         encircling = A * np.abs(C * leader - whales)
         moved = leader + np.where(p < 0.5, -encircling, bubble_net)
@@ -88,8 +86,8 @@ class Whale(PopulationOptimizer):
         drawn = self.rng.integers(self.population, size=(rows.size, self.box.dimension))
         columns = np.arange(self.box.dimension)
         before = drawn < rows[:, None]
-        unmoved = self._whales[drawn, columns]
-        own = self._whales[rows]
+        unmoved = self.points[drawn, columns]
+        own = self.points[rows]
         while True:
             other = np.where(before, moved[drawn, columns], unmoved)
             target = other - A * np.abs(C * other - own)
