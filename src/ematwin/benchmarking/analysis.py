@@ -19,7 +19,6 @@ from ematwin.showing.results import drawn, html, plain
 from ematwin.showing.text import counted, listed
 
 ENOUGH = 5  # runs of a case and algorithm, below which nothing is claimed
-_TO_ZERO = {"gwo", "woa", "da"}  # families whose moves scale the coordinates themselves
 
 
 @dataclass(frozen=True, repr=False)
@@ -157,7 +156,8 @@ def _concluded(study: StudyAnalysis) -> list[str]:
     before = {one: worse for one in ranks.order if ranks.blocks and (worse := ranks.behind(one))}
     corner = (subject.healthy == subject.lower) | (subject.healthy == subject.upper)
     zero = subject.healthy == 0.0
-    pulled = [name for name in table.algorithms if name.partition("-")[0] in _TO_ZERO]
+    # families whose moves scale the coordinates themselves
+    pulled = [name for name in table.algorithms if name.partition("-")[0] in ("gwo", "woa", "da")]
     favoured = [f"{', '.join(pulled)} (drawn to the origin)"] if pulled and zero.any() else []
     favoured += ["every method that clips at the bounds"] if corner.any() else []
     diagnosis = study.diagnosis.set_index("algorithm")

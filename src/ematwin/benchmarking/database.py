@@ -21,7 +21,6 @@ from ematwin.errors import FileError, InputError, MissingExtraError
 
 Answer = TypeVar("Answer")
 
-_LOG = logging.getLogger("ematwin")
 _MAGIC = b"SQLite format 3\0"
 _DAMAGE = ("malformed", "not a database", "decode", "unsupported file", "no such column", "corrupt")
 
@@ -103,7 +102,7 @@ class Database:
                 if not _is_passing(error) or left <= 0.0:
                     raise self._refusal(error) from None
                 if pause == 0.1:
-                    _LOG.warning(
+                    logging.getLogger("ematwin").warning(
                         "The store %s does not answer; trying again for %.0f s.", self.name, left
                     )
                 time.sleep(min(pause, left))

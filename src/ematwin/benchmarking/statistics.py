@@ -30,7 +30,6 @@ from ematwin.benchmarking.table import RunTable
 from ematwin.showing.results import frame
 
 ALPHA = 0.05
-METRICS = ("err", "err_wrapped", "evaluations", "seconds", "cpu_seconds")
 TARGETS = (0.5, 1.0, 2.0, 5.0)  # Err%
 THRESHOLD = 0.05  # of a diagnosis
 RESAMPLES = 999
@@ -55,7 +54,7 @@ def summarise(table: RunTable, targets: tuple[float, ...] = TARGETS, seed: int =
         "done": [len(rows) for rows in kept],
     })  # fmt: skip
     cells["failed"] = cells["runs"] - cells["done"]
-    for metric in METRICS:
+    for metric in ("err", "err_wrapped", "evaluations", "seconds", "cpu_seconds"):
         values = table.frame[metric].to_numpy(dtype=float)
         cells[[f"{metric}_{name}" for name in _SPREAD]] = spreads([values[r] for r in kept], seed)
     err = table.frame["err"].to_numpy(dtype=float)

@@ -301,25 +301,25 @@ class FleetActuator:
 
     def row(self) -> dict[str, Any]:
         """State of the actuator as a row of `Fleet.table`."""
-        first, last = next(iter(by_urgency(self.alarms())), None), self.rows[-1]
+        unalarmed = Alarm("", "none", 0.0, math.inf, "")  # of one without an estimate
+        first, last = next(iter(by_urgency(self.alarms())), unalarmed), self.rows[-1]
         life = self.life_left()
         low, high = (math.inf, math.inf) if life is None else life.interval
-        advice = "none" if first is None or first.silenced else first.step
-        why = "" if first is None or advice == "none" else first.why
+        advice = "none" if first.silenced else first.step
+        why = "" if advice == "none" else first.why
         if not why and last["grade"] == "none":
             why = f"The last recording has no verdict. {last['reason']}"
         return {
             "serial_number": self.serial_number, "kind": self.kind, "recordings": len(self.rows),
             "last_recording": last["time"].isoformat(),
             "state": last["grade"], "faults": ", ".join(last["faults"] or ()),
-            "health_magnitude": "" if first is None else first.magnitude,
-            "health_probability": 0.0 if first is None else first.probability,
+            "health_magnitude": first.magnitude, "health_probability": first.probability,
             "life_left_days": 365.25 * (math.inf if life is None else life.median),
             "life_left_low_days": 365.25 * low,
             "life_left_high_days": 365.25 * high,
             "life_left_of": "" if life is None or math.isinf(low) else life.name,
             "advisory": advice, "advisory_level": STEPS.index(advice), "advisory_reason": why,
-            "acknowledged": bool(first is not None and first.acknowledged),
+            "acknowledged": first.acknowledged,
         }  # fmt: skip
 
     def flat(self) -> list[dict[str, Any]]:

@@ -32,8 +32,6 @@ PLATFORMS = (
     Platform("x86_64-darwin", "darwin64", "x86_64-apple-darwin", "x86-64", ".dylib"),
     Platform("aarch64-darwin", "aarch64-darwin", "arm64-apple-darwin", "apple-m1", ".dylib"),
 )
-_VALUES = types.CPointer(types.float64)
-INPUTS = 2  # places of ``u``, whether a kind takes a load or not
 
 
 def compiled(stepped: Stepped, constants_from: Any, parameters: int) -> Any:
@@ -45,8 +43,8 @@ def compiled(stepped: Stepped, constants_from: Any, parameters: int) -> Any:
     `ematwin.fmu.variables.followed`, ``parameters`` the number of values in ``p``.
     """
     sizes = {
-        "p": parameters, "c": stepped.constant_count, "u": INPUTS, "x": stepped.state_count,
-        "y": len(stepped.outputs),
+        "p": parameters, "c": stepped.constant_count, "x": stepped.state_count,
+        "y": len(stepped.outputs), "u": 2,  # whether the kind takes a load or not
     }  # fmt: skip
     followed = njit(inline="always", error_model="numpy")(constants_from)
     module = _module("constants", followed, "pc", sizes)
@@ -82,7 +80,8 @@ def _module(name: str, step: Any, arguments: str, sizes: dict[str, int]) -> Any:
     source = f"def function({', '.join(arguments)}): step({', '.join(given)})"
     names = {"carray": carray, "step": step}
     exec(source, names)  # as `typing.NamedTuple` makes its classes
-    signature = types.void(*(types.int64 if one == "n" else _VALUES for one in arguments))
+    values = types.CPointer(types.float64)
+    signature = types.void(*(types.int64 if one == "n" else values for one in arguments))
     made = cfunc(signature, error_model="numpy", fastmath=RELAXED)(names["function"])
     module = llvm.parse_assembly(made.inspect_llvm())
     wrapper = made.native_name

@@ -63,11 +63,10 @@ class Tournament:
 
     def select(self, rng: np.random.Generator, costs: FloatArray, count: int) -> np.ndarray:
         """(count,) indices of the winners."""
-        drawn = np.empty((count, self.size), dtype=np.intp)
         rounds = -(-count * self.size // len(costs))
         # Everyone is drawn equally often, so that no good individual is missed by chance.
-        orders = [rng.permutation(len(costs)) for _ in range(rounds)]
-        drawn[:] = np.concatenate(orders)[: drawn.size].reshape(drawn.shape)
+        orders = np.concatenate([rng.permutation(len(costs)) for _ in range(rounds)])
+        drawn = orders[: count * self.size].reshape(count, self.size)
         return drawn[np.arange(count), np.argmin(costs[drawn], axis=1)]
 
 

@@ -27,8 +27,6 @@ from ematwin.optimizers.dragonfly import Dragonfly
 from ematwin.optimizers.grey_wolf import GreyWolf
 from ematwin.optimizers.whale import Whale
 
-ENTRY_POINT_GROUP = "ematwin.optimizers"
-
 PRESETS = {
     "paper": ("ga-holland", "pso-inertia", "de-rand", "gwo", "da", "woa"),
     "improved": ("ga-tuned", "pso-tuned", "de-tuned", "gwo-tuned", "da-tuned", "woa-tuned"),
@@ -255,7 +253,7 @@ def algorithms() -> tuple[Algorithm, ...]:
     """All that can be named: this package's, the adapters', registered ones, entry points'."""
     listed = [*_SHIPPED, *registered()]
     taken = {name for algorithm in listed for name in (algorithm.name, *algorithm.aliases)}
-    for point in importlib.metadata.entry_points(group=ENTRY_POINT_GROUP):
+    for point in importlib.metadata.entry_points(group="ematwin.optimizers"):
         package = point.dist.name if point.dist is not None else point.value.partition(".")[0]
         name = _normal(point.name)
         # A name that is taken is not taken over: the newcomer is told apart by its package.

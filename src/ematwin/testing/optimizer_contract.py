@@ -26,7 +26,6 @@ from ematwin.optimizers.base import FloatArray
 
 POPULATION = 20
 ITERATIONS = 30
-DIMENSION = 4
 
 Costs = Callable[[FloatArray], FloatArray]
 
@@ -64,7 +63,7 @@ def check_batches_are_float_arrays_inside_the_box(factory: OptimizerFactory) -> 
         for points in _run(optimizer, sphere, ITERATIONS + 3):
             assert points.dtype == np.float64
             assert points.ndim == 2
-            assert points.shape[1] == DIMENSION
+            assert points.shape[1] == len(_LOWER)
             assert optimizer.box.contains(points), "a point lies outside the box"
 
 
