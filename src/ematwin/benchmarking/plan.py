@@ -23,6 +23,7 @@ from ematwin.estimation.search import expanded, named
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Profile, Scenario
 from ematwin.models.simulating import check_seed
+from ematwin.optimizers.base import whole_number
 from ematwin.recordings.noise import Noise
 
 SCHEMA = 1  # of the hashed inputs; part of every id
@@ -97,8 +98,8 @@ class Plan:
 
     def __post_init__(self) -> None:
         for name in ("runs", "population", "iterations"):
-            if (value := getattr(self, name)) < 1:
-                raise InputError(f"The number of {name} must be at least 1, received {value}.")
+            count = whole_number(getattr(self, name), f"number of {name}", 1)
+            object.__setattr__(self, name, count)
         check_seed(self.seed)
         if self.box not in ("plain", "remapped"):
             raise InputError(f"There is no box {self.box!r}; choose plain or remapped.")

@@ -19,6 +19,7 @@ from ematwin.models.base import Model
 from ematwin.models.parameter_set import DEFAULT_KIND, ParameterSet
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.unknown import HasUnknowns, Unknown
+from ematwin.optimizers.base import whole_number
 from ematwin.validation import load_toml, one_sentence
 
 Cases = dict[str, tuple[float, ...]]
@@ -146,9 +147,7 @@ def cases_of(
     if given in ("own", "paper"):
         return _checked(subject.cases(), subject)
     if given == "multi":
-        count = 50 if count is None else count
-        if count < 1:
-            raise InputError(f"The number of cases must be at least 1, received {count}.")
+        count = whole_number(50 if count is None else count, "number of cases", 1)
         return {f"Multi {n + 1:03d}": _random_vector(subject, seed, n) for n in range(count)}
     path = Path(given)
     if not (given.lower().endswith(".toml") or path.is_file()):
