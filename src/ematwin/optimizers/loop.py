@@ -273,11 +273,20 @@ def _evaluator(objective: Objective, vectorized: bool | None) -> Evaluate:
     def one_by_one(points: FloatArray, first: bool) -> FloatArray:
         return np.array([_costs(objective, point, first).item() for point in points])
 
+    def together(points: FloatArray, first: bool, limits: FloatArray | None) -> FloatArray:
+        if limits is not None and not first and isinstance(objective, LimitedObjective):
+            return _costs(partial(objective.costs_within, limits=limits), points, False)
+        # An objective of one point takes rows for variables and gives one number a column. Where
+        # there are as many rows as columns this looks right: a piece of the batch does not.
+        square = first and len(points) == points.shape[1] > 1
+        pieces = [points[:-1], points[-1:]] if square else [points]
+        return np.concatenate([_costs(objective, piece, first) for piece in pieces])
+
     def evaluate(points: FloatArray, first: bool, limits: FloatArray | None) -> FloatArray:
         nonlocal vectorized
         if vectorized is None:  # a batch if it can take the first one, else point by point
             try:
-                costs = _first_batch(objective, points)
+                costs = together(points, True, None)
                 vectorized = True
             except (IndexError, TypeError, ValueError) as error:  # as one of one point gives
                 try:
@@ -286,26 +295,9 @@ def _evaluator(objective: Objective, vectorized: bool | None) -> Evaluate:
                     raise error from None
                 vectorized = False
             return costs
-        if not vectorized:
-            return one_by_one(points, first)
-        if first:
-            return _first_batch(objective, points)
-        if limits is not None and isinstance(objective, LimitedObjective):
-            return _costs(partial(objective.costs_within, limits=limits), points, False)
-        return _costs(objective, points, False)
+        return together(points, first, limits) if vectorized else one_by_one(points, first)
 
     return evaluate
-
-
-def _first_batch(objective: Objective, points: FloatArray) -> FloatArray:
-    """Evaluate a whole batch so that an objective of one point is recognised.
-
-    It takes rows for variables and gives one number a column. Where there are as many rows as
-    columns this looks right: a piece of the batch does not.
-    """
-    count, variables = points.shape
-    pieces = [points[:-1], points[-1:]] if count == variables > 1 else [points]
-    return np.concatenate([_costs(objective, piece, True) for piece in pieces])
 
 
 def _costs(objective: Objective, points: FloatArray, first: bool) -> FloatArray:
