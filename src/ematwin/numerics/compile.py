@@ -159,10 +159,15 @@ def own_folder() -> Path | None:
     ``ematwin`` in the user's folder for caches; where NUMBA_CACHE_DIR is set, which others may
     share, ``ematwin-<user id>`` in that.
     """
+    home = os.path.expanduser("~")
     if given := os.environ.get("NUMBA_CACHE_DIR"):
         folder = Path(given, f"ematwin-{os.geteuid()}" if _POSIX else "ematwin")
+    elif sys.platform == "win32":
+        folder = Path(os.environ.get("LOCALAPPDATA", home), "ematwin")
+    elif sys.platform == "darwin":
+        folder = Path(home, "Library", "Caches", "ematwin")
     else:
-        folder = _folder_for_caches() / "ematwin"
+        folder = Path(os.environ.get("XDG_CACHE_HOME") or Path(home, ".cache"), "ematwin")
     with suppress(OSError):
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         found = folder.lstat()
@@ -170,15 +175,6 @@ def own_folder() -> Path | None:
         if stat.S_ISDIR(found.st_mode) and own:
             return folder
     return None
-
-
-def _folder_for_caches() -> Path:
-    home = os.path.expanduser("~")
-    if sys.platform == "win32":
-        return Path(os.environ.get("LOCALAPPDATA", home))
-    if sys.platform == "darwin":
-        return Path(home, "Library", "Caches")
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path(home, ".cache"))
 
 
 def _drop_stale(current: Path) -> None:
