@@ -132,16 +132,16 @@ def informed(
         stages += [named - first, named, named]
     told: Collection[str] = ()
     width: np.ndarray | None = None
-    while stages:
-        names, noise = stages.pop(0), _noise(every)
-        some = [along for along in every if along.equation.name in names]
-        held = () if names & first else told
-        fit = MotionFit(actuator, problem, some, remainders, aliases, held, width)
-        z = fit.descended(z, most, rough=True)
-        told, width = fit.free, fit.information
-        every = there(every)
-        if names == first and _noise(every) < noise:
-            stages.insert(0, first)  # what was noise tells more now
+    noisy = math.inf
+    while noisy > 0.0 and _noise(every) < noisy:  # what was noise of a motion tells more now
+        noisy = _noise(every)
+        for names in stages:
+            some = [along for along in every if along.equation.name in names]
+            held = () if names & first else told
+            fit = MotionFit(actuator, problem, some, remainders, aliases, held, width)
+            z = fit.descended(z, most, rough=True)
+            told, width = fit.free, fit.information
+            every = there(every)
     every = [along for along in every if along.equation.size > 0.0]
     fit = MotionFit(actuator, problem, every, remainders, aliases, (), width)
     stable = (one for one in (z, begun) if np.isfinite(fit.residuals(one)).all())

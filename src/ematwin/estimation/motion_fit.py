@@ -29,6 +29,9 @@ _STEP = 1e-3  # of a coordinate: priors are smooth
 _FIRST = 1e-6  # the same of a rough equation while nothing is known: shorter than what is rough
 # shares of a step and its dampings that are tried, one after the other
 _TRIES = ((1.0, 0.0), (0.3, 0.0), (1.0, 1e-3), (1.0, 0.1))
+_LENGTHS = (1.0, 3.0, 0.3)  # of a rough step
+_STEEP = 2.0  # times the change that is expected: more is a jump
+_SHORTEST = 1e-4  # of a coordinate: within less, jumps and ripple decide
 _SLOWER = 0.5  # of the gain before: by less than that secants no longer agree with the equations
 
 
@@ -242,6 +245,7 @@ class MotionFit:
         multiplies.
         """
         chart, free = self._problem.chart, self._free
+        is_unknown = self.information is None
         known = directions(self._problem, chart.to_values(z)[0], self._aliases)
         same = [
             {
@@ -257,14 +261,27 @@ class MotionFit:
         ]
 
         def along(one: tuple[int, np.ndarray]) -> tuple[np.ndarray, np.ndarray] | None:
-            """A step (f,), and the change (K,) of the residuals."""
+            """A step (f,), and the change (K,) of the residuals.
+
+            Where a mass sticks at one point and not at the other, residuals jump, and slopes come
+            out too steep. Of several steps of a rough equation the least steep counts, unless the
+            first one changes residuals as expected.
+            """
             n, way = one
-            for side in (1.0, -1.0):
-                beside = chart.project(z + side * way)
+            as_expected = math.inf if is_unknown or self._steps[n] else _STEEP * SIGMAS
+            found, least = None, math.inf
+            for share in (side * length for length in _LENGTHS for side in (1.0, -1.0)):
+                beside = chart.project(z + share * way)
                 left = self._scaled(n, chart.to_values(beside)[0])
-                if left is not None and not np.array_equal(beside, z):
-                    return (beside - z)[0, free], left - here[self._parts[n]]
-            return None
+                if left is None or np.array_equal(beside, z):
+                    continue
+                moved, change = (beside - z)[0], left - here[self._parts[n]]
+                steep = float(np.linalg.norm(change) / np.linalg.norm(moved))
+                if steep < least:
+                    found, least = (moved[free], change), steep
+                if least * float(np.linalg.norm(way)) <= as_expected:
+                    break
+            return found
 
         ways = [(n, way) for n, some in asked for way in self._ways(n, some, z[0])]
         changes = side_by_side(along, ways)
@@ -301,7 +318,7 @@ class MotionFit:
             ways[:, own] = (step or _FIRST) * np.eye(own.size)
             return ways
         ways[:, own] = SIGMAS * principal(
-            known[np.ix_(own, own)], z[own], chart.lower[own], chart.upper[own], shortest=_FIRST
+            known[np.ix_(own, own)], z[own], chart.lower[own], chart.upper[own], shortest=_SHORTEST
         )
         # products of unknowns bend what is the same along straight lines
         return ways * (step / np.abs(ways).max(axis=1, keepdims=True)) if step else ways
