@@ -222,10 +222,12 @@ def searched_range(one: Unknown) -> Unknown:
     )
 
 
-def effective(unknowns: Iterable[Unknown], comparisons: Iterable[Comparison]) -> list[Unknown]:
+def effective(
+    model: Model, actuator: ParameterSet, comparisons: Iterable[Comparison]
+) -> list[Unknown]:
     """Nuisances that widen intervals and are not searched, if they matter to a comparison."""
     without = frozenset.intersection(*(one.ignores for one in comparisons))
-    return [one for one in unknowns if one.marginal and one.name not in without]
+    return [one for one in model.marginal(actuator) if one.name not in without]
 
 
 def with_nuisances(prior: Prior, unknowns: Iterable[Unknown]) -> Prior:
@@ -273,9 +275,7 @@ def with_all_free(
     places = [one for one in places if one.name not in taken]
     prior = prior.of(one.name for one in places)
     comparisons = [one.with_evidence() for one in judged.comparisons]
-    more = [
-        one for one in effective(model.unknowns(actuator), comparisons) if one.name not in taken
-    ]
+    more = [one for one in effective(model, actuator, comparisons) if one.name not in taken]
     own = [one for one in problem.unknowns if one.spread is not None]
     prior = with_nuisances(with_nuisances(prior, own), more)
     full = Problem(comparisons, [*problem.unknowns, *places, *more], held=problem.held, prior=prior)

@@ -90,7 +90,7 @@ def find_forms(
     result, fits, first_samples = FoundForms(template), list[EquationFit](), dict[int, float]()
     known: Prior | None = None
     # also those that matter to a form alone, which the file may lack
-    beside = [one for one in model.unknowns(template) if one.marginal]
+    beside = model.marginal(template)
     for n, some in enumerate(by_name.values()):
         equations = Equations(result.actuator, list(some.values()), known, beside)
         result, fit = _selected(result, equations)

@@ -53,15 +53,15 @@ def healthy_nuisances(
     model: Model, actuator: ParameterSet, comparisons: Sequence[Comparison]
 ) -> list[Unknown]:
     """Load and sensors that matter to healthy recordings; the load as a load cell states it."""
-    unknowns = model.unknowns(actuator)
     found = [
         replace(one, spread=0.01) if one.name == "load_gain" else one
-        for one in effective(unknowns, comparisons)
+        for one in effective(model, actuator, comparisons)
     ]
     if frees_parameters(model):
         return found
     # a load that was not recorded
-    return [*(one for one in unknowns if one.role == "nuisance" and not one.marginal), *found]
+    every = model.unknowns(actuator)
+    return [*(one for one in every if one.role == "nuisance" and not one.marginal), *found]
 
 
 def expected_misfit(comparisons: Sequence[Comparison], command: str) -> float:

@@ -35,6 +35,7 @@ from ematwin.models.optional import (
 )
 from ematwin.models.parameter_set import ParameterSet, not_searchable, shipped_scenarios
 from ematwin.models.scenario import Scenario
+from ematwin.models.sensors import sensors_of
 from ematwin.models.unknown import (
     Alias,
     Contrast,
@@ -114,6 +115,18 @@ class Model(ABC):
     def unknowns(self, actuator: Any) -> tuple[Unknown, ...]:
         """Faults and nuisances of an actuator, in the order of tables."""
 
+    def sensors(self, actuator: Any) -> tuple[Unknown, ...]:
+        """Nuisances of sensors beside `unknowns`: gain, offset, and how late the command is.
+
+        By default for each compared channel; they are applied where whole traces are compared.
+        """
+        known = (one.name for one in self.unknowns(actuator))
+        return sensors_of(self.outputs, self.rate_of(actuator), known)
+
+    def marginal(self, actuator: Any) -> list[Unknown]:
+        """Nuisances that widen intervals and are not searched."""
+        return [o for o in (*self.unknowns(actuator), *self.sensors(actuator)) if o.marginal]
+
     @abstractmethod
     def respond(
         self, actuator: Any, inputs: Recording, candidates: Candidates, count: int
@@ -190,7 +203,7 @@ class Model(ABC):
             raise not_searchable(name)
         if actuator.parameter(name) is not None:
             return of_parameter(actuator, name, self.nominal.get(name), self.signed.get(name))
-        for one in self.unknowns(actuator):
+        for one in (*self.unknowns(actuator), *self.sensors(actuator)):
             if one.name == name:
                 return one
         raise no_unknown(name, actuator, self.unknowns(actuator))

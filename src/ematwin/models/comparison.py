@@ -15,6 +15,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from ematwin.errors import RecordError
+from ematwin.models.sensors import as_sensed, unique_rows
 from ematwin.recordings.recording import Recording
 
 Candidates = Mapping[str, np.ndarray]
@@ -203,6 +204,8 @@ class TraceComparison(Comparison):
                 f"({', '.join(model.outputs)}); record one of them."
             )
         self._measured = {name: channels[name] for name in self._noise}
+        self._largest = {name: float(np.abs(x).max()) for name, x in self._measured.items()}
+        self._sensors = frozenset(one.name for one in model.sensors(actuator))
         self._target = self._measured
         squares = (np.sum((trace / self._noise[n]) ** 2) for n, trace in self._target.items())
         self.scale = float(sum(squares))
@@ -262,9 +265,20 @@ class TraceComparison(Comparison):
         return dict(self._measured)
 
     def responses(self, candidates: Candidates, count: int) -> dict[str, np.ndarray]:
-        """The twin's side, (B, S) arrays."""
-        answer = self._model.respond(self.actuator, self.recording, candidates, count)
-        return {name: answer[name] for name in self._noise}
+        """The twin's side as its sensors show it, (B, S) arrays.
+
+        Candidates that differ in sensors alone are simulated once.
+        """
+        sensors = {name: candidates[name] for name in candidates.keys() & self._sensors}
+        twins = {name: x for name, x in candidates.items() if name not in sensors}
+        if not sensors:
+            answer = self._model.respond(self.actuator, self.recording, twins, count)
+            return {name: answer[name] for name in self._noise}
+        first, which = unique_rows([*twins.values()], count)
+        some = {name: x[first] for name, x in twins.items()}
+        answer = self._model.respond(self.actuator, self.recording, some, first.size)
+        traces = {name: answer[name][which] for name in self._noise}
+        return as_sensed(traces, sensors, self._largest, self.recording.interval)
 
     def captions(self) -> dict[str, tuple[str, str]]:
         """The meaning of each channel."""
@@ -273,7 +287,7 @@ class TraceComparison(Comparison):
 
     def residuals(self, candidates: Candidates, count: int) -> np.ndarray:
         """Weighted residuals (B, K), channel after channel."""
-        answer = self._model.respond(self.actuator, self.recording, candidates, count)
+        answer = self.responses(candidates, count)
         samples = len(self.recording)
         found = np.empty((count, len(self._target) * samples))
         for n, (name, target) in enumerate(self._target.items()):

@@ -35,6 +35,10 @@ class ServoModel(Model):
     load = "load"
     fidelities = ("reference", "monitor")
 
+    def sensors(self, actuator: Any) -> tuple[Unknown, ...]:
+        """None: a servo's are among its unknowns."""
+        return ()
+
     @abstractmethod
     def simulated(
         self, fidelity: str, actuator: Any, scenario: Scenario, values: Values, rate: float,

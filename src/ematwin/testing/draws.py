@@ -1,6 +1,7 @@
 """Draws of the contract of models: candidates, faults, other actuators of a kind."""
 
 import math
+from collections.abc import Iterable
 from functools import cached_property
 from typing import Any
 
@@ -11,6 +12,7 @@ from ematwin.errors import ParameterError
 from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
+from ematwin.models.sensors import as_sensed
 from ematwin.models.simulating import simulate
 from ematwin.models.unknown import Unknown
 from ematwin.recordings.noise import Noise
@@ -69,19 +71,35 @@ class Bench:
 
     def nuisances(self, random: np.random.Generator) -> dict[str, float]:
         """Nuisances as their priors have them."""
-        found = {}
-        for one in self.unknowns:
-            if one.role == "nuisance" and one.spread is not None:
-                off = one.spread * random.standard_normal()
-                value = one.healthy * math.exp(off) if one.logarithmic else one.healthy + off
-                found[one.name] = float(np.clip(value, one.lower, one.upper))
-        return found
+        return _drawn(self.unknowns, random)
 
-    def with_noise(self, recording: Recording, random: np.random.Generator) -> Recording:
-        """The recording with white noise of 1 % of their RMS on the compared channels."""
+    def as_recorded(self, recording: Recording, random: np.random.Generator) -> Recording:
+        """The recording by sensors as their priors have them, with white noise of 1 % of its RMS.
+
+        Of the compared channels.
+        """
         known = {n: recording.channels[n] for n in self.model.outputs if n in recording.channels}
-        noisy = {n: x + 0.01 * x.std() * random.standard_normal(x.size) for n, x in known.items()}
-        return recording.changed(**noisy)
+        drawn = _drawn(self.model.sensors(self.actuator), random)
+        seen = as_sensed(
+            {name: values[None] for name, values in known.items()},
+            {name: np.array([value]) for name, value in drawn.items()},
+            {name: float(np.abs(values).max()) for name, values in known.items()},
+            recording.interval,
+        )
+        return recording.changed(**{
+            name: x[0] + 0.01 * x.std() * random.standard_normal(x.size) for name, x in seen.items()
+        })  # fmt: skip
+
+
+def _drawn(unknowns: Iterable[Unknown], random: np.random.Generator) -> dict[str, float]:
+    """Values of nuisances as their priors have them."""
+    found = {}
+    for one in unknowns:
+        if one.role == "nuisance" and one.spread is not None:
+            off = one.spread * random.standard_normal()
+            value = one.healthy * math.exp(off) if one.logarithmic else one.healthy + off
+            found[one.name] = float(np.clip(value, one.lower, one.upper))
+    return found
 
 
 def towards(one: Unknown, share: Any) -> Any:

@@ -43,6 +43,7 @@ class ModelContract(DeclarationContract):
     recovered_within : how near `identify` comes to it, as a share of the range
     step : place of the step of the twin, such as ``steps.twin``, or None if it has none
     convergence : relative misfit of the twin to itself with half the step
+    of_noise : the same, RMS, in the unit of `Model.noise`, of kinds that are compared by it
     units : how many actuators within the stated tolerances are judged by the data sheet, half of
         them faulty; 0 where that takes too long
     thinned : relative difference of costs and sums of squared residuals; more than 0 where only
@@ -54,6 +55,7 @@ class ModelContract(DeclarationContract):
     recovered_within: ClassVar[float] = 0.05
     step: ClassVar[str | None] = None
     convergence: ClassVar[float] = 0.02
+    of_noise: ClassVar[float] = 0.3
     thinned: ClassVar[float] = 0.0
     units: ClassVar[int] = 16
 
@@ -195,6 +197,12 @@ class ModelContract(DeclarationContract):
             f"half the step changes the answer by {100.0 * first:.2g} %: shorten {self.step}"
         )
         assert second < first or second < 1e-9, "a shorter step does not converge"
+        if bench.comparison.whitened:
+            off = math.sqrt(float(np.mean((traces[0] - traces[1]) ** 2)))
+            assert off <= self.of_noise, (
+                f"half the step changes the answer by {off:.2g} of `noise`, which searches would "
+                f"find instead of faults: shorten {self.step}"
+            )
 
     # From a recording to a fault
 
@@ -220,9 +228,9 @@ class ModelContract(DeclarationContract):
         assert found.present == (), f"{', '.join(found.present)} in a healthy recording"
 
     def test_units_within_their_tolerances_are_judged_honestly(self, bench: Bench) -> None:
-        """No two units are alike, and their sensors have noise: wrong names and coverage, counted.
+        """No two units are alike, nor their sensors: wrong names and coverage, counted.
 
-        Parameters are drawn within their tolerances, nuisances from their priors. Half of the
+        Parameters are drawn within their tolerances, nuisances and sensors from their priors. Half of the
         units are healthy, the others have one fault each. A fault that is not there may be named
         on as many as `FALSE_ALARM_RATE` lets expect, and intervals may miss as often as 95 % ones
         do, with what chance adds once in a thousand cases. A recording that the kind refuses, as
@@ -239,7 +247,7 @@ class ModelContract(DeclarationContract):
                 fault = {worn.name: towards(worn, random.uniform(0.3, 0.7))}
             recording = unit.simulated(**{**unit.nuisances(random), **fault})
             try:
-                found = identify(unit.with_noise(recording, random), bench.actuator)
+                found = identify(unit.as_recorded(recording, random), bench.actuator)
             except RecordError as refusal:
                 refused.append(str(refusal))
                 continue

@@ -83,6 +83,9 @@ class Kind:
             Unknown("slope", "", "", 0.0, -2.0, 2.0, "nuisance", spread=0.4, marginal=True),
         )  # fmt: skip
 
+    def marginal(self, actuator):
+        return [one for one in self.unknowns(actuator) if one.marginal]
+
     def unknown(self, actuator, name):
         if name == "part.size":
             return Unknown(name, "m", "", actuator.size, 0.2, 5.0, "nominal", logarithmic=True)

@@ -134,6 +134,10 @@ class BallScrewModel(Model):
                     "screw, from surface damage", 0.0, 0.0, 2.0, "symptom"),
         )  # fmt: skip
 
+    def sensors(self, actuator: Any) -> tuple[Unknown, ...]:
+        """None: their scatter is learnt with the healthy population."""
+        return ()
+
     def aliases(self, actuator: Any, values: Values) -> list[Alias]:
         """Friction and gain against the parameters that they multiply."""
         return [

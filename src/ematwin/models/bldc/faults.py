@@ -155,7 +155,7 @@ def _turns(actuator: Any, k: float) -> float:
 
 CONTRASTS = (
     Contrast(
-        "short_common", dict.fromkeys(SHORTS, 1.0 / 3.0), "turns missing from all phases alike",
+        "short_common", dict.fromkeys(SHORTS, 1.0 / 3.0), "turns missing, mean of the phases",
         "Turns missing from all phases alike cannot be told from warm magnets nor, unless phase "
         "voltages are recorded, from the gain of a current sensor.", "turns", _turns,
     ),

@@ -77,6 +77,10 @@ class LinearAxisModel(Model):
         """Friction, its asymmetry, and gains."""
         return tuple(multiple(actuator, *one) for one in FAULTS)
 
+    def sensors(self, actuator: Any) -> tuple[Unknown, ...]:
+        """None: the recorded channels are those of its controller."""
+        return ()
+
     def aliases(self, actuator: Any, values: Values) -> list[Alias]:
         """Faults against the parameters that they multiply, and the scale of all forces.
 

@@ -10,6 +10,7 @@ from ematwin.models.base import Demand, Model, Signal
 from ematwin.models.comparison import Candidates, TraceComparison
 from ematwin.models.position_servo import recorded
 from ematwin.models.position_servo.parameters import PositionServo, aliases, unknowns
+from ematwin.models.unknown import Unknown
 from ematwin.numerics.side_by_side import by_candidate
 from ematwin.recordings.recording import Recording
 
@@ -39,6 +40,10 @@ class PositionServoModel(Model):
 
     unknowns = staticmethod(unknowns)
     aliases = staticmethod(aliases)
+
+    def sensors(self, actuator: Any) -> tuple[Unknown, ...]:
+        """None: the recorded position is that of its controller."""
+        return ()
 
     def noise(self, actuator: Any, recording: Recording) -> dict[str, Any]:
         """Standard deviation of each sample of the position, (S,) rad."""
