@@ -56,6 +56,8 @@ class Baseline:
     expected_misfit: float = math.nan  # what noise and the twin's known error alone leave
     # by fault, how far healthy recordings are found off healthy
     scatter: Mapping[str, float] = field(default_factory=dict)
+    # by channel, the most that a healthy recording left, in the unit of `Model.noise`
+    left: Mapping[str, float] = field(default_factory=dict)
     recordings: int = 0  # how many healthy ones
     has_load: bool = True  # they held the load
     exact: bool = False  # parameters, load and sensors are exactly as given, as in a simulation
@@ -113,6 +115,7 @@ class Baseline:
             "mean": self.prior.mean.tolist(),
             "covariance": self.prior.covariance.tolist(),
             "scatter": dict(self.scatter),
+            "left": dict(self.left),
             "recordings": self.recordings,
             "has_load": self.has_load,
             "forms": self.forms,
@@ -143,6 +146,7 @@ class Baseline:
                 float(table.get("misfit", math.nan)),
                 float(table.get("expected_misfit", math.nan)),
                 _plain_floats(table["scatter"]),
+                _plain_floats(table.get("left", {})),
                 int(table["recordings"]),
                 bool(table["has_load"]),
                 forms=str(table.get("forms", "")),

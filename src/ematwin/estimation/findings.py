@@ -133,6 +133,8 @@ def obstacles_to(
             else f"a good fit leaves less than {100.0 * limit:.2g} %"
         )
         told += [unexplained(misfit, usual, beside), *late_channel(problem, assessed.values)]
+    else:
+        told += _unexplained_channel(problem, assessed, baseline, limit)
     if assessed.strained:
         told.append(implausible(*max(assessed.strained.items(), key=lambda one: one[1])))
     return told
@@ -148,6 +150,28 @@ def unexplained(misfit: float, usual: str, beside: str = "") -> str:
         f"The twin leaves {left} % of this recording unexplained{beside}, where {usual}: it does "
         "something that the twin cannot. Check channels, units, the load and the actuator."
     )
+
+
+def _unexplained_channel(
+    problem: Problem, assessed: Assessment, baseline: Baseline, limit: float
+) -> list[str]:
+    """A sentence on the channel that is explained worst, if that is worse than the noise stated.
+
+    One that counts much hides in the misfit of all what is wrong with others.
+    """
+    left = problem.comparisons[0].left({**problem.held, **assessed.values})
+    unusual = {
+        name: one.share
+        for name, one in left.items()
+        if one.share > limit and one.times > WORSE * max(1.0, baseline.left.get(name, 0.0))
+    }
+    if not unusual:
+        return []
+    name = max(unusual, key=lambda name: unusual[name])
+    return [
+        f"The twin explains the recording as a whole, but leaves {100.0 * unusual[name]:.2g} % of "
+        f"{name} unexplained: check that sensor, its sign, its unit, and the actuator."
+    ]
 
 
 def implausible(name: str, away: float) -> str:

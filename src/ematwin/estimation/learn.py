@@ -155,10 +155,10 @@ def _learnt(
         {name: values[full] for full, (name, _, of) in own.items() if of in ("", str(n))}
         for n in range(len(comparisons))
     ]
-    scatter: Mapping[str, float] = {}
     if frees_parameters(model):  # else the healthy population tells
         scatter = healthy_bias(model, actuator, baseline, comparisons, beside)
-    baseline = replace(baseline, scatter=scatter)
+        left = _most_left(comparisons, {place: values[place] for place in places}, beside)
+        baseline = replace(baseline, scatter=scatter, left=left)
     if told := end.peak.problem.is_told:
         progress(0.85)
         loop = closed_loop(model, actuator, baseline, comparisons[0])
@@ -230,6 +230,19 @@ def _tied(prior: Prior) -> list[tuple[str, ...]]:
     linked = np.linalg.matrix_power(together, len(errors))  # over others as well
     groups = [tuple(np.array(prior.names)[row].tolist()) for row in linked]
     return [one for one in dict.fromkeys(groups) if len(one) > 1]
+
+
+def _most_left(
+    comparisons: Sequence[Comparison],
+    values: Mapping[str, float],
+    beside: Sequence[Mapping[str, float]],
+) -> dict[str, float]:
+    """By channel, the most that a recording leaves, as of `Baseline.left`."""
+    most: dict[str, float] = {}
+    for compared, own in zip(comparisons, beside, strict=True):
+        for name, one in compared.left({**values, **own}).items():
+            most[name] = max(one.times, most.get(name, 0.0))
+    return most
 
 
 def _notes(misfit: float, floor: float, told: bool, problem: Problem) -> list[str]:

@@ -34,6 +34,13 @@ class Placed(NamedTuple):
     said: str  # a sentence on the result
 
 
+class Left(NamedTuple):
+    """The residual of a channel, RMS."""
+
+    share: float  # of the channel
+    times: float  # in the unit of `Model.noise`
+
+
 class Comparison(ABC):
     """A recording prepared for comparing candidates with it."""
 
@@ -143,6 +150,10 @@ class Comparison(ABC):
         """With the error of the twin, (S,) arrays, subtracted from the recording; or itself."""
         return self
 
+    def left(self, values: Mapping[str, float]) -> dict[str, Left]:
+        """What a candidate leaves of each channel of which the kind states how much is usual."""
+        return {}
+
     def noise_weights(self, residuals: np.ndarray) -> np.ndarray:
         """Factors (K,) by which `reweighed` multiplies residuals; by default one."""
         return np.ones(residuals.size)
@@ -198,6 +209,7 @@ class TraceComparison(Comparison):
         channels = {**recording.channels, **(prepared or {})}
         stated = model.noise(actuator, recording)
         self._noise = {name: noise for name, noise in stated.items() if name in channels}
+        self._stated = self._noise
         if not self._noise:
             raise RecordError(
                 f"{recording.name} has none of the channels that are compared "
@@ -279,6 +291,14 @@ class TraceComparison(Comparison):
         answer = self._model.respond(self.actuator, self.recording, some, first.size)
         traces = {name: answer[name][which] for name in self._noise}
         return as_sensed(traces, sensors, self._largest, self.recording.interval)
+
+    def left(self, values: Mapping[str, float]) -> dict[str, Left]:
+        """What a candidate leaves of each channel."""
+        answers, found = self.responses(one_candidate(values), 1), {}
+        for name, target in self._target.items():
+            size, rest = (math.sqrt(float(np.mean(x**2))) for x in (target, target - answers[name]))
+            found[name] = Left(rest / max(size, 1e-300), rest / self._stated[name])
+        return found
 
     def captions(self) -> dict[str, tuple[str, str]]:
         """The meaning of each channel."""

@@ -230,11 +230,11 @@ class ModelContract(DeclarationContract):
     def test_units_within_their_tolerances_are_judged_honestly(self, bench: Bench) -> None:
         """No two units are alike, nor their sensors: wrong names and coverage, counted.
 
-        Parameters are drawn within their tolerances, nuisances and sensors from their priors. Half of the
-        units are healthy, the others have one fault each. A fault that is not there may be named
-        on as many as `FALSE_ALARM_RATE` lets expect, and intervals may miss as often as 95 % ones
-        do, with what chance adds once in a thousand cases. A recording that the kind refuses, as
-        such as of a drive that a fault has made unstable, does not count; most must be judged.
+        Parameters are drawn within their tolerances, nuisances and sensors from their priors. Half
+        of the units are healthy, the others have one fault each. A fault that is not there may be
+        named on as many as `FALSE_ALARM_RATE` lets expect, and intervals may miss as often as 95 %
+        ones do, with what chance adds once in a thousand cases. A recording that the kind refuses,
+        as such as of a drive that a fault has made unstable, does not count; most must be judged.
         """
         if not self.units:
             pytest.skip("units take too long; count them elsewhere")
