@@ -118,10 +118,12 @@ class Model(ABC):
     def sensors(self, actuator: Any) -> tuple[Unknown, ...]:
         """Nuisances of sensors beside `unknowns`: gain, offset, and how late the command is.
 
-        By default for each compared channel; they are applied where whole traces are compared.
+        By default for each compared channel, unless `unknowns` state any that are marginal; they
+        are applied where whole traces are compared.
         """
-        known = (one.name for one in self.unknowns(actuator))
-        return sensors_of(self.outputs, self.rate_of(actuator), known)
+        stated = (one.name for one in self.unknowns(actuator) if one.marginal)
+        compared = (one for one in self.channels if one.name in self.outputs)
+        return sensors_of(compared, self.rate_of(actuator), stated)
 
     def marginal(self, actuator: Any) -> list[Unknown]:
         """Nuisances that widen intervals and are not searched."""

@@ -3,6 +3,7 @@
 import numpy as np
 
 from ematwin.models.sensors import as_sensed, sensors_of
+from ematwin.recordings.channel import Channel
 
 
 def test_an_answer_is_scaled_moved_and_read_later():
@@ -19,6 +20,9 @@ def test_an_answer_is_scaled_moved_and_read_later():
     np.testing.assert_allclose(seen[2, 20:-20], later[20:-20], atol=1e-5)
 
 
-def test_what_a_kind_states_itself_is_left_out():
-    names = {one.name for one in sensors_of(("x", "y"), 1000.0, {"x_gain"})}
-    assert names == {"skew", "x_offset", "y_gain", "y_offset"}
+def test_an_author_who_states_sensors_gets_the_time_of_the_command_alone():
+    channels = Channel("x", "A", "", ()), Channel("y", "rad", "", ())
+    every = sensors_of(channels, 1000.0, ())
+    assert {one.name for one in every} == {"skew", "x_gain", "x_offset", "y_gain", "y_offset"}
+    assert [one.name for one in sensors_of(channels, 1000.0, {"my_gain"})] == ["skew"]
+    assert not sensors_of(channels, 1000.0, {"my_gain", "skew"})
