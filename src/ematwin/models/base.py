@@ -122,8 +122,7 @@ class Model(ABC):
         are applied where whole traces are compared.
         """
         stated = (one.name for one in self.unknowns(actuator) if one.marginal)
-        compared = (one for one in self.channels if one.name in self.outputs)
-        return sensors_of(compared, self.rate_of(actuator), stated)
+        return sensors_of(self.outputs, self.rate_of(actuator), stated)
 
     def marginal(self, actuator: Any) -> list[Unknown]:
         """Nuisances that widen intervals and are not searched."""

@@ -11,28 +11,24 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from ematwin.models.unknown import Unknown
-from ematwin.recordings.channel import Channel
 
 SKEW = "skew"
-# standard deviations of gains, by unit; usual data sheets state sensors to twice that, and offsets
-# to 1 % of the range; the channels of a recorder are read within one cycle
-_GAIN, _OFFSET = {"m": 0.002, "rad": 0.002}, 0.005
-_USUAL = 0.01
+# standard deviations: usual data sheets state sensors to 2 % and 1 % of their range, two sigma; the
+# channels of a recorder are read within one cycle
+_GAIN, _OFFSET = 0.01, 0.005
 _REACH = 10.0  # standard deviations: bounds
 
 
-def sensors_of(
-    channels: Iterable[Channel], rate: float, stated: Iterable[str]
-) -> tuple[Unknown, ...]:
+def sensors_of(channels: Iterable[str], rate: float, stated: Iterable[str]) -> tuple[Unknown, ...]:
     """Nuisances of compared channels that are recorded at a ``rate``, Hz.
 
     An author who states marginal nuisances, by name, states those of sensors; all but when the
     command came. An offset is a share of the largest value recorded.
     """
     rows = [(SKEW, "s", "how late the command was recorded", 0.0, 1.0 / rate)]
-    for name, unit in () if (known := set(stated)) else ((one.name, one.unit) for one in channels):
+    for name in () if (known := set(stated)) else channels:
         rows += [
-            (f"{name}_gain", "", f"gain of the sensor of {name}", 1.0, _GAIN.get(unit, _USUAL)),
+            (f"{name}_gain", "", f"gain of the sensor of {name}", 1.0, _GAIN),
             (f"{name}_offset", "", f"offset of the sensor of {name}, over its largest value", 0.0,
              _OFFSET),
         ]  # fmt: skip

@@ -3,7 +3,6 @@
 import numpy as np
 
 from ematwin.models.sensors import as_sensed, sensors_of
-from ematwin.recordings.channel import Channel
 
 
 def test_an_answer_is_scaled_moved_and_read_later():
@@ -21,7 +20,7 @@ def test_an_answer_is_scaled_moved_and_read_later():
 
 
 def test_an_author_who_states_sensors_gets_the_time_of_the_command_alone():
-    channels = Channel("x", "A", "", ()), Channel("y", "rad", "", ())
+    channels = "x", "y"
     every = sensors_of(channels, 1000.0, ())
     assert {one.name for one in every} == {"skew", "x_gain", "x_offset", "y_gain", "y_offset"}
     assert [one.name for one in sensors_of(channels, 1000.0, {"my_gain"})] == ["skew"]
