@@ -12,7 +12,7 @@ from refusals import refused
 
 IDENTIFY = {
     "gaps": "--gaps", "map_file": "--map", "column": "--column", "resample_to": "--resample-to",
-    "seed": "--seed", "hold": "--hold", "json": "--json", "only": "--only",
+    "seed": "--seed", "hold": "--hold", "json": "--json", "only": "--only", "load": "--load",
 }  # fmt: skip
 
 
@@ -32,6 +32,7 @@ SIMULATE = {"sample_rate": "--sample-rate", "step": "--step", "seed": "--seed", 
          'It looks like mA: give unit = "mA" in the file of --map.'),
         (IDENTIFY, 'Map it, such as time="t [ms]", or give sample_rate.',
          'Map it, such as --column time="t [ms]", or give --column sample_rate="20 kHz".'),
+        (IDENTIFY, 'Map it, such as load="t [N*m]".', 'Map it, such as --column load="t [N*m]".'),
         (SIMULATE, "sample_rate must be positive.", "--sample-rate must be positive."),
         # English words that are also arguments, names of data and other texts stay
         (IDENTIFY, "The seed must be at least 0.", "The seed must be at least 0."),

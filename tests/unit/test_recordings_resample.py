@@ -137,6 +137,16 @@ def test_rounded_times_are_put_on_their_grid(digits: int) -> None:
     assert "too few digits" in changes(record)
 
 
+@pytest.mark.parametrize("missing", [[1000], [100, 150, 900, 1200, 1210, 2000, 2500, 2501]])
+def test_rows_that_were_lost_stretch_no_others(missing: list[int]) -> None:
+    """Times in ms at 1 kHz look as if they were rounded from somewhat less."""
+    exact = np.round(np.arange(3001) / 1000.0, 3)
+    left = np.delete(exact, missing)
+    record = read(left, left)
+    np.testing.assert_allclose(record.time, exact, atol=1e-9)
+    assert "single samples were missing" in changes(record)
+
+
 def test_times_of_single_precision_and_of_a_calendar_are_put_right() -> None:
     exact = 10.0 + np.arange(20_000) / RATE
     record = read(exact.astype(np.float32).astype(float), exact)

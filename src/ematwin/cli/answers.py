@@ -153,7 +153,8 @@ def for_shell(text: str, options: Mapping[str, str] | None = None) -> str:
             text = re.sub(rf"\bgive {entry}\b(?!\s?=)", f"give --column {entry}={example}", text)
     known = {name: option for name, option in _OTHERWISE.items() if option in there} | {**options}
     for name, option in known.items():
-        word = rf"(?<![\w.=/'\"-]){re.escape(name)}"  # no part of a path, nor a name in quotes
+        # no part of a path, no name in quotes, and no channel of --column
+        word = rf"(?<![\w.=/'\"-])(?<!--column ){re.escape(name)}"
         text = re.sub(rf"{word}{_VALUE}", partial(_as_option, option), text)
         # a name of several words is no English: it can only be the argument
         bare = word if "_" in name else rf"^{re.escape(name)}(?= must\b)"

@@ -64,15 +64,20 @@ def gap_starts(time: np.ndarray) -> np.ndarray:
 def _grid_behind_rounding(time: np.ndarray) -> np.ndarray | None:
     """The even grid that these times are roundings of; None if they are not.
 
-    Rounding moves no time further than one unit of its last digit. To know the rate, the record
-    must span at least twenty such units, and a unit may hold at most fifty samples.
+    Rounding moves no two times further apart than one unit of their last digit. To know the rate,
+    the record must span at least twenty such units, and a unit may hold at most fifty samples. One
+    odd step in all is a row that was lost or repeated.
     """
+    steps = np.diff(time)
+    if np.count_nonzero(np.abs(steps - np.median(steps)) > 0.25 * np.median(steps)) == 1:
+        return None
+
     centred = np.arange(time.size) - (time.size - 1) / 2.0
     step = 12.0 * float(centred @ time) / (time.size * (float(time.size) ** 2 - 1.0))
     grid = step * centred + time.mean()
-    deviation = float(np.abs(time - grid).max())
+    deviation = float(np.ptp(time - grid))
     unit = max(_decimal_unit(time), float(np.spacing(np.float32(np.abs(time).max()))))
-    is_rounded = step > 0.0 and deviation <= 1.01 * unit
+    is_rounded = step > 0.0 and deviation <= 1.25 * unit  # of this grid, which is not the best
     shows_rate = unit <= 50.0 * step and 20.0 * unit <= time[-1] - time[0]
     return grid if is_rounded and shows_rate else None
 
