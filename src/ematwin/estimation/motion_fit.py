@@ -179,7 +179,10 @@ class MotionFit:
             else one.equation.unexplained
             for left, one in zip(self._remainders, self._every, strict=True)
         )
-        chart, left = self._problem.chart, np.append(moved, rest)
+        # what no sensor makes is alike throughout, as errors of the model are
+        share = max(one.equation.discrepancy for one in self._every)
+        wider = math.sqrt(1.0 + share * (self._problem.model_error**2 - 1.0))
+        chart, every, left = self._problem.chart, every / wider, np.append(moved, rest) / wider
         names = (one.name for one in self._every)
         remainders = dict(zip(names, self._remainders, strict=True))
         return Information(chart, z[0], every, left, remainders, unexplained)

@@ -141,6 +141,7 @@ class Equation(NamedTuple):
     at: "Callable[[Values, float | None], Equation] | None" = None
     noise: float = 0.0  # of its motion, where that is not as recorded
     unexplained: float = 0.0  # share of the currents that only this noise accounts for
+    discrepancy: float = 0.0  # share of this noise that no sensor makes: torques that are not known
     begins: Values = MappingProxyType({})  # values of unknowns that are nearer than healthy ones
     # values by place of one form after the other, some with `FIRST_SAMPLE`, to be chosen together,
     # as times of two loops may pass for one another; tried while more than noise is left

@@ -236,6 +236,11 @@ class Masses:
         noise = math.sqrt(max(0.0, self.density - self._usual) / self._whole)
         return max(noise, self._astray)
 
+    @property
+    def discrepancy(self) -> float:
+        """Share of the noise of the acceleration that the currents do not make."""
+        return max(0.0, 1.0 - self._usual / self.density)
+
     def moved(self, actuator: Any, values: Values) -> Moved:
         """How they moved, with faults, load and sensors by name."""
         return self._recent(actuator, _given(values))

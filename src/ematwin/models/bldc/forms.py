@@ -331,7 +331,7 @@ def _masses(masses: Masses, actuator: Any) -> Equation:
         (COGGING, ROUNDED, FADING),
         ("friction", "backlash", *_WINDINGS, *LOAD, *_SENSOR, ZERO),
         at=at, noise=masses.density, begins=masses.begins, step=0.0,
-        alike=masses.alike, unexplained=masses.unexplained,
+        alike=masses.alike, unexplained=masses.unexplained, discrepancy=masses.discrepancy,
     )  # fmt: skip
 
 
