@@ -267,10 +267,11 @@ def of_parameter(
 def no_unknown(name: str, actuator: Any, unknowns: Sequence[Unknown]) -> InputError:
     """The error that names the unknown closest to a name that there is not."""
     known = [one.name for one in unknowns]
+    faults = [one.name for one in unknowns if one.role == "fault"]
     places = [row[0] for row in actuator.parameters()]
     close = get_close_matches(name, [*known, *places], n=1, cutoff=0.5)
     hint = f"Did you mean {close[0]}? " if close else ""
     return InputError(
-        f"Unknown fault {name!r}. {hint}The faults are {', '.join(known)}; parameters are named "
+        f"Unknown fault {name!r}. {hint}The faults are {', '.join(faults)}; parameters are named "
         f"by their place, such as {places[0]}."
     )
