@@ -37,6 +37,7 @@ from ematwin.estimation.search import Search, Tally, find
 from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison
 from ematwin.models.parameter_set import ParameterSet
+from ematwin.models.sensors import SKEW
 from ematwin.models.unknown import Alias, Unknown
 from ematwin.numerics.side_by_side import side_by_side
 from ematwin.numerics.signals import spread_of
@@ -190,7 +191,7 @@ class HealthyFit:
         tell: Progress,
     ) -> tuple[np.ndarray, float]:
         """The best point (d,) from which all fit, and the misfit of the recordings searched."""
-        sought, ends = self._ends(comparisons, [o for o in own if o.name == "skew"], tell)
+        sought, ends = self._ends(comparisons, [o for o in own if o.name == SKEW], tell)
         best: Laplace | None = None
         for n, (cost, z) in enumerate(ends[:_TRIED]):
             point = sought.chart.to_values(z[None])[0]

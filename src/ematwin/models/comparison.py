@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from ematwin.errors import RecordError
-from ematwin.models.sensors import as_sensed, unique_rows
+from ematwin.models.sensors import as_sensed
 from ematwin.recordings.recording import Recording
 
 Candidates = Mapping[str, np.ndarray]
@@ -286,10 +286,11 @@ class TraceComparison(Comparison):
         if not sensors:
             answer = self._model.respond(self.actuator, self.recording, twins, count)
             return {name: answer[name] for name in self._noise}
-        first, which = unique_rows([*twins.values()], count)
+        rows = np.stack([np.zeros(count), *twins.values()])
+        _, first, which = np.unique(rows, axis=1, return_index=True, return_inverse=True)
         some = {name: x[first] for name, x in twins.items()}
         answer = self._model.respond(self.actuator, self.recording, some, first.size)
-        traces = {name: answer[name][which] for name in self._noise}
+        traces = {name: answer[name][which.ravel()] for name in self._noise}
         return as_sensed(traces, sensors, self._largest, self.recording.interval)
 
     def left(self, values: Mapping[str, float]) -> dict[str, Left]:

@@ -6,7 +6,7 @@ answer to a command that was recorded late is read as much later. Kinds that sco
 they simulate them state such nuisances among their unknowns.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -72,12 +72,3 @@ def _later(traces: np.ndarray, samples: np.ndarray) -> np.ndarray:
     for n in np.flatnonzero(samples):
         found[n] = shift(traces[n], -samples[n], order=3, mode="nearest")
     return found
-
-
-def unique_rows(values: Sequence[np.ndarray], count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Which of some candidates, given by their values (B,), differ; and for each which it is."""
-    if not values:
-        return np.zeros(1, dtype=int), np.zeros(count, dtype=int)
-    _, first, which = np.unique(np.stack(values, axis=1), axis=0, return_index=True,
-                                return_inverse=True)  # fmt: skip
-    return first, which.ravel()

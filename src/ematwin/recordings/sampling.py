@@ -69,7 +69,8 @@ def _grid_behind_rounding(time: np.ndarray) -> np.ndarray | None:
     odd step in all is a row that was lost or repeated.
     """
     steps = np.diff(time)
-    if np.count_nonzero(np.abs(steps - np.median(steps)) > 0.25 * np.median(steps)) == 1:
+    middle = float(np.median(steps))
+    if np.count_nonzero(np.abs(steps - middle) > 0.25 * middle) == 1:
         return None
 
     centred = np.arange(time.size) - (time.size - 1) / 2.0
