@@ -37,6 +37,7 @@ Each prints a Markdown table; ``--json FILE`` writes the runs.
 
 import argparse
 import json
+import math
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -494,10 +495,19 @@ def injected_names(one: Outcome) -> set[str]:
     return {name for name in COMPARED if abs(one.injected[name] - healthy[name]) >= 0.02}
 
 
+def in_deviations(one: Outcome, name: str) -> float:
+    """The error of a value by the standard deviation that its interval states."""
+    low, high = one.intervals[name]
+    return 1.96 * (one.values[name] - one.injected[name]) / max(0.5 * (high - low), 1e-12)
+
+
 def row(title: str, runs: Sequence[Outcome]) -> str:
     """A line of the table."""
     verdicts = [one for one in runs if one.grade != "none"]
     held = [inside(one, name) for one in verdicts or runs for name in COMPARED]
+    # the interval of a fault that is absent reaches to healthy, and holds nearly always
+    there = [(one, name) for one in verdicts or runs for name in sorted(injected_names(one))]
+    off = [in_deviations(*each) for each in there]
     healthy = [one for one in runs if not injected_names(one)]
     faulty = [one for one in verdicts if injected_names(one)]
     named = [injected_names(one) <= set(one.faults) for one in faulty]
@@ -511,6 +521,8 @@ def row(title: str, runs: Sequence[Outcome]) -> str:
     return (
         f"| {title} | {len(runs)} | {np.median(errors):.2f} / {np.quantile(errors, 0.9):.2f} | "
         f"{np.median(physical):.2f} / {np.quantile(physical, 0.9):.2f} | {share(held)} | "
+        f"{share([inside(*each) for each in there])} of {len(there)}, "
+        f"{np.sqrt(np.mean(np.square(off))) if off else math.nan:.2f} | "
         f"{share([silently_wrong(one) for one in runs])} | "
         f"{share([one.grade == 'fault' for one in healthy])} of {len(healthy)} | {share(named)} | "
         f"{share(extra)} | {share([one.grade == 'none' for one in runs])} |"
@@ -519,8 +531,8 @@ def row(title: str, runs: Sequence[Outcome]) -> str:
 
 COLUMNS = (
     "recordings", "Err%, median / P90", "in N m, rad, 1/s", "intervals that hold, %",
-    "silently wrong, %", "healthy called faulty, %", "all faults named, %",
-    "a wrong one named, %", "no verdict, %",
+    "of faults that are there, %, error over standard deviation", "silently wrong, %",
+    "healthy called faulty, %", "all faults named, %", "a wrong one named, %", "no verdict, %",
 )  # fmt: skip
 HEADER = f"| | {' | '.join(COLUMNS)} |\n|---|{'--:|' * len(COLUMNS)}"
 
