@@ -88,14 +88,16 @@ def output(actuator, faults, start, motion, load, dt):
     return np.array(found)
 
 
-def masses(actuator, faults, currents, load, dt, every, seen, known, begin):
-    """Angles (2, S) of motor and output, and what commutations show beside them (K, 2).
+def masses(actuator, faults, currents, load, dt, every, seen, known, begin, shown, of_output):
+    """Angles (2, S) of motor and output, and what was seen beside them (K, 2).
 
     ``currents`` are means of ``every`` steps ``dt``, of the phases (S, 3) or of the two that
     conduct (S, 1); ``seen`` rows of time (s) and angle, ``known`` their jitter (s), the turn up to
     which angles are known, the density of the acceleration's noise, and the share of what is no
-    commutation in a sector; ``begin`` the angle at first and its standard deviation. A Kalman
-    filter in matrices: state [angle, speed], white noise of the acceleration between what is seen.
+    commutation in a sector; ``begin`` the angle at first and its standard deviation; ``shown``
+    angles of the output by sample, of a standard deviation ``of_output``. A Kalman filter in
+    matrices: state [angle, speed], white noise of the acceleration between what is seen; in the gap
+    motor and output have one each.
     """
     gear, windings = actuator.transmission, truer.Windings(actuator, faults)
     worn, half_gap = 1 + 2 * faults.friction, gear.backlash / 2 * (1 + 99 * faults.backlash)
@@ -105,8 +107,30 @@ def masses(actuator, faults, currents, load, dt, every, seen, known, begin):
     x_m, w_m, x_o, w_o = begin[0], 0.0, begin[0], 0.0
     covariance, last, waiting = np.diag([begin[1] ** 2, 0.0]), 0.0, list(seen)
     found, innovations = [(x_m, x_o)], []
+    own, own_last = covariance, 0.0
+
+    def grown(covariance, span):
+        moves = np.array([[1.0, span], [0.0, 1.0]])
+        grows = density * np.array([[span**3 / 3, span**2 / 2], [span**2 / 2, span]])
+        return moves @ covariance @ moves.T + grows
+
     for step in range(every * (len(currents) - 1)):
         sample, part = divmod(step, every)
+        if part == 0 and sample in shown:
+            touch = abs(x_m - x_o) >= half_gap
+            if touch:
+                own, own_last = covariance, last
+            own, own_last = grown(own, step * dt - own_last), step * dt
+            away, deviation = shown[sample] - x_o, math.sqrt(own[0, 0] + of_output**2)
+            innovations.append((away, deviation))
+            surprise = max(1.0, (away / (3 * deviation)) ** 2)
+            own = own * surprise
+            gain = own[:, 0] / (own[0, 0] + of_output**2)
+            own = own - np.outer(gain, own[0])
+            turns = gain[1] * away if w_o != 0 or surprise > 1 else 0.0
+            x_o, w_o = x_o + gain[0] * away, w_o + turns
+            if touch:
+                x_m, w_m, covariance, last = x_m + gain[0] * away, w_m + turns, own, own_last
         share = (part + 0.5) / every
         pushes = load[sample] * (1 - share) + load[sample + 1] * share
         current = currents[sample + 1]
@@ -132,10 +156,7 @@ def masses(actuator, faults, currents, load, dt, every, seen, known, begin):
         x_m, x_o = x_m + dt * w_m, x_o + dt * w_o
         while waiting and waiting[0][0] <= (step + 1) * dt:
             time, angle = waiting.pop(0)
-            span, last = time - last, time
-            moves = np.array([[1.0, span], [0.0, 1.0]])
-            grows = density * np.array([[span**3 / 3, span**2 / 2], [span**2 / 2, span]])
-            covariance = moves @ covariance @ moves.T + grows
+            covariance, last = grown(covariance, time - last), time
             away = math.remainder(angle - (x_m - ((step + 1) * dt - time) * w_m), turn)
             noise = 1e-4**2 + (jitter * w_m) ** 2
             deviation = math.sqrt(covariance[0, 0] + noise)

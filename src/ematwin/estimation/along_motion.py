@@ -18,6 +18,7 @@ from typing import Literal
 
 import numpy as np
 
+from ematwin.estimation.followed_motion import followed
 from ematwin.estimation.local import LocalDescent
 from ematwin.estimation.motion_fit import Along, MotionFit, values_at
 from ematwin.estimation.problem import Problem
@@ -48,7 +49,7 @@ def shown_along(model: Model, actuator: ParameterSet, problem: Problem) -> Shown
     every = _along(model, actuator, problem, [{}] * len(problem.comparisons))
     if not _show_all(model, actuator, problem, every):
         return ""
-    return "followed" if _noise(every) else "recorded"
+    return "followed" if _follows(every) else "recorded"
 
 
 def _along(
@@ -85,9 +86,9 @@ def _begun(problem: Problem, z: np.ndarray, every: Sequence[Along]) -> np.ndarra
     return chart.project(chart.from_values(point))
 
 
-def _noise(every: Sequence[Along]) -> float:
-    """The largest noise of a motion that was not recorded; 0 where all were."""
-    return max(along.equation.noise for along in every)
+def _follows(every: Sequence[Along]) -> bool:
+    """Whether a motion was not recorded."""
+    return any(along.equation.noise is not None for along in every)
 
 
 def informed(
@@ -120,9 +121,13 @@ def informed(
         values = values_at(problem, z)
         return [along.at(values[along.recording], remainders) for along in some]
 
-    if _noise(every) > 0.0:
-        every = there(every)
     aliases = partial(model.aliases, actuator)
+    if _follows(every):
+        if (along := followed(model, actuator, problem, z, every, most, like)) is None:
+            return None
+        problem, information, z = along
+        whole = _show_all(model, actuator, problem, every)
+        return problem.informed(information._replace(whole=whole)), problem.chart.to_values(z)[0]
     rests, begun = {along.equation.rests for along in every}, z
     named = {along.equation.name for along in every}
     first = named & rests
@@ -132,16 +137,13 @@ def informed(
         stages += [named - first, named, named]
     told: Collection[str] = ()
     width: np.ndarray | None = None
-    noisy = math.inf
-    while noisy > 0.0 and _noise(every) < noisy:  # what was noise of a motion tells more now
-        noisy = _noise(every)
-        for names in stages:
-            some = [along for along in every if along.equation.name in names]
-            held = () if names & first else told
-            fit = MotionFit(actuator, problem, some, remainders, aliases, held, width)
-            z = fit.descended(z, most, rough=True)
-            told, width = fit.free, fit.information
-            every = there(every)
+    for names in stages:
+        some = [along for along in every if along.equation.name in names]
+        held = () if names & first else told
+        fit = MotionFit(actuator, problem, some, remainders, aliases, held, width)
+        z = fit.descended(z, most, rough=True)
+        told, width = fit.free, fit.information
+        every = there(every)
     every = [along for along in every if along.equation.size > 0.0]
     fit = MotionFit(actuator, problem, every, remainders, aliases, (), width)
     stable = (one for one in (z, begun) if np.isfinite(fit.residuals(one)).all())

@@ -1,7 +1,9 @@
 """The least squares of all equations along recorded motions, with the priors of all unknowns.
 
 By Gauss-Newton steps within bounds, whose slopes follow the residuals between fresh ones (Broyden
-1965). What an equation leaves beyond noise at the end is a discrepancy (`Remainder`).
+1965). Residuals of a motion that was not recorded jump where friction holds a mass at one point and
+not at the next: they are regressed on points around (`ematwin.estimation.followed_motion`). What an
+equation leaves beyond noise at the end is a discrepancy (`Remainder`).
 """
 
 import math
@@ -11,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ematwin.errors import EmatwinError
-from ematwin.estimation.aliases import Aliases, directions
-from ematwin.estimation.constants import DECIDES, SIGMAS, WORSE
+from ematwin.estimation.aliases import Aliases, Direction, directions
+from ematwin.estimation.constants import DECIDES, WORSE
 from ematwin.estimation.descent import TooFarError
 from ematwin.estimation.equations import found_first_sample, with_secant
 from ematwin.estimation.laplace import principal
@@ -26,12 +28,8 @@ from ematwin.numerics.linear_algebra import bounded_squares
 from ematwin.numerics.side_by_side import side_by_side
 
 _STEP = 1e-3  # of a coordinate: priors are smooth
-_FIRST = 1e-6  # the same of a rough equation while nothing is known: shorter than what is rough
 # shares of a step and its dampings that are tried, one after the other
 _TRIES = ((1.0, 0.0), (0.3, 0.0), (1.0, 1e-3), (1.0, 0.1))
-_LENGTHS = (1.0, 3.0, 0.3)  # of a rough step
-_STEEP = 2.0  # times the change that is expected: more is a jump
-_SHORTEST = 1e-4  # of a coordinate: within less, jumps and ripple decide
 _SLOWER = 0.5  # of the gain before: by less than that secants no longer agree with the equations
 
 
@@ -99,14 +97,14 @@ class MotionFit:
         self._scales = [1.0 / one.deviation(one.norm) for one in self._remainders]
         # of a coordinate: ripple is another at each value, and slopes have to stand out from it
         self._steps = [
-            one.equation.step and max(one.equation.step, 3.0 * share)
-            for one, share in zip(every, alike, strict=True)
+            max(one.equation.step, 3.0 * share) for one, share in zip(every, alike, strict=True)
         ]
         matters = {name: n for places in self._matters for name, n in places.items()}
         self.free = matters.keys() - {*held}
         self._free = np.array(sorted({matters[name] for name in self.free}), dtype=int)
         self._last: tuple[np.ndarray, np.ndarray] | None = None
         self._fresh = False
+        self._scatters = [0.0] * len(every)  # norms of residuals about a regression
 
     def descended(self, z: np.ndarray, most: float = math.inf, rough: bool = False) -> np.ndarray:
         """Coordinates (1, d) of least squares next to others, within bounds.
@@ -162,6 +160,12 @@ class MotionFit:
         self._last, self._fresh = (here, slopes), fresh
         return z
 
+    @property
+    def cost(self) -> float:
+        """Squared standard deviations that are left where a fit ended."""
+        assert self._last is not None
+        return float(self._last[0] @ self._last[0])
+
     def evidence(self, z: np.ndarray) -> Information:
         """What the equations tell at coordinates (1, d) at which `descended` ended."""
         self.counts_more()
@@ -173,10 +177,13 @@ class MotionFit:
         moved = rotation.T @ here
         rest = math.sqrt(max(0.0, float(here @ here - moved @ moved)))
         # of recorded currents: in the gap few samples of small angles count
+        at = values_at(self._problem, z)
         unexplained = max(
             left.norm / one.equation.size
             if left.norm > WORSE * left.least and one.equation.judged
-            else one.equation.unexplained
+            else one.equation.unexplained(
+                with_values(self._actuator, at[one.recording]), at[one.recording]
+            )
             for left, one in zip(self._remainders, self._every, strict=True)
         )
         # what no sensor makes is alike throughout, as errors of the model are
@@ -185,7 +192,7 @@ class MotionFit:
         chart, every, left = self._problem.chart, every / wider, np.append(moved, rest) / wider
         names = (one.name for one in self._every)
         remainders = dict(zip(names, self._remainders, strict=True))
-        return Information(chart, z[0], every, left, remainders, unexplained)
+        return Information(chart, z[0], every, left, remainders, unexplained, wider)
 
     def counts_more(self) -> bool:
         """Count as discrepancies what equations leave beyond noise where a descent ended.
@@ -196,6 +203,7 @@ class MotionFit:
         more = False
         for n, (known, part) in enumerate(zip(self._known, self._parts, strict=True)):
             norm = float(np.linalg.norm(self._last[0][part])) / self._scales[n]
+            norm = math.hypot(norm, self._scatters[n])
             self._remainders[n] = left = self._remainders[n]._replace(norm=norm)
             self._rescale(n, left.deviation(norm if known is None else min(norm, known.norm)))
             more |= known is not None and norm < known.norm
@@ -248,8 +256,37 @@ class MotionFit:
         multiplies.
         """
         chart, free = self._problem.chart, self._free
-        is_unknown = self.information is None
-        known = directions(self._problem, chart.to_values(z)[0], self._aliases)
+        same, asked = self._known_slopes(z)
+
+        def along(one: tuple[int, np.ndarray]) -> tuple[np.ndarray, np.ndarray] | None:
+            """A step (f,), and the change (K,) of the residuals."""
+            n, way = one
+            for side in (1.0, -1.0):
+                beside = chart.project(z + side * way)
+                left = self._scaled(n, chart.to_values(beside)[0])
+                if left is not None and not np.array_equal(beside, z):
+                    return (beside - z)[0, free], left - here[self._parts[n]]
+            return None
+
+        ways = [(n, way) for n, some in enumerate(asked) for way in self._ways(n, some, z[0])]
+        changes = side_by_side(along, ways)
+        found = np.zeros((free.size, here.size))
+        for n, some in enumerate(asked):
+            pairs = zip(ways, changes, strict=True)
+            own = [change for (each, _), change in pairs if each == n and change is not None]
+            if own:  # else a loop is unstable beside this point, whatever changes
+                moved, changed = (np.array(each) for each in zip(*own, strict=True))
+                slopes = np.linalg.lstsq(moved[:, some], changed, rcond=None)[0]
+                found[some, self._parts[n]] = slopes
+        return self._with_known(found, z, here, same)
+
+    def _known_slopes(self, z: np.ndarray) -> tuple[list[dict[int, Direction]], list[np.ndarray]]:
+        """Known directions of each equation by their pivot, and rows of all that are differenced.
+
+        The free unknowns by which an equation changes, without pivots.
+        """
+        point, free = self._problem.chart.to_values(z)[0], self._free
+        known = directions(self._problem, point, self._aliases)
         same = [
             {
                 one.pivot: one
@@ -259,54 +296,32 @@ class MotionFit:
             for places in self._matters
         ]
         asked = [
-            (n, np.flatnonzero(np.isin(free, [*({*places.values()} - same[n].keys())])))
-            for n, places in enumerate(self._matters)
+            np.flatnonzero(np.isin(free, [*({*places.values()} - mine.keys())]))
+            for places, mine in zip(self._matters, same, strict=True)
         ]
+        return same, asked
 
-        def along(one: tuple[int, np.ndarray]) -> tuple[np.ndarray, np.ndarray] | None:
-            """A step (f,), and the change (K,) of the residuals.
-
-            Where a mass sticks at one point and not at the other, residuals jump, and slopes come
-            out too steep. Of several steps of a rough equation the least steep counts, unless the
-            first one changes residuals as expected.
-            """
-            n, way = one
-            as_expected = math.inf if is_unknown or self._steps[n] else _STEEP * SIGMAS
-            found, least = None, math.inf
-            for share in (side * length for length in _LENGTHS for side in (1.0, -1.0)):
-                beside = chart.project(z + share * way)
-                left = self._scaled(n, chart.to_values(beside)[0])
-                if left is None or np.array_equal(beside, z):
-                    continue
-                moved, change = (beside - z)[0], left - here[self._parts[n]]
-                steep = float(np.linalg.norm(change) / np.linalg.norm(moved))
-                if steep < least:
-                    found, least = (moved[free], change), steep
-                if least * float(np.linalg.norm(way)) <= as_expected:
-                    break
-            return found
-
-        ways = [(n, way) for n, some in asked for way in self._ways(n, some, z[0])]
-        changes = side_by_side(along, ways)
-        found, last = np.zeros((free.size, here.size)), self._parts[-1].stop
-        for n, some in asked:
-            pairs = zip(ways, changes, strict=True)
-            own = [change for (each, _), change in pairs if each == n and change is not None]
-            if own:  # else a loop is unstable beside this point, whatever changes
-                moved, changed = (np.array(each) for each in zip(*own, strict=True))
-                slopes = np.linalg.lstsq(moved[:, some], changed, rcond=None)[0]
-                found[some, self._parts[n]] = slopes
-        rows = {place: row for row, place in enumerate(free.tolist())}
+    def _with_known(
+        self, found: np.ndarray, z: np.ndarray, here: np.ndarray,
+        same: Sequence[Mapping[int, Direction]],
+    ) -> np.ndarray:  # fmt: skip
+        """Slopes (f, K) with those along known directions, and of the priors."""
+        chart, free, last = self._problem.chart, self._free, self._parts[-1].stop
         for part, mine in zip(self._parts, same, strict=True):
             for pivot, one in mine.items():
-                found[rows[pivot], part] = one.same[free] @ found[:, part]
+                found[np.searchsorted(free, pivot), part] = one.same[free] @ found[:, part]
         steps = np.where(z[0, free] + _STEP <= chart.upper[free], _STEP, -_STEP)
         beside = np.tile(z, (free.size, 1))
         beside[np.arange(free.size), free] += steps
         found[:, last:] = (self._priors(chart.to_values(beside)) - here[last:]) / steps[:, None]
-        self.information = np.zeros((z.shape[1], z.shape[1]))
-        self.information[np.ix_(free, free)] = found @ found.T
+        self._learn(found)
         return found
+
+    def _learn(self, slopes: np.ndarray) -> None:
+        """Take the information (d, d) from slopes (f, K)."""
+        chart, free = self._problem.chart, self._free
+        self.information = np.zeros((chart.lower.size, chart.lower.size))
+        self.information[np.ix_(free, free)] = slopes @ slopes.T
 
     def _ways(self, n: int, some: np.ndarray, z: np.ndarray) -> np.ndarray:
         """(m, d) steps along which the nth equation is differenced, by some of the free unknowns.
@@ -318,13 +333,13 @@ class MotionFit:
         ways = np.zeros((own.size, z.size))
         known = self.information
         if known is None or not (np.diag(known)[own] > 0.0).all():
-            ways[:, own] = (step or _FIRST) * np.eye(own.size)
+            ways[:, own] = step * np.eye(own.size)
             return ways
-        ways[:, own] = SIGMAS * principal(
-            known[np.ix_(own, own)], z[own], chart.lower[own], chart.upper[own], shortest=_SHORTEST
+        ways[:, own] = principal(
+            known[np.ix_(own, own)], z[own], chart.lower[own], chart.upper[own]
         )
         # products of unknowns bend what is the same along straight lines
-        return ways * (step / np.abs(ways).max(axis=1, keepdims=True)) if step else ways
+        return ways * (step / np.abs(ways).max(axis=1, keepdims=True))
 
     def _weigh(self) -> None:
         """Weigh equations anew by independent samples of their noise.

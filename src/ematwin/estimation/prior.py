@@ -92,7 +92,7 @@ class Remainder(NamedTuple):
     least: float
     alike: float
     independent: float
-    noise: float = 0.0
+    noise: Any = None
 
     def deviation(self, norm: float) -> float:
         """Standard deviation of its residuals where so much is left; independent ones count.
@@ -117,6 +117,7 @@ class Information(NamedTuple):
     remainders : Remainder of each equation, by its recording and name
     unexplained : float, largest share of the currents that an equation leaves, where
         noise leaves less than half
+    wider : float, by which all counts less than ``remainders`` say, as errors of the model do
     whole : bool, whether it holds all that the recordings show of faults
     """
 
@@ -126,6 +127,7 @@ class Information(NamedTuple):
     left: np.ndarray
     remainders: Mapping[tuple[int, str], Remainder]
     unexplained: float = 0.0
+    wider: float = 1.0
     whole: bool = False
 
     def distances(self, values: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -142,7 +144,7 @@ class Information(NamedTuple):
             if name in other.remainders and other.remainders[name].norm < mine.norm:
                 less = mine.deviation(other.remainders[name].norm)
                 total += mine.norm**2 * (less**-2 - mine.deviation(mine.norm) ** -2)
-        return total
+        return total / self.wider**2
 
 
 def coordinate(one: Unknown, value: Any) -> Any:

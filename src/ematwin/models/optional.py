@@ -135,12 +135,13 @@ class Equation(NamedTuple):
     unknowns: tuple[str, ...] = ()  # names of faults, load and sensors that matter to it
     rests: str = ""  # name of the equation on whose estimates it rests
     judged: bool = True  # whether a verdict needs it to be explained
-    step: float = 0.001  # of a coordinate, that is differenced; 0: as wide as an interval, if rough
+    step: float = 0.001  # of a coordinate, that is differenced; 0 where it is rough, and regressed
     # it, for values of these unknowns, and for this noise of its motion, which is the likeliest one
     # there where it is None
-    at: "Callable[[Values, float | None], Equation] | None" = None
-    noise: float = 0.0  # of its motion, where that is not as recorded
-    unexplained: float = 0.0  # share of the currents that only this noise accounts for
+    at: "Callable[[Values, Any], Equation] | None" = None
+    noise: Any = None  # of its motion, where that was not recorded
+    # share of the currents that only this noise accounts for, with faults, load and sensors by name
+    unexplained: Callable[[ParameterSet, Values], float] = lambda actuator, values: 0.0
     discrepancy: float = 0.0  # share of this noise that no sensor makes: torques that are not known
     begins: Values = MappingProxyType({})  # values of unknowns that are nearer than healthy ones
     # values by place of one form after the other, some with `FIRST_SAMPLE`, to be chosen together,

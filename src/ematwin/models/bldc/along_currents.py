@@ -1,9 +1,10 @@
 """Motor and output as the recorded currents drive them, where the motor's angle was not recorded.
 
 Nothing is fed back by the controller: the torque of the recorded currents moves both masses, and
-each of the `commutations` corrects angle and speed by a Kalman filter (Kalman 1960, J. Basic Eng.
-82, 35-45), so that a torque that is a little wrong does not add up. The angle that was seen less
-the one expected, in standard deviations, is white if the actuator is right. These innovations are
+each of the `commutations`, and the output's angle where that was recorded, corrects angle and speed
+by a Kalman filter (Kalman 1960, J. Basic Eng. 82, 35-45), so that a torque that is a little wrong
+does not add up. The angle that was seen less the one expected, in standard deviations, is white if
+the actuator is right. These innovations are
 the residual of the mechanics (prediction-error method; Ljung 1999, System Identification, section
 3.2). How noisy the acceleration is follows from them by maximum likelihood (Mehra 1970, IEEE Trans.
 Autom. Control 15(2), 175-184): where the actuator is known badly, the filter trusts it less.
@@ -11,7 +12,7 @@ Autom. Control 15(2), 175-184): where the actuator is known badly, the filter tr
 
 import copy
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
@@ -24,7 +25,7 @@ from ematwin.models.bldc.inverter import dot, gate_signals
 from ematwin.models.bldc.motor import hall_sector, torque_of_cogging
 from ematwin.models.bldc.reference_step import ReferenceState, all_emf_constants, move_masses
 from ematwin.models.optional import Values
-from ematwin.numerics.compile import loop
+from ematwin.numerics.compile import loop, step
 from ematwin.numerics.signals import white_noise
 
 LEAST = 0.001  # of the recorded current: what simulators of other make differ by
@@ -35,18 +36,33 @@ _ROOT_TWO_PI = math.sqrt(2.0 * math.pi)
 _TURNS = 5  # steps with one torque of the currents
 _LATE = 0.5  # of the deviation of when they came: so far all commutations were off in the mean
 _SWITCHED = 1e-4  # rad, by which a sensor of the rotor may switch sooner or later
+_APART = 5e-4  # s, between angles of the output that count
 _TRUST = tuple(10.0**n for n in range(-1, 8))  # times the density of what noise of currents makes
+_DOUBT = tuple(10.0 ** (0.5 * n) for n in range(5))  # times the noise of the output's angle
+_NEAR = 10.0  # times that density: the torques are known
 _LOST = 1e3  # times that density: something is far off
 _ASTRAY = 0.15  # rad: outputs by currents and as recorded are a fiftieth of it apart
 _FRICTIONS = (0.1, 0.2, 0.3, 0.45, 0.6)  # faults
+# sections of an actuator on which their motion depends
+OF_GEAR = ("transmission", "presliding", "compliance")
+OF_MOTOR = ("motor", "cogging", "emf", "torque_ripple", "eccentricity")
 MOVES = {  # what it depends on, by name, and what that usually is
     **{one.name: one.healthy for one in UNKNOWNS if one.name != "gain"},
     "load_gain": 1.0, "load_offset": 0.0, "current_gain": 1.0, "current_offset": 0.0, ZERO: 0.0,
 }  # fmt: skip
 
 
+@step
+def grown(angle, both, speed, span, density):  # type: ignore[no-untyped-def]
+    """The covariance of angle and speed after a ``span`` (s) of noise of the acceleration."""
+    angle += span * (2.0 * both + span * (speed + density * span / 3.0))
+    return angle, both + span * (speed + density * span / 2.0), speed + density * span
+
+
 @loop
-def masses_along(k, currents, load, spacing, substeps, c, truer, more, seen, near, known, state):  # type: ignore[no-untyped-def]
+def masses_along(  # type: ignore[no-untyped-def]
+    k, currents, load, spacing, substeps, c, truer, more, seen, near, shown, known, state
+):
     """Angles and speeds along recorded currents: of both masses, (4, S), and what corrected them.
 
     Parameters
@@ -60,25 +76,60 @@ def masses_along(k, currents, load, spacing, substeps, c, truer, more, seen, nea
     more : (2,) array, factor on the torque of the currents, and N m that add to it
     seen : (2, K) array, of commutations: when, in samples, and at which angle of the motor, rad
     near : (S,) array, rad, near which the motor is; NaN where that is unknown
-    known : (5,) array: s, standard deviation of when they came; rad, multiples of which angles
+    shown : (S,) array, rad, angle of the output; NaN where that is unknown
+    known : (6,) array: s, standard deviation of when they came; rad, multiples of which angles
         lack; rad^2/s^3, density of the noise of the acceleration; rad, how far from ``near`` it is;
-        1/rad, density of what is no commutation
+        1/rad, density of what is no commutation; rad, standard deviation of what is ``shown``
     state : (2,) array, rad, where both begin at rest, and how well that is known
 
     Returns
     -------
     found : (4, S) array, angle and speed of motor and output, rad and rad/s
-    left : (2, K) array, innovations and their standard deviations, rad
-    fixed : (4, K) array, by which what was seen changed ``found``
+    left : (2, E) array, innovations and their standard deviations, rad, of all that was seen or
+        shown
+    fixed : (4, E) array, by which that changed ``found``
+    when : (E,) array, in samples
     """
     fault = fault_state(k, c.half_gap)
     theta_m, w_m, theta_o, w_o = state[0], 0.0, state[0], 0.0
-    of_angle, of_both, of_speed = state[1] ** 2, 0.0, 0.0  # the covariance
-    bent_m, bent_o, last, j = 0.0, 0.0, 0.0, 0
-    found, fixed = np.zeros((4, load.size)), np.zeros((4, seen.shape[1]))
-    left, dt, torque = np.zeros((2, seen.shape[1])), spacing / substeps, 0.0
+    of_angle, of_both, of_speed = (
+        state[1] ** 2,
+        0.0,
+        0.0,
+    )  # the covariance, of both while they touch
+    # of an output in the gap
+    own_angle, own_both, own_speed = of_angle, 0.0, 0.0
+    bent_m, bent_o, last, own_last, j, e = 0.0, 0.0, 0.0, 0.0, 0, 0
+    events = seen.shape[1] + np.isfinite(shown).sum()
+    found, fixed, when = np.zeros((4, load.size)), np.zeros((4, events)), np.zeros(events)
+    left, dt, torque = np.zeros((2, events)), spacing / substeps, 0.0
     for g in range(load.size):
         found[0, g], found[1, g], found[2, g], found[3, g] = theta_m, w_m, theta_o, w_o
+        if shown[g] == shown[g]:
+            touch = abs(theta_m - theta_o) >= fault.half_gap
+            if touch:
+                own_angle, own_both, own_speed, own_last = of_angle, of_both, of_speed, last
+            own_angle, own_both, own_speed = grown(
+                own_angle, own_both, own_speed, (g - own_last) * spacing, known[2]
+            )
+            away = shown[g] - theta_o
+            variance = own_angle + known[5] ** 2
+            left[0, e], left[1, e] = away, math.sqrt(variance)
+            surprise = away**2 / (_SURELY**2 * variance)
+            if surprise > 1.0:
+                own_angle, own_both = surprise * own_angle, surprise * own_both
+                own_speed, variance = surprise * own_speed, own_angle + known[5] ** 2
+            share, pace = own_angle / variance, own_both / variance
+            own_speed -= pace * own_both
+            own_both, own_angle = own_both * (1.0 - share), own_angle * (1.0 - share)
+            turns = pace * away if (w_o != 0.0) | (surprise > 1.0) else 0.0
+            theta_o, w_o = theta_o + share * away, w_o + turns
+            fixed[2, e], fixed[3, e] = share * away, turns
+            if touch:
+                theta_m, w_m = theta_m + share * away, w_m + turns
+                fixed[0, e], fixed[1, e] = share * away, turns
+                of_angle, of_both, of_speed, last = own_angle, own_both, own_speed, g
+            when[e], own_last, e = g, g, e + 1
         for n in range(substeps if g < load.size - 1 else 0):
             now = ReferenceState(
                 0.0, 0.0, 0.0, w_m, theta_m, w_o, theta_o, 1.0, 0.0, 0.0, 0.0, bent_m, bent_o
@@ -98,10 +149,9 @@ def masses_along(k, currents, load, spacing, substeps, c, truer, more, seen, nea
             )
             end = g + (n + 1) / substeps
             while j < seen.shape[1] and seen[0, j] <= end:
-                span = (seen[0, j] - last) * spacing
-                of_angle += span * (2.0 * of_both + span * (of_speed + known[2] * span / 3.0))
-                of_both += span * (of_speed + known[2] * span / 2.0)
-                of_speed += known[2] * span
+                of_angle, of_both, of_speed = grown(
+                    of_angle, of_both, of_speed, (seen[0, j] - last) * spacing, known[2]
+                )
                 away = seen[1, j] - theta_m + (end - seen[0, j]) * spacing * w_m
                 away -= known[1] * np.floor(away / known[1] + 0.5)
                 noise = _SWITCHED**2 + (known[0] * w_m) ** 2
@@ -110,10 +160,10 @@ def masses_along(k, currents, load, spacing, substeps, c, truer, more, seen, nea
                 deviation, likely = math.sqrt(variance), math.exp(-0.5 * away**2 / variance)
                 other = known[4] * _ROOT_TWO_PI * deviation
                 true = 1.0 if other == 0.0 else likely / (likely + other)
-                left[0, j], left[1, j] = away, deviation / (1.0 + other)
+                left[0, e], left[1, e] = away, deviation / (1.0 + other)
                 if other > 0.0:
                     far = math.sqrt(2.0 * math.log((1.0 + other) / (likely + other)))
-                    left[0, j] = math.copysign(far * left[1, j], away)
+                    left[0, e] = math.copysign(far * left[1, e], away)
                 # whether friction holds the motor at an instant is a matter of chance: by how much
                 # that is beyond what is likely the filter trusts its state less
                 surprise = away**2 / (_SURELY**2 * variance)
@@ -126,18 +176,25 @@ def masses_along(k, currents, load, spacing, substeps, c, truer, more, seen, nea
                 # a mass that friction holds is where it is, and an output in the gap by itself
                 turns = pace * away if (w_m != 0.0) | (surprise > 1.0) else 0.0
                 theta_m, w_m = theta_m + share * away, w_m + turns
-                fixed[0, j], fixed[1, j] = share * away, turns
+                fixed[0, e], fixed[1, e] = share * away, turns
                 if abs(theta_m - theta_o) >= fault.half_gap:
                     theta_o, w_o = theta_o + share * away, w_o + turns
-                    fixed[2, j], fixed[3, j] = share * away, turns
-                last, j = seen[0, j], j + 1
+                    fixed[2, e], fixed[3, e] = share * away, turns
+                when[e], last, j, e = seen[0, j], seen[0, j], j + 1, e + 1
         if g < load.size - 1 and near[g + 1] == near[g + 1]:
             away = near[g + 1] - theta_m
             away -= known[1] * np.floor(away / known[1] + 0.5)
             # further off it is lost
             beyond = min(away + known[3], 0.0) + max(away - known[3], 0.0)
             theta_m, theta_o = theta_m + beyond, theta_o + beyond
-    return found, left, fixed
+    return found, left[:, :e], fixed[:, :e], when[:e]
+
+
+class Noise(NamedTuple):
+    """What a filter along currents does not know."""
+
+    density: float  # rad^2/s^3, of white noise of the acceleration
+    output: float = math.inf  # rad, standard deviation of the recorded angle of the output
 
 
 class Moved(NamedTuple):
@@ -154,12 +211,13 @@ class Masses:
 
     Currents are those of the phases (S, 3), or one equivalent current (S,), whose commutations are
     told apart by where the motor is ``near`` (S,), rad. Both masses ``begin`` at rest at an angle,
-    rad; an ``output`` (S,), rad, may have been recorded. All on the motor shaft.
+    rad; an ``output`` (S,), rad, may have been recorded, with noise of a ``deviation``, rad. All on
+    the motor shaft.
     """
 
     def __init__(
         self, currents: np.ndarray, load: np.ndarray, rate: float, begin: float, sheet: Any,
-        near: np.ndarray | None = None, output: np.ndarray | None = None,
+        near: np.ndarray | None = None, output: np.ndarray | None = None, deviation: float = 0.0,
     ) -> None:  # fmt: skip
         self._every = commutations(currents, rate, sheet)
         self._seen = self._every if near is None else self._every.placed(near, near)
@@ -171,39 +229,40 @@ class Masses:
         share = 1.0 if near is not None else 0.76
         noise = share * float(np.mean([white_noise(x) for x in currents.T]))
         usual = float(np.sqrt(np.mean(currents**2)))
-        self._usual = (unit * math.hypot(noise, LEAST * usual)) ** 2 / rate
+        density = (unit * math.hypot(noise, LEAST * usual)) ** 2 / rate
+        self._usual = Noise(density, max(_SWITCHED, deviation))
         self._whole = (unit * usual) ** 2 / rate  # of noise as large as the currents
-        self.density = self._usual
+        self.noise = Noise(density)
         self.begins: Values = {}  # nearer than those that were given
-        self._output, self._astray = output, 0.0
+        self._output = output
         self._recent = lru_cache(maxsize=RECENT)(self._moved)
         self._likeliest = lru_cache(maxsize=RECENT)(self._found)
 
-    def at(self, actuator: Any, values: Values, density: float | None = None) -> "Masses":
-        """The same with this noise of the acceleration, or the likeliest one at these values."""
-        if density is None:
-            found = self._likeliest(actuator, _given(values))
-        else:
-            found = self._with(density=density, begins={})
-        if self._output is not None and self._seen.when.size:
-            some = slice(int(self._seen.when[-1]))  # beyond, nothing shows where they are
-            moved = found.moved(actuator, {**values, **found.begins}).output
-            found._astray = float(np.std((self._output - moved)[some])) / _ASTRAY
-        return found
+    def at(self, actuator: Any, values: Values, noise: Noise | None = None) -> "Masses":
+        """The same with this noise, or the likeliest one at these values."""
+        if noise is None:
+            return self._likeliest(actuator, _given(values))
+        return self._with(noise=noise, begins={})
 
     def _found(self, actuator: Any, given: tuple[tuple[str, float], ...]) -> "Masses":
         values = dict(given)
         own = values.get("friction", 0.0)
 
-        def best_of(some: Sequence[Values]) -> tuple[Masses, Values]:
-            tried = [(self._with(density=x * self._usual), one) for x in _TRUST for one in some]
+        def best_of(noises: Iterable[Noise], some: Sequence[Values]) -> tuple[Masses, Values]:
+            tried = [(self._with(noise=one), each) for one in noises for each in some]
             return max(tried, key=lambda one: one[0].moved(actuator, one[1]).log_density)
 
-        best, begins = best_of([values])
-        if best.density > _LOST * self._usual:
+        densities = [Noise(x * self._usual.density) for x in _TRUST]
+        best, begins = best_of(densities, [values])
+        if best.noise.density > _LOST * self._usual.density:
             # between commutations a motor may be lost whose friction is far off
             others = [{**values, "friction": one} for one in _FRICTIONS if one > own]
-            best, begins = best_of([values, *others])
+            best, begins = best_of(densities, [values, *others])
+        elif self._output is not None and best.noise.density <= _NEAR * self._usual.density:
+            # beside wrong torques it would be noise, and beside a wrong gap it tells less
+            angles = [x * self._usual.output for x in _DOUBT]
+            best, _ = best_of([Noise(best.noise.density, x) for x in angles], [values])
+            best, _ = best_of([Noise(x.density, best.noise.output) for x in densities], [values])
         if self._currents.shape[1] == 1:
             moved = best.moved(actuator, begins).motor
             best = best._with(_seen=self._every.placed(moved, self._seen.near))
@@ -212,9 +271,11 @@ class Masses:
 
     def _with(self, **changed: Any) -> "Masses":
         other = copy.copy(self)
-        other.__dict__.pop("size", None)
+        for name in ("size", "_shown"):
+            other.__dict__.pop(name, None)
         other.__dict__ |= changed
         other._recent = lru_cache(maxsize=RECENT)(other._moved)
+        other._likeliest = lru_cache(maxsize=RECENT)(other._found)
         return other
 
     @cached_property
@@ -227,47 +288,63 @@ class Masses:
         )  # fmt: skip
         return float(np.linalg.norm(still.left(free, {"friction": -0.5})))  # which leaves none
 
-    @property
-    def unexplained(self) -> float:
+    def unexplained(self, actuator: Any, values: Values) -> float:
         """Share of the currents that would be noise, beyond that which they have.
 
         Or share of `_ASTRAY` by which the recorded output is elsewhere, as one that comes late.
         """
-        noise = math.sqrt(max(0.0, self.density - self._usual) / self._whole)
-        return max(noise, self._astray)
+        noise = math.sqrt(max(0.0, self.noise.density - self._usual.density) / self._whole)
+        if self._output is None or not self._seen.when.size:
+            return noise
+        alone = self._with(_output=None).at(actuator, values)
+        moved = alone.moved(actuator, {**values, **alone.begins}).output
+        some = slice(int(self._seen.when[-1]))  # beyond, nothing shows where they are
+        return max(noise, float(np.std((self._output - moved)[some])) / _ASTRAY)
 
     @property
     def discrepancy(self) -> float:
         """Share of the noise of the acceleration that the currents do not make."""
-        return max(0.0, 1.0 - self._usual / self.density)
+        return max(0.0, 1.0 - self._usual.density / self.noise.density)
 
     def moved(self, actuator: Any, values: Values) -> Moved:
         """How they moved, with faults, load and sensors by name."""
-        return self._recent(actuator, _given(values))
+        sections = {name: getattr(actuator, name) for name in (*OF_GEAR, *OF_MOTOR)}
+        resistance = self._sheet.motor.resistance  # of which currents are known
+        sections["motor"] = actuator.motor.model_copy(update={"resistance": resistance})
+        return self._recent(tuple(sections.items()), _given(values))
 
-    def _moved(self, actuator: Any, values: tuple[tuple[str, float], ...]) -> Moved:
+    def _moved(
+        self, sections: tuple[tuple[str, Any], ...], values: tuple[tuple[str, float], ...]
+    ) -> Moved:
+        actuator = self._sheet.model_copy(update=dict(sections))
         given = {**MOVES, **dict(values)}
         ratio, seen = actuator.transmission.ratio, self._seen
         offset = given["current_offset"] * actuator.motor.emf_constant
         # they stand somewhere in the gap
         begins = [self._begin - given[ZERO], self._sheet.transmission.backlash]
-        found, (away, spreads), fixed = masses_along(
+        found, (away, spreads), fixed, when = masses_along(
             fault_vector(given), self._currents,
             given["load_gain"] * self._load + given["load_offset"] / ratio,
             1.0 / self._rate, math.ceil(1.0 / (self._rate * _STEP) - 1e-9),
             kernel_constants(actuator), truer_constants(actuator),
             np.array([1.0, -offset]) / given["current_gain"], np.array(seen[:2]), seen.near,
-            np.array([seen.jitter, seen.turn, self.density, seen.within, seen.other]),
+            self._shown - given[ZERO],
+            np.array([
+                seen.jitter, seen.turn, self.noise.density, seen.within, seen.other,
+                self.noise.output,
+            ]),
             np.array(begins),
         )  # fmt: skip
         left = away / spreads
         log_density = -float(0.5 * left @ left + np.log(spreads).sum())
-        return Moved(*self._smoothed(found, fixed), left, log_density)
+        return Moved(*self._smoothed(found, fixed, when), left, log_density)
 
-    def _smoothed(self, found: np.ndarray, fixed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _smoothed(
+        self, found: np.ndarray, fixed: np.ndarray, seen: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Angles (S,) of motor and output, rad, without the steps of corrections."""
         # each belongs to the time since the last one: a cubic that ends with its angle and speed
-        seen, sample = self._seen.when, np.arange(found.shape[1])
+        sample = np.arange(found.shape[1])
         n = np.minimum(np.searchsorted(seen, sample), seen.size - 1)
         begins = np.r_[0.0, seen][n]
         samples = np.maximum(seen[n] - begins, 1e-9)
@@ -282,9 +359,21 @@ class Masses:
         """Innovations (K,), in standard deviations."""
         return self.moved(actuator, values or {}).left
 
+    @cached_property
+    def _shown(self) -> np.ndarray:
+        """Angles (S,) of the output that count, rad; NaN where none does."""
+        found, every = np.full(len(self._load), math.nan), math.ceil(_APART * self._rate)
+        if self._output is not None and math.isfinite(self.noise.output):
+            found[::every] = self._output[::every]
+        return found
+
+    @property
+    def _events(self) -> int:
+        return self._seen.when.size + int(np.isfinite(self._shown).sum())
+
     def least(self, actuator: Any) -> float:
         """Share of the innovations without any torque that noise leaves."""
-        return math.hypot(self.alike(actuator), math.sqrt(self._seen.when.size) / self.size)
+        return math.hypot(self.alike(actuator), math.sqrt(self._events) / self.size)
 
     def alike(self, actuator: Any) -> float:
         """The same that commutations which all come late leave, and simulators of other make."""
@@ -296,9 +385,12 @@ class Masses:
         rng, seen = np.random.default_rng(seed), self._seen
         late = self._seen.jitter * self._rate * rng.standard_normal(seen.when.size)
         noise = np.array([white_noise(x) for x in self._currents.T])
-        noise *= math.sqrt(self.density / self._usual)
+        noise *= math.sqrt(self.noise.density / self._usual.density)
         return self._with(
             _seen=seen._replace(when=np.sort(seen.when + late)),
+            _output=None
+            if self._output is None
+            else self._output + self._usual.output * rng.standard_normal(len(self._load)),
             _currents=self._currents + noise * rng.standard_normal(self._currents.shape),
         )
 

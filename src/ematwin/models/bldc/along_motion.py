@@ -124,7 +124,7 @@ class Controller:
         self._seen = self._equivalent(motion.currents[1:count])
         self.size = float(np.linalg.norm(self._seen))
 
-    def at(self, values: Values, noise: float | None) -> "Controller":
+    def at(self, values: Values, noise: Any) -> "Controller":
         """The same along the motion at other values (`Motion.at`)."""
         motion = self.motion.at(values, noise)
         return self if motion is self.motion else Controller(motion, self._low_pass)

@@ -299,7 +299,7 @@ def _controller(controller: Controller, actuator: Any, values: Values) -> Equati
         ("gain", "skew", HELD, *_SENSOR, *others),
         rests="mechanics",
         at=lambda values, noise: _controller(controller.at(values, noise), actuator, values),
-        noise=0.0 if motion.masses is None else motion.masses.density,
+        noise=None if motion.masses is None else motion.masses.noise,
         step=0.0 if motion.masses is not None else 0.01 if motion.follows else 0.001,
         # how soon a loop answers hardly matters at a wrong sample time
         together=tuple(
@@ -322,7 +322,7 @@ def _bristles(actuator: Any) -> tuple[str, ...]:
 def _masses(masses: Masses, actuator: Any) -> Equation:
     """Motor and output as the recorded currents drive them."""
 
-    def at(values: Values, noise: float | None) -> Equation:
+    def at(values: Values, noise: Any) -> Equation:
         return _masses(masses.at(with_values(actuator, values), values, noise), actuator)
 
     return Equation(
@@ -330,7 +330,7 @@ def _masses(masses: Masses, actuator: Any) -> Equation:
         (*_OF_MOTOR, "transmission.backlash", *_OF_OUTPUT, *_bristles(actuator)),
         (COGGING, ROUNDED, FADING),
         ("friction", "backlash", *_WINDINGS, *LOAD, *_SENSOR, ZERO),
-        at=at, noise=masses.density, begins=masses.begins, step=0.0,
+        at=at, noise=masses.noise, begins=masses.begins, step=0.0,
         alike=masses.alike, unexplained=masses.unexplained, discrepancy=masses.discrepancy,
     )  # fmt: skip
 

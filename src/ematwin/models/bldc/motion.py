@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.models.bldc.along_currents import MOVES, Masses
+from ematwin.models.bldc.along_currents import MOVES, OF_GEAR, OF_MOTOR, Masses, Noise
 from ematwin.models.bldc.channels import phase_currents, signed_current, trapezoid_shape
 from ematwin.models.bldc.commutations import commutations, divided
 from ematwin.models.bldc.constants import fault_state, kernel_constants, truer_constants
@@ -35,8 +35,6 @@ from ematwin.recordings.recording import Recording
 
 _SHOWN = 0.15  # of the commutations that the commanded travel takes, at least
 _FOLLOWS = ("friction", "backlash", "load_gain", "load_offset", ZERO)
-_OF_GEAR = ("transmission", "presliding", "compliance")
-_OF_MOTOR = ("motor", "cogging", "emf", "torque_ripple", "eccentricity")
 
 
 @step
@@ -122,14 +120,18 @@ class Motion:
         self.values = values or {}
         self._output = None if output is None else output * ratio
         self.masses: Masses | None = None
-        if motor is None:
-            begin = float(self.command[0])
-            near = None if self._current is None else self._near(recording, begin)
-            masses = Masses(currents, self.load, self.rate, begin, actuator, near, self._output)
-            self.masses = masses.at(actuator, self.values)
         self.follows = output is None and motor is not None
         # steps of encoders, rad, 0 without; and of counts as noisy as the positions
         self.counts = steps_of(recording, actuator)
+        if motor is None:
+            begin = float(self.command[0])
+            near = None if self._current is None else self._near(recording, begin)
+            step = 0.0 if self._output is None else self.counts[1] or step_by_noise(self._output)
+            masses = Masses(
+                currents, self.load, self.rate, begin, actuator, near, self._output,
+                step / math.sqrt(12.0),
+            )  # fmt: skip
+            self.masses = masses.at(actuator, self.values)
         if self.follows:
             self.counts = self.counts[0], self.counts[0]
         positions = self._completed(motor)
@@ -158,7 +160,7 @@ class Motion:
     @property
     def sections(self) -> tuple[str, ...]:
         """Sections of an actuator on which that depends."""
-        return _OF_GEAR if self.masses is None else (*_OF_GEAR, *_OF_MOTOR)
+        return OF_GEAR if self.masses is None else (*OF_GEAR, *OF_MOTOR)
 
     def _completed(self, motor: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Angles (S,) of motor and output; those of ``masses`` where they were not recorded."""
@@ -169,7 +171,7 @@ class Motion:
         moved = self.masses.moved(self.sheet, self.values)
         return moved.motor, moved.output if output is None else output
 
-    def at(self, values: Values, noise: float | None = None) -> "Motion":
+    def at(self, values: Values, noise: Noise | None = None) -> "Motion":
         """The same where the currents drive both masses at other values, parameters among them.
 
         ``noise`` is as of `Masses.at`.

@@ -77,8 +77,8 @@ def test_an_output_along_the_motion_of_a_motor_is_the_naive_one():
     np.testing.assert_allclose(fast[0], slow, atol=1e-9)
 
 
-@pytest.mark.parametrize(("phases", "others"), [(3, 0.0), (1, 0.1)])
-def test_masses_along_currents_are_the_naive_ones(phases, others):
+@pytest.mark.parametrize(("phases", "others", "output"), [(3, 0.0, 0), (1, 0.1, 0), (3, 0.1, 20)])
+def test_masses_along_currents_are_the_naive_ones(phases, others, output):
     every, count, dt = 20, 400, 2.5e-6
     time = every * dt * np.arange(count)
     size = 1.5 * np.sin(250.0 * time)
@@ -86,18 +86,30 @@ def test_masses_along_currents_are_the_naive_ones(phases, others):
     load, faults = np.where(time > 0.01, 0.02, 0.0), Faults.of({"friction": 0.1, "backlash": 0.05})
     seen = [(0.0041, 0.2), (0.0078, 0.31), (0.0123, 0.11), (0.0161, -0.4)]
     known, begin = (8e-6, 0.5, 40.0), (0.3, 0.005)
-    slow, away = naive.masses(
-        PLAIN, faults, currents, load, dt, every, seen, (*known, others), begin
-    )
+    angles, noise = {}, 2e-3
+
+    def by_hand():
+        return naive.masses(
+            PLAIN, faults, currents, load, dt, every, seen, (*known, others), begin, angles, noise
+        )
+
+    slow, away = by_hand()
+    if output:
+        angles |= {n: slow[1, n] + 0.003 * math.sin(n / 40.0) for n in range(0, 399, output)}
+        slow, away = by_hand()
+    shown = np.full(count, np.nan)
+    shown[list(angles)] = list(angles.values())
     other = others / (SIXTH_TURN / PLAIN.motor.pole_pairs)
     when, angle = np.array(seen).T
-    fast, left, _ = masses_along(
+    fast, left, fixed, at = masses_along(
         faults.vector, currents, load, every * dt, every, kernel_constants(PLAIN),
         truer_constants(PLAIN), np.array([1.0, 0.0]), np.array([when / (every * dt), angle]),
-        np.full(count, np.nan), np.array([*known, math.inf, other]), np.array(begin),
+        np.full(count, np.nan), shown, np.array([*known, math.inf, other, noise]), np.array(begin),
     )  # fmt: skip
+    assert fixed.shape == (4, at.size) == (4, len(seen) + len(angles))
+    assert (np.diff(at) > 0.0).all()
     assert np.ptp(slow[0]) > 0.3  # rad
-    assert np.ptp(slow[0] - slow[1]) > 0.02
+    assert np.ptp(slow[0] - slow[1]) > (0.0149 if output else 0.02)  # half the gap is 14.9 mrad
     # the torque of the currents is the same for some steps
     np.testing.assert_allclose(fast[[0, 2]], slow, atol=5e-5)
     np.testing.assert_allclose(left.T, away, atol=5e-5)
@@ -299,7 +311,7 @@ def test_an_output_that_comes_late_is_not_where_currents_move_it(single):
     after = np.r_[np.full(late, output[0]), output[:-late]]
     for position, wrong in ((output, False), (after, True)):
         lacks = record.changed(motor_position=None, output_position=position)
-        share = Motion(lacks, actuator, FAULTS).masses.unexplained
+        share = Motion(lacks, actuator, FAULTS).masses.unexplained(actuator, FAULTS)
         print(f"{share:.3f}")
         assert (share > 0.1) == wrong
 

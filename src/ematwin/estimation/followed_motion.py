@@ -1,0 +1,168 @@
+"""Estimates along motions that were not recorded: the currents tell them, as the actuator does.
+
+Such a motion, and so every residual, jumps where friction holds a mass at one point and not at the
+next. So residuals are regressed on points around. Each regression begins with the motion of the
+estimate before, and with the noise that is the likeliest there: far off it is large, and so is what
+the regression looks at.
+"""
+
+import math
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+
+from ematwin.estimation.constants import SMALLEST, WORTH
+from ematwin.estimation.descent import TooFarError
+from ematwin.estimation.laplace import principal
+from ematwin.estimation.motion_fit import Along, MotionFit, values_at
+from ematwin.estimation.prior import Information
+from ematwin.estimation.problem import Problem
+from ematwin.models.base import Model
+from ematwin.models.parameter_set import ParameterSet
+from ematwin.numerics.linear_algebra import bounded_squares
+from ematwin.numerics.side_by_side import side_by_side
+
+_REGRESSIONS = 10  # at most; mostly six
+_FIRST = 0.3  # of what is known beforehand: as far as the first one looks
+_SHARES = (0.0, 1.0, 0.5, 0.25, 0.1)  # of a step to what a regression promises
+_SHORTEST, _LONGEST = 1e-4, 0.2  # of a coordinate: within less, jumps and ripple decide
+
+
+class Regression(MotionFit):
+    """A fit by statistical linear regression, with what is known so far as ``information``."""
+
+    def regressed(self, z: np.ndarray, most: float = math.inf) -> tuple[np.ndarray, float]:
+        """Coordinates (1, d) nearer to least squares, and how far those are.
+
+        The latter in squared standard deviations. Residuals and their slopes are regressed on
+        points around, as far as the unknowns are known (statistical linear regression; Lefebvre,
+        Bruyninckx and De Schutter 2002, IEEE Trans. Autom. Control 47(8), 1406-1408). Each point
+        changes all of them, by an orthogonal design and its mirror image, so that jumps average
+        over all points (Plackett and Burman 1946, Biometrika 33, 305-325), and what stays of them
+        counts as noise. `TooFarError` as of `descended`.
+        """
+        chart, free = self._problem.chart, self._free
+        lower, upper = chart.lower[free], chart.upper[free]
+        here, (same, asked) = self.residuals(z), self._known_slopes(z)
+        beside = self._around(z)
+        points, moved = chart.to_values(beside), (beside - z)[:, free]
+        every = range(len(self._every))
+        lefts = side_by_side(lambda point: [self._scaled(n, point) for n in every], points)
+        slopes = np.zeros((free.size, here.size))
+        for n, (part, mine, some) in enumerate(zip(self._parts, same, asked, strict=True)):
+            changed = moved.copy()
+            for pivot, one in mine.items():
+                changed += np.outer(moved[:, np.searchsorted(free, pivot)], one.same[free])
+            stable = [m for m, left in enumerate(lefts) if left[n] is not None]
+            factors = np.column_stack([np.ones(len(stable)), changed[stable][:, some]])
+            left = np.array([lefts[m][n] for m in stable])
+            found = np.linalg.lstsq(factors, left, rcond=1e-12)[0]
+            here[part], slopes[some, part] = found[0], found[1:]
+            freedom = max(1, len(stable) - len(found))
+            rough = float(np.linalg.norm(left - factors @ found)) / math.sqrt(freedom)
+            self._scatters[n] = rough / self._scales[n]
+        self._last = here, self._with_known(slopes, z, here, same)
+        self._weigh()
+        here, slopes = self._last
+        weights = np.ones(here.size)
+        for n, part in enumerate(self._parts):
+            rough = self._scales[n] * self._scatters[n]
+            weights[part] = 1.0 / math.hypot(
+                1.0, rough / math.sqrt(self._remainders[n].independent)
+            )
+        self._learn(weights * slopes)
+        step = np.zeros(z.shape[1])
+        step[free] = bounded_squares(
+            (weights * slopes).T, -weights * here, lower - z[0, free], upper - z[0, free]
+        )
+        change = step[free] @ slopes
+        cost, least = float(here @ here), float(np.sum((here + change) ** 2))
+        if cost - 2.0 * (cost - least) > most:
+            raise TooFarError
+        tried = [chart.project(z + share * step) for share in _SHARES]
+        best = int(np.argmin([np.sum(self.residuals(one) ** 2) for one in tried]))
+        if best == 0:  # slopes do not hold so far: the next look half as far
+            self._learn(weights * slopes / _SHARES[2])
+        self._last = here + _SHARES[best] * change, slopes
+        return tried[best], float(change @ change)
+
+    def _around(self, z: np.ndarray) -> np.ndarray:
+        """(N, d), points around coordinates (1, d), as far as the information says."""
+        assert self.information is not None
+        chart, free = self._problem.chart, self._free
+        ways = principal(
+            self.information[np.ix_(free, free)], z[0, free], chart.lower[free], chart.upper[free],
+            longest=_LONGEST, shortest=_SHORTEST,
+        )  # fmt: skip
+        count = free.size + 2
+        random = np.random.default_rng(0).standard_normal((count, free.size))
+        design = math.sqrt(count) * np.linalg.qr(random)[0]
+        beside = np.tile(z, (2 * count, 1))
+        beside[:, free] += np.vstack([design, -design]) @ ways
+        return chart.project(beside)
+
+
+def followed(
+    model: Model,
+    actuator: ParameterSet,
+    problem: Problem,
+    z: np.ndarray,
+    every: Sequence[Along],
+    most: float,
+    like: Problem | None,
+) -> tuple[Problem, Information, np.ndarray] | None:
+    """The problem, what equations tell along motions that follow from estimates, and these (1, d).
+
+    From coordinates (1, d); arguments are else as of `ematwin.estimation.along_motion.informed`.
+    None where loops would be unstable at the start.
+    """
+    remainders = {} if like is None or like.information is None else like.information.remainders
+    aliases = partial(model.aliases, actuator)
+    width = _known_so_far(model, actuator, problem, z, like) / _FIRST**2
+
+    def fit_with(width: np.ndarray) -> Regression:
+        return Regression(actuator, problem, every, remainders, aliases, (), width)
+
+    before = math.inf
+    for _ in range(_REGRESSIONS):
+        values = values_at(problem, z)
+        every = [along.at(values[along.recording], remainders) for along in every]
+        fit = fit_with(width)
+        if not np.isfinite(fit.residuals(z)).all():
+            return None
+        z, moved = fit.regressed(z, most)
+        assert fit.information is not None
+        width, gained = fit.information, before - fit.cost
+        # beside another problem noise is the same each time
+        if moved < WORTH or (like is not None and gained < WORTH):
+            break
+        before = fit.cost
+    if like is None and fit.finds_first_samples(z):
+        problem = problem.sampled_first(fit.first_samples)
+        fit = fit_with(width)
+        z, _ = fit.regressed(z, most)
+    if like is not None and fit.counts_more():
+        z, _ = fit.regressed(z, most)
+    return problem, fit.evidence(z), z
+
+
+def _known_so_far(
+    model: Model, actuator: ParameterSet, problem: Problem, z: np.ndarray, like: Problem | None
+) -> np.ndarray:
+    """(d, d), inverse covariance at coordinates (1, d): of priors, and of a search or ``like``."""
+    step = 1e-3  # priors are smooth
+    points = problem.chart.to_values(np.vstack([z, z + step * np.eye(z.shape[1])]))
+    here, *beside = problem.prior_distances(points) / problem.noise
+    slopes = (np.array(beside) - here) / step
+    found = slopes @ slopes.T
+    faults = {one.name for one in model.faults(actuator)}
+    for n in range(len(problem.comparisons)):
+        places = [place for name, place in problem.places(n).items() if name in faults]
+        found[places, places] += SMALLEST**-2
+    if like is not None and (known := like.information) is not None:
+        names = [one.name for one in known.chart.unknowns]
+        own = [n for n, name in enumerate(names) if name in problem.names]
+        places = [problem.names.index(names[n]) for n in own]
+        found[np.ix_(places, places)] += (known.root.T @ known.root)[np.ix_(own, own)]
+    return np.asarray(found)
