@@ -52,6 +52,13 @@ def test_table_for_people_names_value_and_healthy_value(done, folder: Path) -> N
     assert "simulations in" in answer.out
 
 
+def test_a_verdict_names_options_and_not_arguments(done, tmp_path, record) -> None:
+    library.write(record.changed(load=None), tmp_path / "bare.parquet")
+    answer = done("identify", "bare.parquet", "--exact")
+    assert "Record it, or say what it was (--load 0 if there was none)." in answer.out
+    assert "load=0" not in answer.out
+
+
 def test_algorithms_are_listed_with_their_sources(ematwin, done) -> None:
     listed = {row["name"]: row for row in done("algorithms", "--json").told}
     assert {"multistart", "ga", "pso", "de", "gwo", "da", "woa", "cma"} <= set(listed)

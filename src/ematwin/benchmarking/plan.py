@@ -22,7 +22,7 @@ from ematwin.errors import InputError
 from ematwin.estimation.search import expanded, named
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Profile, Scenario
-from ematwin.models.simulating import check_seed
+from ematwin.models.simulating import check_count
 from ematwin.optimizers.base import whole_number
 from ematwin.recordings.noise import Noise
 
@@ -100,7 +100,7 @@ class Plan:
         for name in ("runs", "population", "iterations"):
             count = whole_number(getattr(self, name), f"number of {name}", 1)
             object.__setattr__(self, name, count)
-        check_seed(self.seed)
+        check_count("seed", self.seed, 0)
         if self.box not in ("plain", "remapped"):
             raise InputError(f"There is no box {self.box!r}; choose plain or remapped.")
         subject = Subject.of(self.actuator)

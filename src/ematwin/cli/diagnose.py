@@ -172,7 +172,7 @@ def print_findings(found: "ematwin.Identification") -> None:
     from ematwin.report.identification import uncertainty_table
     from ematwin.report.page import Row, Table
 
-    typer.echo(f"{found.verdict.sentence}\n")
+    typer.echo(f"{answers.for_shell(found.verdict.sentence)}\n")
     header = ["fault", "value", "95 % interval", "healthy", "k", "meaning"]
     rows = [
         Row([r.name, r.value, r.interval, r.healthy, r.k, r.meaning], r.name in found.present)
@@ -193,7 +193,7 @@ def print_findings(found: "ematwin.Identification") -> None:
     if (sure := found.uncertainty) is not None:
         answers.print_table(f"95 % by {sure.method}", uncertainty_table(sure))
         for sentence in sure.sentences:
-            typer.echo(sentence)
+            typer.echo(answers.for_shell(sentence))
         answers.print_notes("Doubt", sure.doubts)
     answers.print_notes("Assumed", found.assumed)
     answers.print_notes("Warning", found.warnings)
@@ -295,6 +295,6 @@ def _print_verdicts(found: Any, each: str) -> None:
     answers.print_table("", verdict_table(rows, what, list(telling)), width=200)
     if found.by_run and not found.is_named:
         typer.echo(counted(found.motions, "motions"))
-    typer.echo(found.sentence)
+    typer.echo(answers.for_shell(found.sentence))
     answers.print_notes("Why", gathered_reasons(rows))
     answers.print_notes("Note", gathered_notes(rows))

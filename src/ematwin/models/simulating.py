@@ -138,7 +138,7 @@ def simulate(
         raise InputError(
             f'Faults are values by name, such as {{"friction": 0.25}}; received {faults!r}.'
         )
-    check_seed(seed)
+    check_count("seed", seed, 0)
     more = tuple(dict.fromkeys([also] if isinstance(also, str) else also))
     unknown = [name for name in more if name not in kind.on_request]
     if unknown:
@@ -154,7 +154,7 @@ def simulate(
         )  # fmt: skip
 
 
-def check_seed(seed: int) -> None:
-    """Raise `InputError` unless ``seed`` is a whole number of at least 0."""
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
-        raise InputError(f"A seed must be a whole number of at least 0, received {seed!r}.")
+def check_count(name: str, count: int, least: int) -> None:
+    """Raise `InputError` unless the argument of that name is a whole number of at least this."""
+    if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < least:
+        raise InputError(f"{name} must be a whole number of at least {least}, received {count!r}.")

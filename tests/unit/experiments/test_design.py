@@ -194,7 +194,8 @@ def test_another_kind_and_a_data_sheet_are_designed_for_alike():
         ({"current": 0.01}, "No command of servo48 keeps the limits"),
         ({"travel": 1e-5}, "No command of servo48 keeps the limits"),
         ({"scenario": "out-and-back"}, "no scenario 'out-and-back'"),
-        ({"draws": 0}, "draws must be at least 1"),
+        ({"draws": 0}, "draws must be a whole number of at least 1"),
+        ({"draws": 2.5}, "draws must be a whole number of at least 1, received 2.5"),
         ({"seed": -1}, "seed must be a whole number of at least 0"),
     ],
 )

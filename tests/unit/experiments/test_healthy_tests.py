@@ -128,7 +128,7 @@ def test_a_calibration_counts_as_known(boat, proposed):
 
 
 def test_bad_input_is_refused(boat):
-    with pytest.raises(InputError, match="tests must be at least 1, received 0"):
+    with pytest.raises(InputError, match="tests must be a whole number of at least 1, received 0"):
         ematwin.healthy_tests(boat, tests=0)
     with pytest.raises(InputError, match="no limit 'force' for the kind boat; choose of thrust"):
         ematwin.healthy_tests(boat, force=1.0)
