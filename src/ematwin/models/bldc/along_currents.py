@@ -263,7 +263,8 @@ class Masses:
             angles = [x * self._usual.output for x in _DOUBT]
             best, _ = best_of([Noise(best.noise.density, x) for x in angles], [values])
             best, _ = best_of([Noise(x.density, best.noise.output) for x in densities], [values])
-        if self._currents.shape[1] == 1:
+        if self._currents.shape[1] == 1 and best.noise.density <= _NEAR * self._usual.density:
+            # such a motion tells turns better than that near which it was
             moved = best.moved(actuator, begins).motor
             best = best._with(_seen=self._every.placed(moved, self._seen.near))
         best.begins = {name: x for name, x in begins.items() if x != values.get(name)}
@@ -296,8 +297,7 @@ class Masses:
         noise = math.sqrt(max(0.0, self.noise.density - self._usual.density) / self._whole)
         if self._output is None or not self._seen.when.size:
             return noise
-        alone = self._with(_output=None).at(actuator, values)
-        moved = alone.moved(actuator, {**values, **alone.begins}).output
+        moved = self._with(noise=Noise(self.noise.density)).moved(actuator, values).output
         some = slice(int(self._seen.when[-1]))  # beyond, nothing shows where they are
         return max(noise, float(np.std((self._output - moved)[some])) / _ASTRAY)
 
