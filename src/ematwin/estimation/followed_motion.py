@@ -55,6 +55,8 @@ class Regression(MotionFit):
             for pivot, one in mine.items():
                 changed += np.outer(moved[:, np.searchsorted(free, pivot)], one.same[free])
             stable = [m for m, left in enumerate(lefts) if left[n] is not None]
+            if len(stable) <= some.size + 1:  # beside this point a loop is unstable
+                continue
             factors = np.column_stack([np.ones(len(stable)), changed[stable][:, some]])
             left = np.array([lefts[m][n] for m in stable])
             found = np.linalg.lstsq(factors, left, rcond=1e-12)[0]
