@@ -4,10 +4,10 @@ Nothing is fed back by the controller: the torque of the recorded currents moves
 each of the `commutations`, and the output's angle where that was recorded, corrects angle and speed
 by a Kalman filter (Kalman 1960, J. Basic Eng. 82, 35-45), so that a torque that is a little wrong
 does not add up. The angle that was seen less the one expected, in standard deviations, is white if
-the actuator is right. These innovations are
-the residual of the mechanics (prediction-error method; Ljung 1999, System Identification, section
-3.2). How noisy the acceleration is follows from them by maximum likelihood (Mehra 1970, IEEE Trans.
-Autom. Control 15(2), 175-184): where the actuator is known badly, the filter trusts it less.
+the actuator is right. These innovations are the residual of the mechanics (prediction-error method;
+Ljung 1999, System Identification, section 3.2). How noisy the acceleration is follows from them by
+maximum likelihood (Mehra 1970, IEEE Trans. Autom. Control 15(2), 175-184): where the actuator is
+known badly, the filter trusts it less.
 """
 
 import copy
@@ -92,11 +92,7 @@ def masses_along(  # type: ignore[no-untyped-def]
     """
     fault = fault_state(k, c.half_gap)
     theta_m, w_m, theta_o, w_o = state[0], 0.0, state[0], 0.0
-    of_angle, of_both, of_speed = (
-        state[1] ** 2,
-        0.0,
-        0.0,
-    )  # the covariance, of both while they touch
+    of_angle, of_both, of_speed = state[1] ** 2, 0.0, 0.0  # the covariance of both
     # of an output in the gap
     own_angle, own_both, own_speed = of_angle, 0.0, 0.0
     bent_m, bent_o, last, own_last, j, e = 0.0, 0.0, 0.0, 0.0, 0, 0
