@@ -315,10 +315,11 @@ def test_parts_are_merged_and_read_the_same(tmp_path):
 
 def test_a_serial_number_leads_nowhere_else(tmp_path):
     store = FleetStore(tmp_path / "fleet")
-    for serial in ("..", "../x", "a.b", "[a]*", "/"):
+    serials = ["..", "../x", "a.b", "[a]*", "/"]
+    for serial in serials:
         row = row_of(serial, END, content=serial, motion=0, twin="t", kind="k", grade="healthy")
         store.add([row])
-        assert store.rows(serial)["serial_number"].to_pylist() == [serial]
+    assert store.rows()["serial_number"].to_pylist() == sorted(serials)
     assert all(path.parent.parent == tmp_path / "fleet" / "rows"
                for path in tmp_path.rglob("*.parquet"))  # fmt: skip
 

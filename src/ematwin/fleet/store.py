@@ -107,14 +107,13 @@ class FleetStore:
         for serial, several in by.items():
             self._write(serial, pa.Table.from_pylist(several, schema=SCHEMA))
 
-    def rows(self, serial_number: str | None = None) -> pa.Table:
-        """The rows of all actuators or of one, by serial number and time; each recording once.
+    def rows(self) -> pa.Table:
+        """The rows of all actuators by serial number and time; each recording once.
 
         A recording that several twins have judged has the latest judgement. A file that was judged
         while it was still written counts as it is now.
         """
-        whole = pa.concat_tables([SCHEMA.empty_table(), *self._kept(serial_number)])
-        whole = whole.sort_by("judged")
+        whole = pa.concat_tables([SCHEMA.empty_table(), *self._kept()]).sort_by("judged")
         keys = zip(whole["content"].to_pylist(), whole["motion"].to_pylist(), strict=True)
         latest = {key: n for n, key in enumerate(keys)}  # of several judgements the last
         whole = whole.take(pa.array(sorted(latest.values()), pa.int64()))
@@ -147,10 +146,9 @@ class FleetStore:
         """Whether somebody has kept these rows meanwhile."""
         return self._part(serial_number, ids).exists()
 
-    def _kept(self, serial_number: str | None) -> list[pa.Table]:
-        """All rows that are kept, of all actuators or of one."""
-        inside = "*" if serial_number is None else _folder_name(serial_number)
-        return list(_parts(sorted((self.folder / "rows").glob(f"{inside}/[!.]*.parquet"))))
+    def _kept(self) -> list[pa.Table]:
+        """All rows that are kept."""
+        return list(_parts(sorted((self.folder / "rows").glob("*/[!.]*.parquet"))))
 
     def _part(self, serial: str, ids: Iterable[str]) -> Path:
         folder = self.folder / "rows" / _folder_name(serial)

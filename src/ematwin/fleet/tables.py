@@ -79,10 +79,8 @@ class TableStore(FleetStore):
         self._insert(self._twins, [{"id": fingerprint, "body": body}])
         return fingerprint
 
-    def _kept(self, serial_number: str | None) -> list[pa.Table]:
+    def _kept(self) -> list[pa.Table]:
         query = select(self._rows)
-        if serial_number is not None:
-            query = query.where(self._rows.c.serial_number == serial_number)
         found = self._database.read(lambda c: [dict(row._mapping) for row in c.execute(query)])
         return [pa.Table.from_pylist(found, schema=SCHEMA)]
 
