@@ -47,16 +47,10 @@ class FleetActuator:
         self.fleet, self.serial_number, self.rows = fleet, serial_number, rows
         self._withdrawn = {one["entry"] for one in events if one["what"] == "withdrawn"}
         self.history: list[dict[str, Any]] = []
-        steps: dict[str, str] = {}
+        self.events: list[dict[str, Any]] = []
+        self._before: dict[str, Before] = {}  # by magnitude, when its alarm was last looked at
         for one in events:
-            if one["what"] == "alarm":
-                if steps.get(one["magnitude"], "none") == one["step"]:
-                    continue  # another watcher had noted it already
-                steps[one["magnitude"]] = one["step"]
-            elif one["what"] == "overhaul" and one["id"] not in self._withdrawn:
-                steps.clear()
-            self.history.append(one)
-        self.events = [one for one in self.history if one["id"] not in self._withdrawn]
+            self._take(one)
         self.kind = str(self.rows[-1]["kind"])  # of its latest twin
         self._trends: dict[str, Trend] = {}
         self._lives: dict[str, Life] = {}
@@ -174,24 +168,27 @@ class FleetActuator:
             )  # fmt: skip
         return self._lives[name]
 
-    def before(self, name: str) -> Before | None:
-        """The step that the alarm of a magnitude had when it was last looked at."""
-        held: Before | None = None
-        for one in self.events:
-            if one["what"] == "overhaul":
-                held = None
-            elif one["what"] == "alarm" and one["magnitude"] == name:
-                at, cleared = years(one["time"]), -math.inf if held is None else held.cleared
-                held = Before(one["step"], at, at if one["step"] == "none" else cleared)
-        return held
+    def _take(self, event: dict[str, Any]) -> None:
+        """Take an event into the history, but an alarm that another watcher had noted already."""
+        if event["what"] == "alarm":
+            name, step, at = event["magnitude"], event["step"], years(event["time"])
+            held = self._before.get(name, Before("none", at))
+            if step == held.step:
+                return
+            self._before[name] = Before(step, at, at if step == "none" else held.cleared)
+        elif event["what"] == "overhaul" and event["id"] not in self._withdrawn:
+            self._before.clear()
+        self.history.append(event)
+        if event["id"] not in self._withdrawn:
+            self.events.append(event)
 
     def alarms(self) -> dict[str, Alarm]:
         """The alarm of each magnitude, also those that are none."""
-        moment, found = years(self.fleet.now), {}
+        moment, found, count = years(self.fleet.now), {}, len(self.magnitudes)
         for name in self.magnitudes:
             alarm = judge(
                 self.trend(name), self.life_left(name), moment, self.fleet.policy,
-                unknown=self.unknown(name), count=len(self.magnitudes), before=self.before(name),
+                unknown=self.unknown(name), count=count, before=self._before.get(name),
             )  # fmt: skip
             seen = [one for one in self.events if one.get("magnitude") == name]
             since = [e["what"] for e in seen if years(e["time"]) >= alarm.since - 1e-9]
@@ -207,12 +204,11 @@ class FleetActuator:
         """Keep its alarms that have changed in the store; gives these."""
         changed = []
         for name, alarm in self.alarms().items():
-            before = self.before(name)
+            before = self._before.get(name)
             if alarm.step != ("none" if before is None else before.step):
                 told = {"magnitude": name, "step": alarm.step, "why": alarm.why}
                 noted = self.fleet.store.note(self.serial_number, "alarm", self.fleet.now, **told)
-                self.history.append(noted)
-                self.events.append(noted)
+                self._take(noted)
                 changed.append({"serial_number": self.serial_number, **told})
         return changed
 

@@ -76,7 +76,7 @@ class Before(NamedTuple):
 
     step: Step
     since: float
-    cleared: float
+    cleared: float = -math.inf
 
 
 def exceeding(one: Trend, unknown: Any) -> float:
@@ -97,8 +97,7 @@ def judge(
 
     ``life`` lasts until its limit, None where none is stated; ``before`` is the step it had.
     """
-    probability = exceeding(one, unknown)
-    held = before or Before("none", moment, -math.inf)
+    probability, held = exceeding(one, unknown), before or Before("none", moment)
     certain = 1.0 - policy.false_alarms / count
     present = probability >= certain or (held.step != "none" and probability >= 0.5)
     if held.step == "none" and moment - held.cleared < _AGAIN and (
