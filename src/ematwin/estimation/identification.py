@@ -186,7 +186,7 @@ class Identification:
 
     def report(self, path: str | Path) -> None:
         """Write its page (.html), which holds all that it shows."""
-        page_written(self, path, "identification:identification_page")
+        page_written(self, path, "report.identification:identification_page")
 
     def _repr_html_(self) -> str:
         """The verdict, then the faults, in a notebook."""

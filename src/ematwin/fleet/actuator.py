@@ -14,13 +14,13 @@ from scipy.optimize import brentq
 
 from ematwin.errors import InputError
 from ematwin.estimation.thresholds import thresholds_of
-from ematwin.files import check_target, write_text
 from ematwin.fleet.alarms import STEPS, Alarm, Before, by_urgency, judge
 from ematwin.fleet.life import Life, Requirement, job_left, life_left, sooner
 from ematwin.fleet.store import moment_of, years
 from ematwin.fleet.trend import Series, Trend, trend
 from ematwin.models.unknown import Unknown
 from ematwin.monitoring.calibration import Calibration
+from ematwin.showing.results import page_written
 
 if TYPE_CHECKING:
     from ematwin.fleet.fleet import Fleet
@@ -336,10 +336,7 @@ class FleetActuator:
 
     def report(self, path: str | Path) -> None:
         """Write its page (.html), which holds all that it shows."""
-        from ematwin.fleet.pages import actuator_page
-
-        check_target(Path(path), (".html",))
-        write_text(path, actuator_page(self))
+        page_written(self, path, "fleet.pages:actuator_page")
 
     def __repr__(self) -> str:
         since, last = self.rows[0]["time"], self.rows[-1]["time"]

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from ematwin.errors import EmatwinError, InputError, MissingExtraError
-from ematwin.files import check_target, write_text
+from ematwin.files import check_target
 from ematwin.fleet.actuator import FleetActuator
 from ematwin.fleet.alarms import Policy
 from ematwin.fleet.learning import learn
@@ -24,6 +24,7 @@ from ematwin.fleet.life import Requirement, process_of
 from ematwin.fleet.store import SET_ASIDE, FleetStore, moment_of, settings_in
 from ematwin.fleet.trend import Wear
 from ematwin.quantities import parse_quantity
+from ematwin.showing.results import page_written
 
 _SETTINGS = ("limits", "alarms", "requirement", "serial_number", "store")
 
@@ -186,10 +187,7 @@ class Fleet:
 
     def report(self, path: str | Path) -> None:
         """Write the page of the fleet (.html), which holds all that it shows."""
-        from ematwin.fleet.pages import fleet_page
-
-        check_target(Path(path), (".html",))
-        write_text(path, fleet_page(self))
+        page_written(self, path, "fleet.pages:fleet_page")
 
 
 def settings_of(

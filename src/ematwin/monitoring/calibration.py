@@ -250,7 +250,7 @@ class CalibrationReport:
 
     def report(self, path: str | Path) -> None:
         """Write its page (.html), which holds all that it shows."""
-        page_written(self, path, "calibration:calibration_page")
+        page_written(self, path, "report.calibration:calibration_page")
 
     def save(self, path: str | Path) -> None:
         """Write the calibrated actuator as a TOML file, with the sources of its parameters."""

@@ -172,10 +172,8 @@ class Diagnosis:
     def _repr_html_(self) -> str:
         """The verdict, then the magnitudes, in a notebook."""
         rows = [(m.name, str(m), m.healthy_text) for m in self.magnitudes]
-        said, header = (
-            f"{self.title}: {self.verdict.sentence}",
-            ("quantity", "value (95 %)", "healthy"),
-        )
+        header = ("quantity", "value (95 %)", "healthy")
+        said = f"{self.title}: {self.verdict.sentence}"
         return html(said, header, rows, self.notes, grade=self.grade)
 
     def as_dict(self) -> dict[str, object]:
@@ -298,7 +296,7 @@ class Detection:
 
     def report(self, path: str | Path) -> None:
         """Write its page (.html), which holds all that it shows."""
-        page_written(self, path, "detection:detection_page")
+        page_written(self, path, "report.detection:detection_page")
 
     def each(self, each: str) -> tuple[Diagnosis, ...]:
         """Diagnoses of each "run" or of each "motion"."""

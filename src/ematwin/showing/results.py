@@ -62,10 +62,10 @@ def drawn(result: Any, kind: str, functions: Mapping[str, str], *settings: Any) 
 
 
 def page_written(result: Any, path: str | Path, function: str) -> None:
-    """Write the page of a result, by the ``function`` "module:name" of `ematwin.report`."""
+    """Write the page of a result, by the ``function`` "module:name" of this package."""
     check_target(Path(path), (".html",))
     module, _, name = function.partition(":")
-    write_text(path, getattr(import_module(f"ematwin.report.{module}"), name)(result))
+    write_text(path, getattr(import_module(f"ematwin.{module}"), name)(result))
 
 
 # Colours that are read on a white page and on a black one.
