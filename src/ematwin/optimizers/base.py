@@ -238,9 +238,22 @@ class PopulationOptimizer(Optimizer):
         """Take in the costs of the batch, or of its leading rows."""
         if self._pending is None:
             raise InputError("tell() without a batch to answer: call ask() first.")
-        known = checked_costs(self._pending, points, costs)
-        self.points = self._pending
-        self._learn(self.points, known)
+        asked, given = self._pending, np.asarray(points, dtype=np.float64)
+        values, rows = np.asarray(costs, dtype=np.float64), len(given)
+        if given.size == 0 or given.ndim != 2 or not np.array_equal(given, asked[:rows]):
+            raise InputError(
+                f"tell() takes the batch of shape {asked.shape} or its first rows, unchanged and "
+                f"in order, received other points, of shape {given.shape}."
+            )
+        if values.shape != (rows,):
+            raise InputError(
+                f"tell() takes one cost per point: {rows} points came with costs of "
+                f"shape {values.shape}."
+            )
+        known = np.full(len(asked), np.inf)
+        known[:rows] = np.where(np.isfinite(values), values, np.inf)
+        self.points = asked
+        self._learn(asked, known)
         self._pending = None
         self.iteration += 1
 
@@ -269,26 +282,6 @@ class RandomSearch(PopulationOptimizer):
 
     def _move(self) -> FloatArray:
         return self._start()
-
-
-def checked_costs(asked: FloatArray, points: FloatArray, costs: FloatArray) -> FloatArray:
-    """Costs of a whole batch, with +inf for costs that are not finite and rows not evaluated."""
-    given = np.asarray(points, dtype=np.float64)
-    values = np.asarray(costs, dtype=np.float64)
-    if given.size == 0 or given.ndim != 2 or not np.array_equal(given, asked[: len(given)]):
-        raise InputError(
-            f"tell() takes the batch of shape {asked.shape} or its first rows, unchanged and in "
-            f"order, received other points, of shape {given.shape}."
-        )
-    rows = len(given)
-    if values.shape != (rows,):
-        raise InputError(
-            f"tell() takes one cost per point: {rows} points came with costs of "
-            f"shape {values.shape}."
-        )
-    whole = np.full(len(asked), np.inf)
-    whole[:rows] = np.where(np.isfinite(values), values, np.inf)
-    return whole
 
 
 def whole_number(value: object, name: str, least: int) -> int:
