@@ -28,7 +28,9 @@ def screw_run(found, run=0, **injected):
         scenario={"name": "out-and-back"}, model="twin",
     )  # fmt: skip
     values = SCREW.vector(found)
-    err = SCREW.error_percent(SCREW.values(values), SCREW.values(of.faults))
+    faults = SCREW.model.faults(SCREW.actuator)
+    pair = SCREW.values(values), SCREW.values(of.faults)
+    err = SCREW.model.study.error_percent(faults, *pair)
     return Run(of, "done", values, 1.0, 0.1, err, err, 100, 1.0, 1.0, pack([100], [1.0]), "budget")
 
 

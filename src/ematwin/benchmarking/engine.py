@@ -145,7 +145,7 @@ class LocalEngine(Engine):
                 if spec is None:
                     return None
                 began = time.monotonic()
-                return process.do(execute, spec, self._limit, self.name)
+                return process.submitted(execute, spec, self._limit, self.name).result()
             except BrokenExecutor as error:
                 now = time.monotonic()
                 # loky names the signal that ended a process; the watchdog exits without one
@@ -187,14 +187,11 @@ class _Process:
                     initargs=(os.getpid(), registered(), registered_models()),
                 )  # fmt: skip
                 # a run's clock starts when it is asked for: somebody must be there
-                ready = self._submitted(warm_up)
+                ready = self.submitted(warm_up)
             ready.result()
 
-    def do(self, function: Any, *arguments: Any) -> Any:
-        """Let the process do something, and give its answer."""
-        return self._submitted(function, *arguments).result()
-
-    def _submitted(self, function: Any, *arguments: Any) -> Any:
+    def submitted(self, function: Any, *arguments: Any) -> Any:
+        """Let the process do something; gives the future of its answer."""
         try:
             return self._pool.submit(function, *arguments)
         except (RuntimeError, OSError) as error:  # it died while it was idle

@@ -85,11 +85,13 @@ def execute(spec: RunSpec, time_limit: float | None = None, engine: str = "none"
         kind = "" if isinstance(error, EmatwinError) else f"{type(error).__name__}: "
         return result("failed", f"{kind}{error}")
     pair = subject.values(found.point), subject.values(spec.faults)
+    study, faults = subject.model.study, subject.model.faults(subject.actuator)
     clock.evaluations = found.evaluations
     return result(
         "done", str(found.stopped), faults=tuple(found.point.tolist()), cost=float(found.cost),
         relative_misfit=problem.relative_misfit(found.cost),
-        err=subject.error_percent(*pair), err_wrapped=subject.error_percent(*pair, wrapped=True),
+        err=study.error_percent(faults, *pair),
+        err_wrapped=study.error_percent(faults, *pair, wrapped=True),
         history=pack(*found.history.T),
     )  # fmt: skip
 

@@ -48,13 +48,6 @@ class Subject(HasUnknowns):
         """Named faults of the kind's own."""
         return self.model.study.cases(self.model.faults(self.actuator))
 
-    def error_percent(
-        self, found: Mapping[str, float], injected: Mapping[str, float], *, wrapped: bool = False
-    ) -> float:
-        """How far values are from those injected; ``wrapped`` takes directions as angles."""
-        faults = self.model.faults(self.actuator)
-        return self.model.study.error_percent(faults, found, injected, wrapped=wrapped)
-
     @classmethod
     def stored(cls, values: Mapping[str, Any]) -> "Subject":
         """The subject of plain values (`plain`); without ``kind`` they are of the default kind."""
