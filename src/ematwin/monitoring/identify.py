@@ -235,11 +235,7 @@ def detect(
                 "Calibrate with three healthy runs or more, or ask ematwin identify."
             )
     with told(progress, "judging") as show:
-
-        def tell(done: int, cost: float, count: int) -> None:
-            if show is not None:
-                show(done / count)
-
+        tell = None if show is None else lambda done, _, count: show(done / count)
         return _judged(groups, tell, load, threads=threads)
 
 

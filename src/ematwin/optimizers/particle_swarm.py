@@ -107,12 +107,6 @@ class Coefficients:
     # what ``inertia`` falls to, evenly over the iterations; None: it stays
     last_inertia: float | None = None
 
-    def inertia_at(self, progress: float) -> float:
-        """Give the inertia when a share ``progress``, 0 to 1, of the iterations has gone."""
-        if self.last_inertia is None:
-            return self.inertia
-        return self.inertia + progress * (self.last_inertia - self.inertia)
-
 
 _WEIGHT = 0.5 + float(np.log(2.0))
 STANDARD_2006 = Coefficients(
@@ -187,8 +181,11 @@ class ParticleSwarm(PopulationOptimizer):
         progress = min(self.iteration / self.iterations, 1.0)
         g = p[self.topology.informants(self.best_costs, progress)]
         r1, r2 = self.rng.random((2, *x.shape))
+        inertia = weights.inertia
+        if weights.last_inertia is not None:
+            inertia += progress * (weights.last_inertia - inertia)
         v = (
-            weights.inertia_at(progress) * self._velocity
+            inertia * self._velocity
             + weights.own * r1 * (p - x)
             + weights.neighbours * r2 * (g - x)
         )

@@ -69,17 +69,13 @@ class Bench:
                 drawn = {place: math.sqrt(x * own.value(place)) for place, x in drawn.items()}
         return self
 
-    def nuisances(self, random: np.random.Generator) -> dict[str, float]:
-        """Nuisances as their priors have them."""
-        return _drawn(self.unknowns, random)
-
     def as_recorded(self, recording: Recording, random: np.random.Generator) -> Recording:
         """The recording by sensors as their priors have them, with white noise of 1 % of its RMS.
 
         Of the compared channels.
         """
         known = {n: recording.channels[n] for n in self.model.outputs if n in recording.channels}
-        drawn = _drawn(self.model.sensors(self.actuator), random)
+        drawn = nuisances(self.model.sensors(self.actuator), random)
         seen = as_sensed(
             {name: values[None] for name, values in known.items()},
             {name: np.array([value]) for name, value in drawn.items()},
@@ -91,7 +87,7 @@ class Bench:
         })  # fmt: skip
 
 
-def _drawn(unknowns: Iterable[Unknown], random: np.random.Generator) -> dict[str, float]:
+def nuisances(unknowns: Iterable[Unknown], random: np.random.Generator) -> dict[str, float]:
     """Values of nuisances as their priors have them."""
     found = {}
     for one in unknowns:

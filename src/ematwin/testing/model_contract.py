@@ -29,7 +29,7 @@ from ematwin.models.simulating import simulate
 from ematwin.monitoring.identify import identify
 from ematwin.recordings.noise import Noise
 from ematwin.testing.declaration_contract import DeclarationContract
-from ematwin.testing.draws import Bench, at_most, towards
+from ematwin.testing.draws import Bench, at_most, nuisances, towards
 
 
 class ModelContract(DeclarationContract):
@@ -245,7 +245,7 @@ class ModelContract(DeclarationContract):
             if n % 2 == 0:
                 worn = unit.magnitudes[n // 2 % len(unit.magnitudes)]
                 fault = {worn.name: towards(worn, random.uniform(0.3, 0.7))}
-            recording = unit.simulated(**{**unit.nuisances(random), **fault})
+            recording = unit.simulated(**{**nuisances(unit.unknowns, random), **fault})
             try:
                 found = identify(unit.as_recorded(recording, random), bench.actuator)
             except RecordError as refusal:
