@@ -22,7 +22,6 @@ from ematwin.errors import InputError
 from ematwin.estimation.search import expanded, named
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Profile, Scenario
-from ematwin.models.simulating import check_count
 from ematwin.optimizers.base import whole_number
 from ematwin.recordings.noise import Noise
 
@@ -97,10 +96,9 @@ class Plan:
     scenario: Scenario | str | None = None  # of the recordings; None takes the default of the kind
 
     def __post_init__(self) -> None:
-        for name in ("runs", "population", "iterations"):
-            count = whole_number(getattr(self, name), f"number of {name}", 1)
+        for name, least in {"runs": 1, "population": 1, "iterations": 1, "seed": 0}.items():
+            count = whole_number(getattr(self, name), name, least)
             object.__setattr__(self, name, count)
-        check_count("seed", self.seed, 0)
         if self.box not in ("plain", "remapped"):
             raise InputError(f"There is no box {self.box!r}; choose plain or remapped.")
         subject = Subject.of(self.actuator)

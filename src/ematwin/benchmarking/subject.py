@@ -140,7 +140,7 @@ def cases_of(
     if given in ("own", "paper"):
         return _checked(subject.cases(), subject)
     if given == "multi":
-        count = whole_number(50 if count is None else count, "number of cases", 1)
+        count = whole_number(50 if count is None else count, "The number of cases", 1)
         return {f"Multi {n + 1:03d}": _random_vector(subject, seed, n) for n in range(count)}
     path = Path(given)
     if not (given.lower().endswith(".toml") or path.is_file()):

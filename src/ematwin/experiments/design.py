@@ -39,7 +39,7 @@ from ematwin.experiments.experiment import BEYOND, Experiment, excess
 from ematwin.experiments.identifiability import identifiability
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Scenario
-from ematwin.models.simulating import check_count
+from ematwin.optimizers.base import whole_number
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 from ematwin.showing.results import drawn, plain
@@ -246,7 +246,7 @@ def design(
     """
     started = time.perf_counter()
     for name, count, least in (("draws", draws, 1), ("fresh", fresh, 1), ("trials", trials, 0)):
-        check_count(name, count, least)
+        whole_number(count, name, least)
     experiment, held = Experiment.of(
         actuator, exact=exact, noise=noise, sample_rate=sample_rate, seed=seed, threads=threads
     ).knowing_aliases()

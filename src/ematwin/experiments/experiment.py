@@ -45,8 +45,8 @@ from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.scenario import Scenario
-from ematwin.models.simulating import check_count
 from ematwin.models.unknown import Unknown, no_unknown
+from ematwin.optimizers.base import whole_number
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 
@@ -124,7 +124,7 @@ class Experiment:
         return cls(model_of(chosen), chosen, baseline, **settings)
 
     def __post_init__(self) -> None:
-        check_count("seed", self.seed, 0)
+        whole_number(self.seed, "seed", 0)
 
     @property
     def magnitudes(self) -> tuple[Unknown, ...]:

@@ -22,9 +22,9 @@ from ematwin.experiments.experiment import UNANSWERED, Expected, Experiment
 from ematwin.files import check_target
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Scenario
-from ematwin.models.simulating import check_count
 from ematwin.numerics.linear_algebra import eigen, inverse
 from ematwin.numerics.side_by_side import cores, side_by_side
+from ematwin.optimizers.base import whole_number
 from ematwin.recordings.noise import Noise
 from ematwin.showing.results import drawn, frame_of_rows, plain
 from ematwin.showing.text import counted
@@ -198,7 +198,7 @@ def healthy_tests(
         If an argument cannot be used, the kind's recordings differ by more than noise, nothing is
         uncertain, or no command within the limits moves the actuator enough.
     """
-    check_count("tests", tests, 1)
+    whole_number(tests, "tests", 1)
     experiment = Experiment.of(actuator, noise=noise, sample_rate=sample_rate, seed=seed, threads=1)
     model, chosen = experiment.model, experiment.actuator
     if model.recordings_differ:

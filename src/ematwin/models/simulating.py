@@ -13,6 +13,7 @@ from ematwin.models.comparison import one_candidate
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.scenario import Scenario
+from ematwin.optimizers.base import whole_number
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 from ematwin.showing.bars import told
@@ -138,7 +139,7 @@ def simulate(
         raise InputError(
             f'Faults are values by name, such as {{"friction": 0.25}}; received {faults!r}.'
         )
-    check_count("seed", seed, 0)
+    whole_number(seed, "seed", 0)
     more = tuple(dict.fromkeys([also] if isinstance(also, str) else also))
     unknown = [name for name in more if name not in kind.on_request]
     if unknown:
@@ -152,9 +153,3 @@ def simulate(
             sample_rate=sample_rate, step=step, noise=Noise.of(noise), seed=seed,
             initial_position=initial_position, progress=tell, **({"also": more} if more else {}),
         )  # fmt: skip
-
-
-def check_count(name: str, count: int, least: int) -> None:
-    """Raise `InputError` unless the argument of that name is a whole number of at least this."""
-    if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < least:
-        raise InputError(f"{name} must be a whole number of at least {least}, received {count!r}.")

@@ -23,7 +23,6 @@ from ematwin.estimation.interrupt import until_interrupted
 from ematwin.estimation.search import Progress, Search, named
 from ematwin.estimation.verdict import Verdict
 from ematwin.models.reading import read
-from ematwin.models.simulating import check_count
 from ematwin.monitoring.by_population import by_population
 from ematwin.monitoring.calibration import Calibration
 from ematwin.monitoring.detection import Detection, Diagnosis, Magnitude, name_of
@@ -39,7 +38,7 @@ from ematwin.monitoring.runs import (
     recordings_of,
 )
 from ematwin.numerics.side_by_side import cores
-from ematwin.optimizers.base import ITERATIONS, POPULATION, Optimizer
+from ematwin.optimizers.base import ITERATIONS, POPULATION, Optimizer, whole_number
 from ematwin.recordings.channel import Columns
 from ematwin.recordings.recording import Recording
 from ematwin.showing.bars import told
@@ -128,7 +127,7 @@ def identify(
     def known_of(given: Any, first: Any) -> Calibration:
         return Calibration.of(actuator_of(first, columns) if given is None else given)
 
-    check_count("seed", seed, 0)
+    whole_number(seed, "seed", 0)
     if is_table_of_runs(record):
         record = read_runs(record, actuator, columns, known_of=known_of)
     is_runs = isinstance(record, Runs)

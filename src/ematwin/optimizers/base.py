@@ -221,7 +221,7 @@ class PopulationOptimizer(Optimizer):
     ) -> None:
         self.box = box
         self.population = whole_number(population, "population", self.minimum_population)
-        self.iterations = whole_number(iterations, "number of iterations", 1)
+        self.iterations = whole_number(iterations, "iterations", 1)
         self.seed = whole_number(seed, "seed", 0)
         self.iteration = 0
         self.rng = np.random.default_rng(self.seed)
@@ -285,11 +285,9 @@ class RandomSearch(PopulationOptimizer):
 
 
 def whole_number(value: object, name: str, least: int) -> int:
-    """Check that a value is an integer of at least ``least``."""
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
-        raise InputError(f"The {name} must be a whole number, received {value!r}.")
-    if value < least:
-        raise InputError(f"The {name} must be at least {least}, received {value}.")
+    """Check that a value is an integer of at least ``least``; ``name`` begins the sentence."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+        raise InputError(f"{name} must be a whole number of at least {least}, received {value!r}.")
     return int(value)
 
 

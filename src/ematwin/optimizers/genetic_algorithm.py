@@ -59,7 +59,7 @@ class Tournament:
     size: int = 4
 
     def __post_init__(self) -> None:
-        whole_number(self.size, "size of a tournament", 1)
+        whole_number(self.size, "The size of a tournament", 1)
 
     def select(self, rng: np.random.Generator, costs: FloatArray, count: int) -> np.ndarray:
         """(count,) indices of the winners."""
@@ -177,7 +177,7 @@ class Binary:
     flipped: float | None = None
 
     def __post_init__(self) -> None:
-        whole_number(self.bits, "number of bits a variable", 1)
+        whole_number(self.bits, "The number of bits a variable", 1)
         if self.bits > 52:
             raise InputError(f"A variable can have at most 52 bits, received {self.bits}.")
         probability(self.crossed, "share of pairs crossed")

@@ -176,18 +176,18 @@ def minimize(
     if isinstance(algorithm, Optimizer):
         population, iterations, seed = algorithm.population, algorithm.iterations, algorithm.seed
     population = whole_number(population, "population", 1)
-    iterations = whole_number(iterations, "number of iterations", 1)
+    iterations = whole_number(iterations, "iterations", 1)
     seed = whole_number(seed, "seed", 0)
     if budget is None:
         budget = population * iterations
-    budget = whole_number(budget, "budget (evaluations)", 1)
+    budget = whole_number(budget, "budget", 1)
     if not isinstance(algorithm, Optimizer):
         iterations = -(-budget // population)
-    checkpoint_every = whole_number(checkpoint_every, "number of batches per checkpoint", 1)
+    checkpoint_every = whole_number(checkpoint_every, "checkpoint_every", 1)
     if target is not None and (not isinstance(target, int | float) or math.isnan(target)):
         raise InputError(f"The target must be a cost to reach, received {target!r}.")
     if stagnation is not None:
-        whole_number(stagnation, "number of evaluations of a stagnation", 1)
+        whole_number(stagnation, "stagnation", 1)
 
     name, optimizer = resolve(
         algorithm, box, population=population, iterations=iterations, seed=seed

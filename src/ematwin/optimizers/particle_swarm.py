@@ -59,7 +59,7 @@ class Ring:
     k: int = 1
 
     def __post_init__(self) -> None:
-        whole_number(self.k, "number k of neighbours on either side of a ring", 1)
+        whole_number(self.k, "The number k of neighbours on either side of a ring", 1)
 
     def informants(self, costs: FloatArray, progress: float) -> np.ndarray:
         """(N,) indices; the particle itself wins a tie."""
