@@ -11,12 +11,10 @@ import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
+from datetime import datetime
 from glob import glob
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from ematwin.errors import FileError, InputError, RecordError
 from ematwin.models.parameter_set import ParameterSet
@@ -24,7 +22,7 @@ from ematwin.models.reading import actuator_for, read
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.monitoring.calibration import Calibration
 from ematwin.recordings.channel import Columns
-from ematwin.recordings.formats.base import known_suffixes
+from ematwin.recordings.formats.base import known_suffixes, moment
 from ematwin.recordings.formats.csv_dialect import Clock
 from ematwin.recordings.recording import Recording
 from ematwin.showing.results import is_frame
@@ -283,9 +281,7 @@ def _moment(text: str, clock: Clock | None, where: str) -> datetime | None:
         return datetime.fromisoformat(text)
     with suppress(RecordError):
         if clock is not None and clock.is_dated:
-            time = np.datetime64(int(clock.nanoseconds([text])[0]), "ns")
-            moment: datetime = time.astype("datetime64[us]").item()
-            return moment.replace(tzinfo=UTC) if clock.is_utc else moment
+            return moment(clock.times([text])[0], clock.zone)
     raise InputError(
         f"{where} has the time {text!r}; write a date such as 2026-03-01 or 03.03.2026 09:14:02."
     )

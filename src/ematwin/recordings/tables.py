@@ -154,6 +154,7 @@ def from_numpy(values: Any) -> Any:
     return pa.array(values)
 
 
+NAT = np.iinfo(np.int64).min  # NaT of numpy as a number of ticks
 FORMAT = 1  # of the metadata of a recording; readers refuse what is newer
 KEY = "ematwin"
 MARK = f"# {KEY} "  # of the first line of a CSV

@@ -98,7 +98,7 @@ class RecordedFile:
             for done, name in enumerate(names, start=1):
                 found = np.asarray(self.values(name))
                 if found.dtype.kind == "M":
-                    self.note_clock(name, first_known(found), self.zone)
+                    self.note_clock(name, found, self.zone)
                 columns[name] = as_float(found, name, self.path)
                 if progress is not None:
                     progress(done / len(names))
@@ -139,9 +139,9 @@ class RecordedFile:
     def close(self) -> None:
         """Release the file; may be called again."""
 
-    def note_clock(self, name: str, first: np.datetime64, zone: tzinfo | None) -> None:
-        """Keep the moment at which a channel of calendar times begins, if it is one."""
-        began = moment(first, zone)
+    def note_clock(self, name: str, times: np.ndarray, zone: tzinfo | None) -> None:
+        """Keep the moment at which a channel of calendar times (S,) begins, if it is known."""
+        began = moment(first_known(times), zone)
         if began is not None:
             self.clocks[name] = began
 

@@ -15,8 +15,14 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ematwin.errors import FileError, RecordError
-from ematwin.recordings.formats.base import RecordedFile, load_library, matrix_columns, refusing
-from ematwin.recordings.tables import KEY, checked, to_numpy
+from ematwin.recordings.formats.base import (
+    RecordedFile,
+    as_float,
+    load_library,
+    matrix_columns,
+    refusing,
+)
+from ematwin.recordings.tables import KEY, NAT, checked, to_numpy
 
 
 class ParquetFile(RecordedFile):
@@ -71,17 +77,13 @@ class ParquetFile(RecordedFile):
             return to_numpy(column)  # a cast would load what computes with columns
         is_moment = pa.types.is_timestamp(kind)
         if is_moment or pa.types.is_time(kind) or pa.types.is_duration(kind):
-            import pyarrow.compute as pc
-
             in_ns = pa.time64("ns") if pa.types.is_time(kind) else pa.duration("ns")
             in_ns = pa.timestamp("ns", tz=kind.tz) if is_moment else in_ns
-            ticks = column.cast(in_ns).cast(pa.int64())
-            origin = (ticks[0].as_py() or 0) if len(ticks) else 0
+            ticks = column.cast(in_ns).cast(pa.int64()).fill_null(NAT)
+            times = np.from_dlpack(ticks).view("datetime64[ns]")
             if is_moment:  # a time of day has no date
-                zone = None if kind.tz is None else UTC
-                self.note_clock(name, np.datetime64(origin, "ns"), zone)
-            since = pc.subtract(ticks, origin)
-            return to_numpy(since.cast(pa.float64(), safe=False)) * 1e-9
+                self.note_clock(name, times, None if kind.tz is None else UTC)
+            return as_float(times, name, self.path)
         try:
             return to_numpy(column.cast(pa.float64()))
         except (pa.ArrowInvalid, pa.ArrowNotImplementedError):

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from ematwin.errors import FileError, RecordError
-from ematwin.recordings.tables import MARK, checked, without_apostrophe
+from ematwin.recordings.tables import MARK, NAT, checked, without_apostrophe
 from ematwin.recordings.words import is_unit, unbracketed
 
 ROUTINE = "table read with "  # begins the sentence that is said of each table
@@ -38,7 +38,6 @@ _CLOCK = re.compile(
     r"(?:(\d{4})-(\d\d?)-(\d\d?)[T ]\s*|(\d\d?)([./])(\d\d?)[./](\d{4}),? \s*)?"
     r"(\d\d?):(\d\d):(\d\d)(?:[.,](\d{1,9}))?\s*(?:([AaPp])\.?[Mm]\.?)?\s*(Z|[+-]\d\d:?\d\d)?"
 )
-MISSING = np.iinfo(np.int64).min
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
@@ -63,13 +62,19 @@ class Clock:
         is_utc = any(match[13] for match in found)
         return cls(is_dated, is_utc, month_first if slashed else None)
 
-    def nanoseconds(self, texts: Sequence[str | None]) -> np.ndarray:
-        """Times (S,), int64, since 1970 or midnight; `MISSING` where a cell is empty."""
-        return np.array([self._one(text) for text in texts], dtype=np.int64)
+    @property
+    def zone(self) -> tzinfo | None:
+        """Time zone of its times; None if they state none."""
+        return UTC if self.is_utc else None
+
+    def times(self, texts: Sequence[str | None]) -> np.ndarray:
+        """Times (S,), datetime64, on the first of 1970 if without a date; NaT for empty cells."""
+        ticks = np.array([self._one(text) for text in texts], dtype=np.int64)
+        return ticks.view("datetime64[ns]")
 
     def _one(self, text: str | None) -> int:
         if text is None or not text.strip():
-            return MISSING
+            return NAT
         match = _CLOCK.fullmatch(text.strip())
         try:
             if match is None:

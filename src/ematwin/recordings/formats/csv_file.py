@@ -15,7 +15,7 @@ import numpy as np
 
 from ematwin.errors import FileError, RecordError
 from ematwin.recordings.formats import csv_dialect
-from ematwin.recordings.formats.base import Progress, RecordedFile, refusing
+from ematwin.recordings.formats.base import Progress, RecordedFile, as_float, refusing
 from ematwin.recordings.formats.csv_dialect import CsvDialect
 from ematwin.recordings.tables import to_numpy, verify, without_apostrophe
 
@@ -45,7 +45,6 @@ class CsvFile(RecordedFile):
             if position in self._dialect.text:
                 raise self._no_number(position, "text")
         parts: list[list[np.ndarray]] = [[] for _ in names]
-        origins: dict[int, int] = {}
         with refusing(self.path, self.kind):
             if self._ends_within_a_line() and self.metadata:
                 said = "it ends within a line. It was truncated; copy it again."
@@ -53,7 +52,7 @@ class CsvFile(RecordedFile):
             try:
                 for batch, share in self._batches(positions):
                     for place, column in enumerate(batch.columns):
-                        parts[place].append(self._numbers(column, positions[place], origins))
+                        parts[place].append(self._numbers(column, positions[place]))
                     if progress is not None:
                         progress(share)
             except ValueError as error:
@@ -65,12 +64,12 @@ class CsvFile(RecordedFile):
         found = {}
         for name, position in zip(names, positions, strict=True):
             found[name] = np.concatenate(parts.pop(0))  # one after the other, to spare memory
-            clock = self._dialect.clocks.get(position)
-            if clock is not None and not clock.is_dated:
+            if clock := self._dialect.clocks.get(position):
+                if clock.is_dated:
+                    self.note_clock(name, found[name], clock.zone)
+                found[name] = as_float(found[name], name, self.path)
+            if clock and not clock.is_dated:
                 found[name] = csv_dialect.over_midnight(found[name])
-            elif clock is not None and position in origins:
-                first = np.datetime64(origins[position], "ns")
-                self.note_clock(name, first, UTC if clock.is_utc else None)
         if progress is not None:
             progress(1.0)
         verify(found, self.metadata, self.path)
@@ -126,22 +125,19 @@ class CsvFile(RecordedFile):
             for batch in batches:
                 yield batch, min(max(file.tell() - start, 1) / size, 1.0)
 
-    def _numbers(self, column: Any, position: int, origins: dict[int, int]) -> np.ndarray:
-        """One column of a block; clock times as seconds since ``origins[position]``, in ns."""
+    def _numbers(self, column: Any, position: int) -> np.ndarray:
+        """One column of a block: floats, or clock times."""
         import pyarrow as pa
 
         clock = self._dialect.clocks.get(position)
         if clock is not None:
             try:
-                times = clock.nanoseconds(column.to_pylist())
+                return clock.times(column.to_pylist())
             except RecordError as error:
                 name = self._dialect.names[position]
                 raise RecordError(
                     f"Column {name} of {self.path} holds clock times, but {error}. Correct it."
                 ) from None
-            known = times != csv_dialect.MISSING
-            origin = origins.setdefault(position, int(times[known][0])) if known.any() else 0
-            return np.where(known, (times - origin) * 1e-9, np.nan)
         if pa.types.is_string(column.type):  # numbers such as +1.5, which pyarrow does not parse
             import pyarrow.compute as pc
 
