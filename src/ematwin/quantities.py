@@ -108,17 +108,13 @@ def parse_quantity(text: str, si_unit: str, what: str) -> float:
     return to_si(value, unit.strip() or si_unit, si_unit, what)
 
 
-_BASE = {
-    "kilogram": "kg", "meter": "m", "second": "s", "ampere": "A", "kelvin": "K", "mole": "mol",
-    "candela": "cd",
-}  # fmt: skip
-
-
 def base_units(unit: str) -> dict[str, int]:
     """Powers of the SI base units, and of the angle, that make a unit such as ``N*m/rad``."""
-    given = _registry().Quantity(1.0, spelled_out(turns_a_minute(unit)))
-    powers = given.to_base_units().unit_items()
-    found = {_BASE[name]: int(power) for name, power in powers if name in _BASE}
+    pint = _registry()
+    given = pint.Quantity(1.0, spelled_out(turns_a_minute(unit)))
+    powers = dict(given.to_base_units().unit_items())
+    base = [name for name in powers if pint.get_dimensionality(name)]  # no radian, no bit
+    found = {pint.get_symbol(name): int(powers[name]) for name in base}
     angular = [n for n, _ in given.unit_items() if ANGULAR.search(n) and "Celsius" not in n]
     angle = sum(power for name, power in given.unit_items() if name in angular)
     return found | ({"rad": int(angle)} if angle else {})
