@@ -150,11 +150,9 @@ def grades(text: str | None) -> set[str]:
 
 def meant(files: list[Path], column: list[str] | None, map_file: Path | None) -> "ParameterSet":
     """The actuator that the first of some files is of, where none was named."""
-    from ematwin.models.reading import actuator_for
-    from ematwin.monitoring.runs import files_of
+    from ematwin.monitoring.runs import actuator_of
 
-    given = pairs(column or [], "--column")
-    return actuator_for(files_of(files[0])[0], given or map_file)
+    return actuator_of(files, pairs(column or [], "--column") or map_file)
 
 
 def map_of(column: list[str] | None, map_file: Path | None, actuator: Any) -> Any:

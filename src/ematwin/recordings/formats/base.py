@@ -258,10 +258,7 @@ def _unzipped(path: Path, folder: Path) -> tuple[Path, str]:
             listed = ", ".join(names[:5]) or "nothing"
             said = f"{path} must hold one file, and holds {listed}"
             raise FileError(f"{said}. Unpack it, and give the folder.")
-        inside = folder / Path(names[0]).name
-        with archive.open(names[0]) as source, inside.open("wb") as target:
-            shutil.copyfileobj(source, target)
-    return inside, ""
+        return Path(archive.extract(names[0], folder)), ""
 
 
 def _sheet(path: Path, folder: Path) -> tuple[Path, str]:
