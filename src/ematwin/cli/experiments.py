@@ -225,15 +225,15 @@ def identifiability(
 
     Several commands are compared, the most telling first.
     """
-    from ematwin.experiments.identifiability import FALSE_ALARM, MISS, ranked
+    from ematwin.experiments.identifiability import ranked
     from ematwin.report import experiments as pages
 
     values = options.numbers(fault or [], "--fault")
     given: list[str | None] = [*commands] if commands else [None]
+    rates = {"false_alarm": false_alarm, "miss": miss}
     settings: dict[str, Any] = {
         "faults": values, "noise": ematwin.Noise.of(noise), "exact": exact,
-        "false_alarm": FALSE_ALARM if false_alarm is None else false_alarm,
-        "miss": MISS if miss is None else miss,
+        **{name: rate for name, rate in rates.items() if rate is not None},
     }  # fmt: skip
     found = ranked([ematwin.identifiability(command, actuator, **settings) for command in given])
     parts = {}

@@ -123,17 +123,15 @@ def report(
     """Report a study: errors, times, ranks, tests, convergence and diagnosis, from its store."""
     from ematwin.benchmarking import page
     from ematwin.benchmarking.analysis import analyse
-    from ematwin.benchmarking.convergence import STATED_MISFITS
-    from ematwin.benchmarking.statistics import TARGETS
     from ematwin.benchmarking.store import open_store
     from ematwin.benchmarking.table import check_extra
 
-    if seed < 0:
-        raise InputError(f"--seed must not be negative, received {seed}.")
     check_extra()
     settings: dict[str, Any] = {"threshold": threshold, "seed": seed}
-    settings["targets"] = tuple(sorted(set(target))) if target else TARGETS
-    settings["misfits"] = tuple(sorted(set(misfit), reverse=True)) if misfit else STATED_MISFITS
+    if target:
+        settings["targets"] = tuple(sorted(set(target)))
+    if misfit:
+        settings["misfits"] = tuple(sorted(set(misfit), reverse=True))
     with open_store(store) as opened:
         analysis = analyse(opened.runs(), **settings)
     files = [] if out is None else page.write_report(analysis, out)
