@@ -215,19 +215,32 @@ def watch(
         columns = options.map_of(column, map_file, ematwin.load_actuator(actuator))
     Paths(recordings, serial_number)  # refuses what is not there before a fleet is made
     known = ematwin.Fleet(fleet)
-    while True:
+
+    def look() -> None:
         found = known.watch(
             recordings, actuator=actuator, columns=columns, progress=not json,
             pattern=serial_number, scheduler=scheduler,
         )  # fmt: skip
+
+        def told() -> dict[str, object]:
+            counts = ("judged", "known", "duplicates", "still_aside")
+            aside = {"set_aside": _listed(found.set_aside), "actuators": plain(known.table())}
+            return {name: getattr(found, name) for name in counts} | aside
+
+        def tell() -> None:
+            typer.echo(str(found))
+            _print_aside(found.set_aside)
+            print_fleet(known)
+
         advisory = table if len(known) else None  # without a recording there is no table
         files = (advisory, partial(known.export, what="advisory")), (report, known.report)
         fails = every is None and _reached(known, fail_on)
-        told = partial(_plain, known, found), partial(_tell, known, found)
-        answers.give(json, *told, *files, fails=fails)
-        if every is None:
-            break
+        answers.give(json, told, tell, *files, fails=fails)
+
+    look()
+    while every is not None:
         time.sleep(every)
+        look()
 
 
 def _listed(aside: list[tuple[str, str]]) -> list[dict[str, str]]:
@@ -236,20 +249,6 @@ def _listed(aside: list[tuple[str, str]]) -> list[dict[str, str]]:
 
 def _print_aside(aside: list[tuple[str, str]]) -> None:
     answers.print_notes("Set aside", [f"{source}: {reason}" for source, reason in aside])
-
-
-def _plain(fleet: "ematwin.Fleet", found: Any) -> dict[str, object]:
-    return {
-        "judged": found.judged, "known": found.known, "duplicates": found.duplicates,
-        "still_aside": found.still_aside, "set_aside": _listed(found.set_aside),
-        "actuators": plain(fleet.table()),
-    }  # fmt: skip
-
-
-def _tell(fleet: "ematwin.Fleet", found: Any) -> None:
-    typer.echo(str(found))
-    _print_aside(found.set_aside)
-    print_fleet(fleet)
 
 
 def serve(
