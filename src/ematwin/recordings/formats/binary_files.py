@@ -15,13 +15,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ematwin.errors import FileError, RecordError
-from ematwin.recordings.formats.base import (
-    RecordedFile,
-    as_float,
-    load_library,
-    matrix_columns,
-    refusing,
-)
+from ematwin.recordings.formats import base
+from ematwin.recordings.formats.base import RecordedFile, load_library, matrix_columns, refusing
 from ematwin.recordings.tables import KEY, NAT, checked, to_numpy
 
 
@@ -83,7 +78,7 @@ class ParquetFile(RecordedFile):
             times = np.from_dlpack(ticks).view("datetime64[ns]")
             if is_moment:  # a time of day has no date
                 self.note_clock(name, times, None if kind.tz is None else UTC)
-            return as_float(times, name, self.path)
+            return base.as_float(times, name, self.path)
         try:
             return to_numpy(column.cast(pa.float64()))
         except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
