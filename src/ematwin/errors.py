@@ -1,8 +1,10 @@
-"""The errors that ematwin raises on purpose.
+"""The errors that ematwin raises on purpose, and the check that most callers need.
 
 Every message states the error, the value received and the remedy in one or two sentences.
 The command line prints it without a traceback and exits with code 2.
 """
+
+from numbers import Integral
 
 
 class EmatwinError(Exception):
@@ -37,3 +39,10 @@ class MissingExtraError(EmatwinError, ImportError):
 
 class DivergedError(EmatwinError):
     """A single simulation left the finite numbers. Within a batch this is a status instead."""
+
+
+def whole_number(value: object, name: str, least: int) -> int:
+    """Check that a value is an integer of at least ``least``; ``name`` begins the sentence."""
+    if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
+        raise InputError(f"{name} must be a whole number of at least {least}, received {value!r}.")
+    return int(value)

@@ -18,11 +18,10 @@ from typing import Any
 import numpy as np
 
 from ematwin.benchmarking.subject import Cases, Subject
-from ematwin.errors import InputError
+from ematwin.errors import InputError, whole_number
 from ematwin.estimation.search import expanded, named
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Profile, Scenario
-from ematwin.optimizers.base import whole_number
 from ematwin.recordings.noise import Noise
 
 SCHEMA = 1  # of the hashed inputs; part of every id

@@ -13,13 +13,12 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from ematwin.errors import InputError, ParameterError
+from ematwin.errors import InputError, ParameterError, whole_number
 from ematwin.estimation.free_unknowns import unknowns_of
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import DEFAULT_KIND, ParameterSet
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.unknown import HasUnknowns, Unknown
-from ematwin.optimizers.base import whole_number
 from ematwin.validation import load_toml, one_sentence
 
 Cases = dict[str, tuple[float, ...]]

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.errors import InputError
+from ematwin.errors import InputError, whole_number
 from ematwin.estimation.interrupt import until_interrupted
 from ematwin.experiments.candidates import FINALISTS, SECONDS, Progress, Ranking, ranked
 from ematwin.experiments.command_errors import (
@@ -39,7 +39,6 @@ from ematwin.experiments.experiment import BEYOND, Experiment, excess
 from ematwin.experiments.identifiability import identifiability
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Scenario
-from ematwin.optimizers.base import whole_number
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 from ematwin.showing.results import drawn, plain

@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.errors import DivergedError, InputError, ParameterError, RecordError
+from ematwin.errors import DivergedError, InputError, ParameterError, RecordError, whole_number
 from ematwin.estimation.aliases import aliases_of
 from ematwin.estimation.baseline import (
     Baseline,
@@ -46,7 +46,6 @@ from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import Unknown, no_unknown
-from ematwin.optimizers.base import whole_number
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 

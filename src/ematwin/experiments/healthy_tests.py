@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ematwin.errors import InputError
+from ematwin.errors import InputError, whole_number
 from ematwin.estimation.constants import DETERMINED
 from ematwin.experiments.candidates import candidates
 from ematwin.experiments.experiment import UNANSWERED, Expected, Experiment
@@ -24,7 +24,6 @@ from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Scenario
 from ematwin.numerics.linear_algebra import eigen, inverse
 from ematwin.numerics.side_by_side import cores, side_by_side
-from ematwin.optimizers.base import whole_number
 from ematwin.recordings.noise import Noise
 from ematwin.showing.results import drawn, frame_of_rows, plain
 from ematwin.showing.text import counted

@@ -7,13 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.errors import DivergedError, InputError
+from ematwin.errors import DivergedError, InputError, whole_number
 from ematwin.models.base import Model, Progress, Values
 from ematwin.models.comparison import one_candidate
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.models.scenario import Scenario
-from ematwin.optimizers.base import whole_number
 from ematwin.recordings.noise import Noise
 from ematwin.recordings.recording import Recording
 from ematwin.showing.bars import told

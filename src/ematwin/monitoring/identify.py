@@ -13,7 +13,7 @@ from itertools import takewhile, zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
-from ematwin.errors import InputError
+from ematwin.errors import InputError, whole_number
 from ematwin.estimation.assess import scatter
 from ematwin.estimation.baseline import Baseline, frees_parameters
 from ematwin.estimation.constants import COVERAGE
@@ -38,7 +38,7 @@ from ematwin.monitoring.runs import (
     recordings_of,
 )
 from ematwin.numerics.side_by_side import cores
-from ematwin.optimizers.base import ITERATIONS, POPULATION, Optimizer, whole_number
+from ematwin.optimizers.base import ITERATIONS, POPULATION, Optimizer
 from ematwin.recordings.channel import Columns
 from ematwin.recordings.recording import Recording
 from ematwin.showing.bars import told

@@ -14,7 +14,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ematwin.errors import InputError, MissingExtraError
+from ematwin.errors import InputError, MissingExtraError, whole_number
 
 POPULATION = 50
 ITERATIONS = 200
@@ -282,13 +282,6 @@ class RandomSearch(PopulationOptimizer):
 
     def _move(self) -> FloatArray:
         return self._start()
-
-
-def whole_number(value: object, name: str, least: int) -> int:
-    """Check that a value is an integer of at least ``least``; ``name`` begins the sentence."""
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-        raise InputError(f"{name} must be a whole number of at least {least}, received {value!r}.")
-    return int(value)
 
 
 def positive(value: float, name: str) -> float:

@@ -25,14 +25,8 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.errors import InputError
-from ematwin.optimizers.base import (
-    Box,
-    FloatArray,
-    PopulationOptimizer,
-    probability,
-    whole_number,
-)
+from ematwin.errors import InputError, whole_number
+from ematwin.optimizers.base import Box, FloatArray, PopulationOptimizer, probability
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ematwin.errors import EmatwinError, FileError, InputError
+from ematwin.errors import EmatwinError, FileError, InputError, whole_number
 from ematwin.files import written_whole
 from ematwin.optimizers.base import (
     ITERATIONS,
@@ -27,7 +27,6 @@ from ematwin.optimizers.base import (
     FloatArray,
     Optimizer,
     OptimizerFactory,
-    whole_number,
 )
 from ematwin.optimizers.registry import resolve
 from ematwin.optimizers.result import History, MinimizeResult, Progress

@@ -28,15 +28,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ematwin.errors import InputError
-from ematwin.optimizers.base import (
-    Box,
-    FloatArray,
-    PopulationOptimizer,
-    positive,
-    probability,
-    whole_number,
-)
+from ematwin.errors import InputError, whole_number
+from ematwin.optimizers.base import Box, FloatArray, PopulationOptimizer, positive, probability
 from ematwin.optimizers.genetic_algorithm import Polynomial
 
 
