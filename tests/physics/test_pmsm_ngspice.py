@@ -108,8 +108,7 @@ def test_shorted_turns_are_those_of_ngspice_within_one_per_cent(phase, k, contac
     actuator = round_rotor(ACTUATOR)
     letter = "abc"[phase]
     values = healthy(actuator, **{f"short_{letter}": k, "short_resistance": contact})
-    one = {name: np.array([value]) for name, value in values.items()}
-    c = Constants(*constants_of(actuator, one, 1, DT)[0].tolist())
+    c = Constants(*map(float, constants_of(actuator, values, DT)))
     c = c._replace(j_m=1e9, j_o=1e9, half_gap=1e9)  # nothing slows it down
     ours = run_windings(c, round(DURATION / DT))
     mu = 0.3 * math.sqrt(k)

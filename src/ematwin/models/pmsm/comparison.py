@@ -8,6 +8,7 @@ the error of the twin.
 import copy
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from ematwin.models.plausibility import check_enough, check_moves
 from ematwin.models.pmsm.channels import ROTATING_VOLTAGES, TERMINALS, VOLTAGES, in_rotor_frame
 from ematwin.models.pmsm.parameters import PmsmActuator
 from ematwin.models.pmsm.unknowns import backlash_factor, constants_of
-from ematwin.numerics.side_by_side import cores, side_by_side
+from ematwin.numerics.side_by_side import by_candidate, cores, side_by_side
 from ematwin.numerics.signals import LowPass, white_noise
 from ematwin.recordings.recording import Recording
 
@@ -208,20 +209,19 @@ class PmsmComparison(Comparison):
 
     def costs(self, candidates: Candidates, count: int) -> np.ndarray:
         """Sums of weighted squares (B,); infinite where a candidate diverged."""
-        costs, _ = self._simulated(
-            self._constants(candidates, count), self._target, self.every, keep=False
-        )
+        constants = constants_of(self.actuator, candidates, self.step)
+        costs, _ = self._simulated(constants, count, self._target, self.every, keep=False)
         return np.where(np.isfinite(costs), costs, np.inf)
 
     def residuals(self, candidates: Candidates, count: int) -> np.ndarray:
         """Weighted residuals (B, K), channel after channel."""
-        constants = self._constants(candidates, count)
-        return self.left_by(self._simulated(constants, self._target, self.every)[1])
+        constants = constants_of(self.actuator, candidates, self.step)
+        return self.left_by(self._simulated(constants, count, self._target, self.every)[1])
 
     def answers_of(self, actuators: Sequence[PmsmActuator]) -> np.ndarray:
         """Low-passed answers (B, 6, kept) of B healthy actuators whose loops sample alike."""
-        constants = [constants_of(one, {}, 1, self.step) for one in actuators]
-        return self._simulated(np.concatenate(constants), self._target, self.every)[1]
+        each = np.array([constants_of(one, {}, self.step) for one in actuators], dtype=float)
+        return self._simulated(each.T, len(each), self._target, self.every)[1]
 
     def left_by(self, answers: np.ndarray) -> np.ndarray:
         """Weighted residuals (B, K) of answers (B, 6, kept), channel after channel."""
@@ -229,14 +229,12 @@ class PmsmComparison(Comparison):
         left *= np.sqrt(self._weights[self._rows])[:, None]
         return np.asarray(left.reshape(len(answers), -1))
 
-    def _constants(self, candidates: Candidates, count: int) -> np.ndarray:
-        return constants_of(self.actuator, candidates, count, self.step)
-
     def responses(self, candidates: Candidates, count: int) -> dict[str, np.ndarray]:
         """Response of the twin, low-passed, (B, S) arrays by name."""
         full = np.zeros((len(COMPARED), self._ticks.size))
         full[:, 0] = self._target[:, 0]
-        answer = self._simulated(self._constants(candidates, count), full, 1)[1]
+        constants = constants_of(self.actuator, candidates, self.step)
+        answer = self._simulated(constants, count, full, 1)[1]
         found = {COMPARED[n]: answer[:, n].copy() for n in self._rows}
         if self._on_each_tick:
             return found
@@ -246,14 +244,13 @@ class PmsmComparison(Comparison):
         }
 
     def _simulated(
-        self, constants: np.ndarray, target: np.ndarray, every: int, *, keep: bool = True
+        self, fields: Any, count: int, target: np.ndarray, every: int, *, keep: bool = True
     ) -> tuple[np.ndarray, np.ndarray]:
         """Costs (B,), not finite where one diverged, and, if kept, answers (B, 6, K)."""
         from ematwin.models.pmsm.batch import monitor_scores
         from ematwin.numerics.lanes import LANES
 
-        count = len(constants)
-        costs = np.empty(count)
+        constants, costs = by_candidate(fields, count), np.empty(count)
         answer = np.empty((count, 7, target.shape[1]) if keep else (0, 0, 0))
         taps = self.low_pass.taps(1.0 / self.actuator.controller.current_time, 0.0)[:5]
         ticks = np.array(self.actuator.ticks)

@@ -11,17 +11,17 @@ import numpy as np
 
 from ematwin.errors import InputError
 from ematwin.models.base import Progress
-from ematwin.models.comparison import one_candidate
 from ematwin.models.pmsm import batch
 from ematwin.models.pmsm.channels import ON_REQUEST, TERMINALS, to_phases
 from ematwin.models.pmsm.comparison import SETTLED
 from ematwin.models.pmsm.monitor_step import ControlState, MonitorState, monitor_step
 from ematwin.models.pmsm.parameters import PmsmActuator
 from ematwin.models.pmsm.reference_step import ReferenceState, applied_step, phase_currents
-from ematwin.models.pmsm.unknowns import Constants, constants_of, fields_of
+from ematwin.models.pmsm.unknowns import Constants, constants_of
 from ematwin.models.scenario import Scenario
 from ematwin.models.stepped import Stepped, initial_position
 from ematwin.numerics.compile import part
+from ematwin.numerics.side_by_side import by_candidate
 
 _OUTPUTS = (
     "current_a", "current_b", "current_c", "voltage_a", "voltage_b", "voltage_c",
@@ -84,7 +84,7 @@ def reference_states(
     actuator: PmsmActuator, values: Mapping[str, float], theta: float, step: float
 ) -> tuple[Any, np.ndarray, np.ndarray]:
     """Constants, and the states (15,) and (12,) of plant and drive at rest at an angle."""
-    c = Constants(*constants_of(actuator, one_candidate(values), 1, step)[0].tolist())
+    c = Constants(*map(float, constants_of(actuator, values, step)))
     state, control = np.zeros(15), np.zeros(12)
     state[6] = state[8] = theta
     control[3] = theta + c.resolver / c.pole_pairs
@@ -128,15 +128,14 @@ def monitor_columns(
 ) -> dict[str, np.ndarray]:  # fmt: skip
     """As `reference_columns`, by the monitor model without its low-pass, with ideal sensors."""
     ratio, step = actuator.transmission.ratio, actuator.controller.current_time / substeps
-    constants = constants_of(actuator, one_candidate(values), 1, step)
-    theta = start * ratio
-    read = theta + Constants(*constants[0]).resolver / actuator.motor.pole_pairs
+    c, theta = constants_of(actuator, values, step), start * ratio
+    read = theta + c.resolver / c.pole_pairs
     target = np.zeros((batch.COMPARED, command.size))
 
     def answers(measured: bool) -> dict[str, np.ndarray]:
         answer = np.empty((1, len(batch.ANSWERS), command.size))
         batch.monitor_scores(
-            constants, command * ratio, load / ratio, 0,
+            by_candidate(c, 1), command * ratio, load / ratio, 0,
             np.array([read, 0.0, theta, 0.0, 0.0, 0.0]), step, substeps, np.array(actuator.ticks),
             np.array([1.0, 0.0, 0.0, 0.0, 0.0]), target, np.zeros(batch.COMPARED), 1, measured,
             np.empty(1), answer,
@@ -184,7 +183,7 @@ def stepped(actuator: PmsmActuator, fidelity: str) -> Stepped:
     applied = loops + len(ControlState._fields)
 
     def constants(candidates: Mapping[str, Any]) -> list[Any]:
-        return [*fields_of(actuator, candidates, dt), candidates["initial_position"]]
+        return [*constants_of(actuator, candidates, dt), candidates["initial_position"]]
 
     @part
     def begin(c, u, x):

@@ -15,7 +15,6 @@ from ematwin.models.pmsm.parameters import PmsmActuator
 from ematwin.models.servo import dry_friction, load_nuisances
 from ematwin.models.servo import normalised_fault as _fault
 from ematwin.models.unknown import Alias, Contrast, Unknown
-from ematwin.numerics.side_by_side import by_candidate
 
 # Laws of the faults, in SI; each magnitude is normalised to [0, 1].
 FRICTION, BACKLASH = 2.0, 9.0  # added at most, of the healthy value
@@ -289,19 +288,12 @@ def _offset(actuator: Any, k: Mapping[str, Any], which: str, component: Any) -> 
     return size * component(direction(k[f"{which}_direction"]))
 
 
-def constants_of(
-    actuator: PmsmActuator, candidates: Mapping[str, Any], count: int, step: float
-) -> np.ndarray:
-    """(B, 65) array, the fields of `Constants` of B candidates.
+def constants_of(actuator: PmsmActuator, candidates: Mapping[str, Any], step: float) -> Any:
+    """`Constants` of candidates, numbers or (B,) arrays.
 
-    ``candidates`` are values (B,) of unknowns and, by place, of parameters; all others are
-    healthy. ``step`` is that over which the currents of shorted loops decay, s.
+    ``candidates`` are values of unknowns and, by place, of parameters; all others are healthy.
+    ``step`` is that over which the currents of shorted loops decay, s.
     """
-    return by_candidate(fields_of(actuator, candidates, step), count)
-
-
-def fields_of(actuator: PmsmActuator, candidates: Mapping[str, Any], step: float) -> Any:
-    """The same as numbers, or (B,) arrays where candidates differ."""
     own = actuator.varied(candidates, FIXED)
     k = {one.name: one.healthy for one in unknowns(actuator)}
     k["short_resistance"] = own.motor.short_resistance  # its healthy value is a parameter

@@ -9,7 +9,7 @@ import ematwin
 from ematwin.models.pmsm.channels import TERMINALS
 from ematwin.models.pmsm.comparison import PmsmComparison
 from ematwin.models.pmsm.model import MODEL
-from ematwin.models.pmsm.unknowns import Constants, constants_of
+from ematwin.models.pmsm.unknowns import constants_of
 from ematwin.models.reading import read
 from ematwin.recordings.recording import Recording
 from pmsm_inputs import ACTUATOR
@@ -143,11 +143,10 @@ def test_a_short_is_told_with_the_contact_that_it_holds_for():
     # a tenth over the contact of the file, as a fault, and what it is said to look like
     other = ACTUATOR.changed({"motor.short_resistance": 2.0 * ACTUATOR.motor.short_resistance})
     drawn = [
-        constants_of(one, {"short_a": np.array([(share / 0.3) ** 2])}, 1, 5e-5)[0]
+        constants_of(one, {"short_a": (share / 0.3) ** 2}, 5e-5).loop_a
         for one, share in ((ACTUATOR, 0.1), (other, alike))
     ]
-    place = Constants._fields.index("loop_a")
-    assert drawn[1][place] == pytest.approx(drawn[0][place], rel=0.1)  # two digits are said
+    assert drawn[1] == pytest.approx(drawn[0], rel=0.1)  # two digits are said
     assert not any("short_resistance" in one for one in healthy.warnings)
 
 
@@ -160,9 +159,8 @@ def test_a_short_and_its_contact_are_one_number():
     step = 1e-4
     grown = 0.5 * (1.0 - step * alias.same["short_a"])
     beside = {"short_a": grown, "short_resistance": 0.5 + step}
-    place = Constants._fields.index("loop_a")
     drawn = [
-        constants_of(ACTUATOR, {n: np.array([x]) for n, x in one.items()}, 1, 1e-4)[0, place]
+        constants_of(ACTUATOR, one, 1e-4).loop_a
         for one in (values, beside, values | {"short_resistance": 0.5 + step})
     ]
     assert drawn[1] == pytest.approx(drawn[0], rel=1e-7)
