@@ -1,6 +1,5 @@
 """Small matrices: symmetric ones, least squares within bounds, and transitions of sampled loops."""
 
-import math
 from collections.abc import Callable
 
 import numpy as np
@@ -99,14 +98,3 @@ def largest_share(stable: Callable[[float], bool]) -> float:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if stable(middle) else (low, middle)
     return low
-
-
-def exponential(matrix: np.ndarray) -> np.ndarray:
-    """exp of a small (n, n) matrix by scaling and squaring; scipy.linalg takes longer to import."""
-    size = max(float(np.abs(matrix).sum(1).max()), 1e-300)
-    parts = 2 ** max(0, math.ceil(math.log2(size)) + 4)
-    term = total = np.eye(len(matrix))
-    for n in range(1, 12):
-        term = term @ matrix / (parts * n)
-        total = total + term
-    return np.asarray(np.linalg.matrix_power(total, parts))

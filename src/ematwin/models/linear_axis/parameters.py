@@ -19,7 +19,7 @@ from pydantic import model_validator
 from ematwin.errors import RecordError
 from ematwin.models.parameter_set import ParameterSet, Section, quantity
 from ematwin.models.sections import TwinSteps
-from ematwin.numerics.linear_algebra import exponential, largest_share, spectral_radius
+from ematwin.numerics.linear_algebra import largest_share, spectral_radius
 from ematwin.recordings.recording import Recording
 
 
@@ -124,6 +124,8 @@ def loop_radius(actuator: Any, share: float = 1.0) -> float:
     samples; the less viscous direction decides. Zero-order hold: Franklin, Powell and Workman
     (1998), Digital Control of Dynamic Systems, section 4.3.
     """
+    from scipy.linalg import expm  # here, for it takes long to import
+
     friction, drive, control = actuator.friction, actuator.drive, actuator.controller
     k_v, k_p, interval = share * control.velocity_gain, control.position_gain, control.sample_time
     ratio = max(friction.viscous_ratio, 1.0 / friction.viscous_ratio)
@@ -133,7 +135,7 @@ def loop_radius(actuator: Any, share: float = 1.0) -> float:
     rates[1, 1:3] = np.array([-friction.viscous / math.sqrt(ratio), drive.gain])
     rates[1] /= actuator.carriage.mass
     rates[2, 2:] = np.array([-1.0, 1.0]) / drive.response_time
-    held = exponential(rates * interval)
+    held = expm(rates * interval)
     loop = np.zeros((5, 5))
     loop[:3, :3] = held[:3, :3]
     output = np.array([-k_v * (k_p + 0.5 / interval), 0.0, 0.0, 0.0, k_v * 0.5 / interval])
