@@ -23,6 +23,7 @@ import numpy as np
 
 from ematwin.errors import RecordError
 from ematwin.numerics.signals import white_noise
+from ematwin.recordings.cleaning import runs
 from ematwin.recordings.recording import Recording
 from ematwin.showing.text import listed
 
@@ -283,10 +284,8 @@ class _Trial:
 
 def _repeats(values: np.ndarray) -> list[tuple[int, int]]:
     """Stretches of equal values (S,), as (first, one past the last)."""
-    changes = np.flatnonzero(np.diff(values) != 0.0) + 1
-    first, last = np.r_[0, changes], np.r_[changes, values.size]
-    kept = last - first >= _FEWEST
-    return list(zip(first[kept].tolist(), last[kept].tolist(), strict=True))
+    alike = runs(np.diff(values) == 0.0)
+    return [(first, end + 1) for first, end in alike if end + 1 - first >= _FEWEST]
 
 
 def _still(
