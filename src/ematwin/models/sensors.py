@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from ematwin.models.unknown import Unknown
+from ematwin.models.unknown import Unknown, nuisance
 
 SKEW = "skew"
 # standard deviations: usual data sheets state sensors to 2 % and 1 % of their range, two sigma; the
@@ -33,13 +33,10 @@ def sensors_of(channels: Iterable[str], rate: float, stated: Iterable[str]) -> t
              _OFFSET),
         ]  # fmt: skip
     return tuple(
-        Unknown(
-            name, unit, meaning, healthy, healthy - _REACH * spread, healthy + _REACH * spread,
-            "nuisance", spread=spread, marginal=True,
-        )
+        nuisance(name, unit, meaning, healthy, _REACH * spread, spread)
         for name, unit, meaning, healthy, spread in rows
         if name not in known
-    )  # fmt: skip
+    )
 
 
 def as_sensed(

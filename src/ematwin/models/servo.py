@@ -15,6 +15,7 @@ from ematwin.models.base import Candidates, Law, Model, Progress, Signal, Values
 from ematwin.models.scenario import Scenario
 from ematwin.models.simulating import recording_of
 from ematwin.models.unknown import Unknown
+from ematwin.models.unknown import nuisance as nuisance  # kinds have it from here
 from ematwin.numerics.signals import rounding
 from ematwin.recordings.channel import PHASES, Channel, Derivation
 from ematwin.recordings.noise import Noise
@@ -154,14 +155,6 @@ def possible_coggings(pole_pairs: int) -> list[tuple[int, float]]:
     poles, usual = 2 * pole_pairs, (3, 6, 9, 12, 15, 18, 24)  # slots of stators
     cycles = sorted({poles, *usual, *(math.lcm(slots, poles) for slots in usual)})
     return [(each, 0.5 * math.pi * n) for each in cycles for n in range(4)]
-
-
-def nuisance(
-    name: str, unit: str, meaning: str, healthy: float, reach: float, spread: float, **more: Any
-) -> Unknown:
-    """A nuisance that widens intervals, ``reach`` to both sides; ``more`` as of `Unknown`."""
-    low, high, more = healthy - reach, healthy + reach, {"spread": spread, "marginal": True, **more}
-    return Unknown(name, unit, meaning, healthy, low, high, "nuisance", **more)
 
 
 def load_nuisances(actuator: Any, valleys: int = 1) -> tuple[Unknown, Unknown]:

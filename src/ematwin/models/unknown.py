@@ -235,6 +235,14 @@ def multiple(
     )  # fmt: skip
 
 
+def nuisance(
+    name: str, unit: str, meaning: str, healthy: float, reach: float, spread: float, **more: Any
+) -> Unknown:
+    """A nuisance that widens intervals, ``reach`` to both sides; ``more`` as of `Unknown`."""
+    low, high, more = healthy - reach, healthy + reach, {"spread": spread, "marginal": True, **more}
+    return Unknown(name, unit, meaning, healthy, low, high, "nuisance", **more)
+
+
 def of_parameter(
     actuator: Any, place: str, factor: float | None, deviation: float | None = None
 ) -> Unknown:
