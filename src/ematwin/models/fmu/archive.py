@@ -1,7 +1,6 @@
 """An FMU as an archive: what it says of its variables, and whether it can run here."""
 
 import hashlib
-import math
 import zipfile
 from contextlib import suppress
 from functools import cache
@@ -130,11 +129,3 @@ def number(text: Any, missing: Any = None) -> Any:
         return float(text)
     except (TypeError, ValueError):
         return missing
-
-
-def bounds_of(variable: Any, scale: Scale) -> tuple[float, float]:
-    """Bounds of a variable, SI."""
-    return (
-        scale.to_si(number(stated(variable, "min"), -math.inf)),
-        scale.to_si(number(stated(variable, "max"), math.inf)),
-    )

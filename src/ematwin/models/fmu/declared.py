@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ematwin.errors import ParameterError
-from ematwin.models.fmu.archive import Archive, Scale, bounds_of, number, scale_of
+from ematwin.models.fmu.archive import Archive, Scale, number, scale_of, stated
 from ematwin.models.scenario import Finite, Hertz, Seconds
 from ematwin.models.unknown import Times, Unknown
 from ematwin.quantities import parse_quantity, to_si
@@ -185,18 +185,17 @@ def used_by(declared: Declared, archive: Archive, what: str) -> dict[str, Used]:
                 'changes a parameter is stated by times = "parameter".'
             )
         scale = scale_of(archive, variable, entry.unit, f"{what}: {place}")
-        bounds = _bounds(entry, bounds_of(variable, scale), scale.unit, place, what)
+        bounds = _bounds(entry, variable, scale, place, what)
         meaning = entry.meaning or variable.description or name
         found[place] = Used(variable, scale, meaning, *bounds)
     return found
 
 
-def _bounds(
-    entry: Any, limits: tuple[float, float], si_unit: str, place: str, what: str
-) -> tuple[float, float]:
-    """Bounds of an entry, SI: those of the FMU (``limits``) if it gives none."""
-    found = []
-    for side, limit, sign in zip(("lower", "upper"), limits, (-1.0, 1.0), strict=True):
+def _bounds(entry: Any, variable: Any, scale: Scale, place: str, what: str) -> tuple[float, float]:
+    """Bounds of an entry, SI: those of the FMU's variable if it gives none."""
+    found, si_unit = [], scale.unit
+    for side, named, sign in (("lower", "min", -1.0), ("upper", "max", 1.0)):
+        limit = scale.to_si(number(stated(variable, named), sign * math.inf))
         own = getattr(entry, side, None)
         value = limit if own is None else to_si(own, entry.unit or si_unit, si_unit, place)
         if sign * (value - limit) > 1e-9 * abs(limit):  # units are converted
