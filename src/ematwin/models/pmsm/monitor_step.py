@@ -147,17 +147,17 @@ def advance_motion(now, torque, load, c, dt):
 
 
 @part
-def advance_with_bristles(now, bent_m, bent_o, torque, load, c, dt):
+def advance_with_bristles(now, torque, load, c, dt):
     """As `advance_motion`, with friction that may give; and how far bristles are bent, rad."""
     if c.bristles_m == 0.0:
         return advance_motion(now, torque, load, c, dt), 0.0, 0.0
     act_m, act_o, slides_m, slides_o = torques(now, torque, load, c, dt)
     w_m, bent_m = advance_on_bristles(
-        now.w_m, bent_m, act_m, 1.0 / c.j_m, slides_m, c.bristles_m,
+        now.w_m, now.bent_m, act_m, 1.0 / c.j_m, slides_m, c.bristles_m,
         fading(now.w_m, c.w_stribeck) * c.bristle_damping, dt,
     )  # fmt: skip
     w_o, bent_o = advance_on_bristles(
-        now.w_o, bent_o, act_o, 1.0 / c.j_o, slides_o, c.bristles_o,
+        now.w_o, now.bent_o, act_o, 1.0 / c.j_o, slides_o, c.bristles_o,
         fading(now.w_o, c.w_stribeck) * c.bristle_damping, dt,
     )  # fmt: skip
     return moved(now, w_m, w_o, c, dt), bent_m, bent_o
@@ -289,10 +289,7 @@ def monitor_step(now, v_alpha, v_beta, load, c, dt):
     torque = (
         1.5 * (k_d * m_d + k_q * m_q + c.pole_pairs * (c.l_d - c.l_q) * m_d * m_q) - k_0 * drawn
     )
-    motion, bent_m, bent_o = advance_with_bristles(
-        Motion(now.w_m, now.theta_m, now.w_o, now.theta_o), now.bent_m, now.bent_o, torque, load,
-        c, dt,
-    )  # fmt: skip
+    motion, bent_m, bent_o = advance_with_bristles(now, torque, load, c, dt)
     return MonitorState(
         i_d, i_q, j_a, j_b, j_c, motion.w_m, motion.theta_m, motion.w_o, motion.theta_o,
         motion.w_m - now.w_m, bent_m, bent_o,

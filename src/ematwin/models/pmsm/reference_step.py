@@ -7,7 +7,7 @@ the explicit midpoint rule advances all of them.
 
 from typing import NamedTuple
 
-from ematwin.models.pmsm.monitor_step import Motion, advance_with_bristles, leg_error
+from ematwin.models.pmsm.monitor_step import advance_with_bristles, leg_error
 from ematwin.numerics.compile import part, step
 from ematwin.numerics.scalar import ROOT_3, clip, fifth, lag, seventh, sincos
 
@@ -148,10 +148,7 @@ def reference_step(now, v_a, v_b, v_c, load, c, dt):
         0.5 * (now.j_a + j_a), 0.5 * (now.j_b + j_b), 0.5 * (now.j_c + j_c),
         now.w_m, now.theta_m + half * now.w_m, v_a, v_b, v_c, resistance, c,
     )  # fmt: skip
-    motion, bent_m, bent_o = advance_with_bristles(
-        Motion(now.w_m, now.theta_m, now.w_o, now.theta_o), now.bent_m, now.bent_o, then.torque,
-        load, c, dt,
-    )  # fmt: skip
+    motion, bent_m, bent_o = advance_with_bristles(now, then.torque, load, c, dt)
     heat = (
         then.lost - c.added_a * then.i_a * then.i_a - c.added_b * then.i_b * then.i_b
         - c.added_c * then.i_c * then.i_c
