@@ -67,10 +67,8 @@ def _columns(signal: np.ndarray, more: int, count: int, before: float, behind: f
 
     ``more`` samples are put ``before`` and ``behind`` it.
     """
-    size = signal.size + 2 * more
-    longer = np.empty(-(-size // count) * count)
-    longer[:more], longer[more : more + signal.size] = before, signal
-    longer[more + signal.size :] = behind
+    last = more + -(signal.size + 2 * more) % count
+    longer = np.pad(signal, (more, last), constant_values=(before, behind))
     return np.ascontiguousarray(longer.reshape(-1, count).T)
 
 
