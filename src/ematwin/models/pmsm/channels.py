@@ -15,19 +15,11 @@ ROTATING = ("current_d", "current_q")
 ROTATING_VOLTAGES = ("voltage_d", "voltage_q")
 
 
-def _terminal(letter: str, text: str, ab: float, bc: float) -> Channel:
-    """The measured voltage of a phase, (``ab`` v_ab + ``bc`` v_bc)/3 of line voltages."""
-
-    def of_lines(v_ab: np.ndarray, v_bc: np.ndarray) -> np.ndarray:
-        return (ab * v_ab + bc * v_bc) / 3.0
-
-    return Channel(
-        f"terminal_voltage_{letter}", "V",
-        f"measured voltage of phase {letter}, mean over the PWM period that ends at the sample",
-        (f"v_meas_{letter}",), derived=Derivation(text, LINES, of_lines),
-    )  # fmt: skip
-
-
+_BY_LINES = {
+    "a": Derivation("(2 ab + bc)/3", LINES, lambda ab, bc: (2.0 * ab + bc) / 3.0),
+    "b": Derivation("(bc - ab)/3", LINES, lambda ab, bc: (bc - ab) / 3.0),
+    "c": Derivation("-(ab + 2 bc)/3", LINES, lambda ab, bc: -(ab + 2.0 * bc) / 3.0),
+}
 CHANNELS = (
     *COMMAND_AND_LOAD,
     *star_channels("current", "A", "current of phase {}", ("i_{}",)),
@@ -37,9 +29,11 @@ CHANNELS = (
     *star_channels("voltage", "V", "commanded voltage of phase {}", ("v_{}", "u_{}")),
     Channel("voltage_d", "V", "commanded voltage along the magnets", ("v_d", "u_d")),
     Channel("voltage_q", "V", "commanded voltage across the magnets", ("v_q", "u_q")),
-    _terminal("a", "(2 ab + bc)/3", 2.0, 1.0),
-    _terminal("b", "(bc - ab)/3", -1.0, 1.0),
-    _terminal("c", "-(ab + 2 bc)/3", -1.0, -2.0),
+    *(
+        Channel(f"terminal_voltage_{x}", "V", f"measured voltage of phase {x}, mean over the PWM "
+                "period that ends at the sample", (f"v_meas_{x}",), derived=derived)
+        for x, derived in _BY_LINES.items()
+    ),
     *(
         Channel(name, "V", f"measured voltage of phase {name[-2]} over phase {name[-1]}, mean over "
                 "the PWM period that ends at the sample", (f"v_{name[-2:]}",))

@@ -281,11 +281,7 @@ def signals_of(recording: Recording, actuator: PmsmActuator) -> dict[str, np.nda
     """Recorded traces of `COMPARED`, (S,) arrays by name."""
     pairs, ratio = actuator.motor.pole_pairs, actuator.transmission.ratio
     currents = in_rotor_frame(recording, "current", pairs)
-    if currents is None:
-        raise RecordError(
-            f"{recording.name} has no current_a, current_b and current_c with motor_position, nor "
-            "current_d and current_q; record either."
-        )
+    assert currents is not None, "`check_channels` lets no such recording pass"
     found = {"current_q": currents[1], "current_d": currents[0]}
     quantity = "terminal_voltage" if only_measured(recording) else "voltage"
     voltages = in_rotor_frame(recording, quantity, pairs)

@@ -48,11 +48,6 @@ def _bristles(actuator: Any) -> list[Values]:
     ]
 
 
-def _said_of_bristles(actuator: Any) -> str:
-    bent = actuator.motor.friction_torque / actuator.presliding.motor_stiffness
-    return f"friction of the motor gives {1e3 * bent:.2g} mrad before it slides"
-
-
 def _forms(sheet: Any) -> tuple[Form, ...]:
     """Forms that are otherwise than in the sheet."""
     cogging = _values(sheet, _COGGING[1:])
@@ -65,7 +60,10 @@ def _forms(sheet: Any) -> tuple[Form, ...]:
         ),
         Form(
             "presliding friction", lambda a: a.presliding is not None, _BRISTLES, _bristles,
-            _said_of_bristles, _BRISTLES, _bristles,
+            lambda a: "friction of the motor gives "
+                      f"{1e3 * a.motor.friction_torque / a.presliding.motor_stiffness:.2g} mrad "
+                      "before it slides",
+            _BRISTLES, _bristles,
         ),
     )  # fmt: skip
 

@@ -145,14 +145,14 @@ def _rotor_laws(recording: Recording, pole_pairs: int) -> list[Law]:
         return []
     size = float(np.sqrt(1.5 * np.mean([channels[name] ** 2 for name in PHASES])))
 
-    def rotor(taken: Mapping[str, np.ndarray], known: tuple[str, ...]) -> np.ndarray:
-        third = -(taken[known[0]] + taken[known[1]])
-        a, b, c = (taken[name] if name in known else third for name in PHASES)
-        return to_rotor(a, b, c, pole_pairs * taken["motor_position"])
-
     def along(known: tuple[str, ...]) -> Law:
+        def left(taken: Mapping[str, np.ndarray]) -> np.ndarray:
+            third = -(taken[known[0]] + taken[known[1]])
+            a, b, c = (taken[name] if name in known else third for name in PHASES)
+            return np.asarray(to_rotor(a, b, c, pole_pairs * taken["motor_position"])[0])
+
         values = {name: channels[name] for name in (*known, "motor_position")}
         text = "phases and motor_position do not give the current that the drive controls"
-        return Law(text, values, lambda taken: rotor(taken, known)[0], 0.1 * size)
+        return Law(text, values, left, 0.1 * size)
 
     return [along(known) for known in combinations(PHASES, 2)]
