@@ -23,7 +23,7 @@ AMPLITUDE, LEAD = 58.0, 0.12  # V, and rad before the EMF
 DT = 2e-6
 DURATION = 0.025
 LIMIT = 0.01  # of the RMS, as the project asks
-reference_step, windings = plain(steps_of.reference_step), plain(steps_of.windings)
+reference_step, phase_currents = plain(steps_of.reference_step), plain(steps_of.phase_currents)
 
 
 def round_rotor(actuator):
@@ -48,11 +48,8 @@ def run_windings(c, steps):
         v_b = -AMPLITUDE * math.sin(angle - third)
         v_c = -AMPLITUDE * math.sin(angle + third)
         now = reference_step(now, v_a, v_b, v_c, 0.0, c, DT)
-        seen = windings(
-            now.psi_alpha, now.psi_beta, now.j_a, now.j_b, now.j_c, SPEED, now.theta_m, v_a, v_b,
-            v_c, c.resistance, c,
-        )  # fmt: skip
-        found[n] = seen.i_a, seen.i_b, seen.i_c, now.j_a + now.j_b + now.j_c
+        i_a, i_b = phase_currents(now, c)
+        found[n] = i_a, i_b, -i_a - i_b, now.j_a + now.j_b + now.j_c
     return found
 
 

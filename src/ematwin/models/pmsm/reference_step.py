@@ -43,9 +43,7 @@ class Windings(NamedTuple):
     torque: float  # N m
     taken: float  # W, in at the terminals
     lost: float  # W
-    i_a: float  # A, at the terminals
-    i_b: float
-    i_c: float
+    heat: float  # W, of that in windings and shorts
 
 
 @step
@@ -118,10 +116,9 @@ def windings(psi_alpha, psi_beta, j_a, j_b, j_c, w_m, theta_m, v_a, v_b, v_c, re
         + (resistance + c.added_c) * i_c * i_c - 2.0 * resistance * i_c * j_c
         + c.loss_c * j_c * j_c
     )  # fmt: skip
+    heat = lost - c.added_a * i_a * i_a - c.added_b * i_b * i_b - c.added_c * i_c * i_c
     zero = w_m * k_0 - mean
-    return Windings(
-        d_alpha, d_beta, n_a + zero, n_b + zero, n_c + zero, torque, taken, lost, i_a, i_b, i_c
-    )
+    return Windings(d_alpha, d_beta, n_a + zero, n_b + zero, n_c + zero, torque, taken, lost, heat)
 
 
 @part
@@ -149,10 +146,6 @@ def reference_step(now, v_a, v_b, v_c, load, c, dt):
         now.w_m, now.theta_m + half * now.w_m, v_a, v_b, v_c, resistance, c,
     )  # fmt: skip
     motion, bent_m, bent_o = advance_with_bristles(now, then.torque, load, c, dt)
-    heat = (
-        then.lost - c.added_a * then.i_a * then.i_a - c.added_b * then.i_b * then.i_b
-        - c.added_c * then.i_c * then.i_c
-    )  # fmt: skip
     return ReferenceState(
         now.psi_alpha + dt * then.d_alpha,
         now.psi_beta + dt * then.d_beta,
@@ -163,7 +156,7 @@ def reference_step(now, v_a, v_b, v_c, load, c, dt):
         now.e_electrical + dt * then.taken,
         now.e_copper + dt * then.lost,
         now.e_mechanical + dt * then.torque * now.w_m,
-        bent_m, bent_o, lag(now.warmer, c.heating * heat, c.heating_time, dt),
+        bent_m, bent_o, lag(now.warmer, c.heating * then.heat, c.heating_time, dt),
     )  # fmt: skip
 
 
