@@ -14,7 +14,6 @@ from ematwin.models.linear_axis.twin import (
     axis_constants,
     axis_step,
     follow,
-    substeps_of,
 )
 from ematwin.recordings.recording import Recording
 
@@ -151,7 +150,7 @@ def test_friction_never_adds_energy():
     """In no step does the mass gain more than the force does: the midpoint rule is exact there."""
     c = axis_constants(AXIS, {})
     rng = np.random.default_rng(1)
-    dt = INTERVAL / substeps_of(AXIS)
+    dt = INTERVAL / AXIS.steps.within(INTERVAL)
     now, lost, turned = AxisState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), [], 0
     for voltage in np.repeat(rng.uniform(-4.0, 4.0, 100), 50):
         push = c.gain * (voltage + (now.u - voltage) * c.lagging) - c.offset

@@ -32,6 +32,10 @@ class TwinSteps(Section):
 
     twin: float = quantity("s", "step of the twin, at most", exact=True, gt=0)
 
+    def within(self, interval: float) -> int:
+        """How many make up an interval, s."""
+        return max(1, math.ceil(interval / self.twin - 1e-9))
+
     def check(self, least: float, longest: float, why: str) -> None:
         """Raise ValueError unless the step lies between two limits, s."""
         if not least <= self.twin <= longest:

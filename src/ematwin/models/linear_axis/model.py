@@ -49,6 +49,7 @@ class LinearAxisModel(Model):
     )  # fmt: skip
     command = "reference"
     disturbance = "pulses"
+    outputs = COMPARED  # the position follows from these
     needs = ("voltage", "position")
     nominal: ClassVar[Mapping[str, float]] = {
         "carriage.mass": 1.25,
@@ -67,11 +68,6 @@ class LinearAxisModel(Model):
         Demand("speed", "m/s", ("position",), is_rate=True),
         Demand("voltage", "V", ("voltage",)),
     )
-
-    @property
-    def outputs(self) -> tuple[str, ...]:
-        """Voltage and position error; the position follows from these."""
-        return COMPARED
 
     def unknowns(self, actuator: Any) -> tuple[Unknown, ...]:
         """Friction, its asymmetry, and gains."""
@@ -116,10 +112,11 @@ class LinearAxisModel(Model):
         from ematwin.models.linear_axis import twin
         from ematwin.models.stepped import stepped_of
 
+        interval = actuator.controller.sample_time
         return stepped_of(
             twin.axis_traces, twin.axis_at_rest, lambda k: twin.axis_constants(actuator, k),
-            inputs=("reference", "pulses"), interval=actuator.controller.sample_time,
-            substeps=twin.substeps_of(actuator),
+            inputs=("reference", "pulses"), interval=interval,
+            substeps=actuator.steps.within(interval),
         )  # fmt: skip
 
     def noise(self, actuator: Any, recording: Recording) -> dict[str, float]:

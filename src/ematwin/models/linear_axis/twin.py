@@ -3,7 +3,6 @@
 docs/linear-axis.md has the equations and their sources; all at the carriage, SI.
 """
 
-import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -137,7 +136,8 @@ def axis_constants(actuator: LinearAxis, k: Mapping[str, Any]) -> AxisConstants:
     dry_side = np.sqrt(friction.coulomb_ratio * k.get("dry_asymmetry", 1.0))
     viscous = friction.viscous * k.get("viscous", 1.0)
     viscous_side = np.sqrt(friction.viscous_ratio * k.get("viscous_asymmetry", 1.0))
-    steps = actuator.controller.sample_time / substeps_of(actuator) / drive.response_time
+    interval = actuator.controller.sample_time
+    steps = interval / actuator.steps.within(interval) / drive.response_time
     decay = np.exp(-steps)
     return AxisConstants(
         mobility=1.0 / own.carriage.mass,
@@ -156,11 +156,6 @@ def axis_constants(actuator: LinearAxis, k: Mapping[str, Any]) -> AxisConstants:
         k_velocity=control.velocity_gain,
         closed=1.0,
     )
-
-
-def substeps_of(actuator: LinearAxis) -> int:
-    """Steps from one sample to the next."""
-    return max(1, math.ceil(actuator.controller.sample_time / actuator.steps.twin - 1e-9))
 
 
 def follow(
@@ -196,8 +191,8 @@ def follow(
         state = AxisState(x, v, u, x - interval * v, x - 2.0 * interval * v, 0.0)
         command = channels["reference" if constants.closed else "voltage"]
         return axis_traces(
-            command, channels.get("pulses"), constants, state, interval, substeps_of(actuator),
-            count=count,
+            command, channels.get("pulses"), constants, state, interval,
+            actuator.steps.within(interval), count=count,
         )  # fmt: skip
 
     x += channels["position" if "position" in channels else "reference"][0]

@@ -23,6 +23,7 @@ class PositionServoModel(Model):
     parameters = PositionServo
     channels = recorded.CHANNELS
     command = "goal_position"
+    outputs = ("position",)  # all else drives the twin
     needs = ("position",)
     sample_rate = 100.0
     compared_rate = 200.0
@@ -32,11 +33,6 @@ class PositionServoModel(Model):
         Demand("travel", "rad", ("goal_position", "position")),
         Demand("speed", "rad/s", ("position",), is_rate=True),
     )
-
-    @property
-    def outputs(self) -> tuple[str, ...]:
-        """The position; all else drives the twin."""
-        return ("position",)
 
     unknowns = staticmethod(unknowns)
     aliases = staticmethod(aliases)
@@ -75,7 +71,7 @@ class PositionServoModel(Model):
         position, goal = given.get("position"), given["goal_position"]
         # it rests where its first reads are, or at its goal
         first = goal[0] if position is None else median(position[:3])
-        substeps = math.ceil(inputs.interval / actuator.steps.twin - 1e-9)
+        substeps = actuator.steps.within(inputs.interval)
         rows = traces(constants, goal, supply, float(first), inputs.interval, substeps)
         return {"position": rows}
 

@@ -218,7 +218,7 @@ def stepped(actuator: PositionServo, most_delay: float, interval: float) -> Step
     Behind `State` stand the steps done and the goals of the last ones, as far back as
     ``most_delay`` times the healthy delay reaches.
     """
-    substeps = math.ceil(interval / actuator.steps.twin - 1e-9)
+    substeps = actuator.steps.within(interval)
     dt = interval / substeps
     kept = math.ceil(most_delay * actuator.controller.delay / dt) + 2
     _, state_of, write_state = columns(State)
