@@ -26,10 +26,10 @@ def healthy(actuator=ACTUATOR, **faults):
 def reference(actuator, values, command, load, *, substeps=20, perfect=True, every=1):
     """Columns of the reference model by name; command and load on the motor shaft, at ticks."""
     step = actuator.controller.current_time / substeps
-    c, state, control = reference_states(actuator, values, 0.0, step)
+    c, *states = reference_states(actuator, values, 0.0, step)
     quanta = np.zeros(3) if perfect else quanta_of(actuator)
-    trace = reference_trace(
-        np.asarray(command, float), np.asarray(load, float), state, control, c, step, substeps,
+    trace, *_ = reference_trace(
+        np.asarray(command, float), np.asarray(load, float), *states, c, step, substeps,
         np.array(actuator.ticks), quanta, every, len(command),
     )  # fmt: skip
     return dict(zip(REFERENCE_COLUMNS, trace.T, strict=True))

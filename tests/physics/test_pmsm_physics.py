@@ -23,12 +23,12 @@ def test_a_locked_rotor_takes_the_current_of_its_resistance_and_time_constant():
     """A constant voltage along q: i = u/R (1 - exp(-R t/L)), without EMF."""
     motor = ACTUATOR.motor
     volts, step, count = 4.0, 1e-6, 8000
-    c, state, control = reference_states(still(ACTUATOR), healthy(), 0.0, step)
+    c, now, loops, means = reference_states(still(ACTUATOR), healthy(), 0.0, step)
     # the current loops apply what they have pending; with no gain that stays
     c = c._replace(k_current=1e-12, k_voltage=0.0, set_flux=0.0, set_d=0.0, set_q=0.0)
-    control[6] = control[8] = volts  # integral of q, pending beta: at angle zero q is beta
-    trace = reference_trace(
-        np.zeros(count // 100), np.zeros(count // 100), state, control, c, step, 100,
+    loops = loops._replace(total_q=volts, v_beta=volts)  # at angle zero q is beta
+    trace, *_ = reference_trace(
+        np.zeros(count // 100), np.zeros(count // 100), now, loops, means, c, step, 100,
         np.array(ACTUATOR.ticks), np.zeros(3), 1, count // 100,
     )  # fmt: skip
     time = np.arange(count // 100) * 100 * step

@@ -81,7 +81,9 @@ def read_by_drive(
 
 
 @loop
-def reference_trace(command, load, state, control, c, dt, substeps, ticks, quanta, every, count):
+def reference_trace(
+    command, load, now, loops, means, c, dt, substeps, ticks, quanta, every, count
+):  # fmt: skip
     """(ceil(count/every), 20) trace of the reference model, columns as in `REFERENCE_COLUMNS`.
 
     Currents, voltages and positions are as the drive reads and commands them, the others as they
@@ -91,19 +93,16 @@ def reference_trace(command, load, state, control, c, dt, substeps, ticks, quant
     ----------
     command, load : (K + 1,) arrays, at the ticks of the current loops, rad and N m on the motor
         shaft; the load runs in straight lines between
-    state : (15,) array, the fields of `ReferenceState`
-    control : (12,) array, the fields of `ControlState` and the voltages at the terminals in the
-        tick before; both hold the last ones afterwards
+    now, loops, means : `ReferenceState`, `ControlState`, and the voltages of a, b, c at the
+        terminals in the tick before; behind the trace the last ones are given
     dt, substeps : step (s), and how many make a tick
     ticks : (2,) integer array, ticks of the speed and the position loop
     quanta : (3,) array, steps of current converters (A), of motor and output encoder (rad on the
         motor shaft); 0 for perfect ones
     every, count : ticks from one sample to the next, and in all: K where a later call goes on
     """
-    rows, control_rows = state.reshape(-1, 1), control.reshape(-1, 1)
-    now, loops = read_reference(rows, 0), loops_of(control_rows, 0)
     trace = np.empty(((count + every - 1) // every, 20))
-    w_a, w_b, w_c = control[9], control[10], control[11]
+    w_a, w_b, w_c = means
     for tick in range(count):
         v_alpha, v_beta = loops.v_alpha, loops.v_beta
         i_a, i_b = phase_currents(now, c)
@@ -135,10 +134,7 @@ def reference_trace(command, load, state, control, c, dt, substeps, ticks, quant
                 w_b -= share * (e_b + f_b)
                 w_c -= share * (e_c + f_c)
                 e_a, e_b, e_c = f_a, f_b, f_c
-    write_reference(rows, 0, now)
-    write_loops(control_rows, 0, loops)
-    control[9], control[10], control[11] = w_a, w_b, w_c
-    return trace
+    return trace, now, loops, (w_a, w_b, w_c)
 
 
 @step

@@ -82,13 +82,12 @@ def quanta_of(actuator: PmsmActuator) -> np.ndarray:
 
 def reference_states(
     actuator: PmsmActuator, values: Mapping[str, float], theta: float, step: float
-) -> tuple[Any, np.ndarray, np.ndarray]:
-    """Constants, and the states (15,) and (12,) of plant and drive at rest at an angle."""
+) -> tuple[Any, ReferenceState, ControlState, tuple[float, float, float]]:
+    """Constants, the states of plant and drive at rest at an angle, and voltages at terminals."""
     c = Constants(*map(float, constants_of(actuator, values, step)))
-    state, control = np.zeros(15), np.zeros(12)
-    state[6] = state[8] = theta
-    control[3] = theta + c.resolver / c.pole_pairs
-    return c, state, control
+    now = ReferenceState(*np.zeros(15))._replace(theta_m=theta, theta_o=theta)
+    loops = ControlState(*np.zeros(9))._replace(before=theta + c.resolver / c.pole_pairs)
+    return c, now, loops, (0.0, 0.0, 0.0)
 
 
 def reference_columns(
@@ -102,7 +101,7 @@ def reference_columns(
     """
     ratio, ticks = actuator.transmission.ratio, np.array(actuator.ticks)
     step = actuator.controller.current_time / substeps
-    c, state, control = reference_states(actuator, values, start * ratio, step)
+    c, *states = reference_states(actuator, values, start * ratio, step)
     # whole samples of all loops, so that a slice begins as the simulation does; some 20,000 ticks
     # between two reports of progress
     whole = math.lcm(*actuator.ticks, every)
@@ -111,10 +110,11 @@ def reference_columns(
     for first in range(0, command.size, stride):
         last = min(first + stride, command.size)
         more = slice(first, min(last + 1, command.size))  # the slice runs up to its successor
-        pieces.append(batch.reference_trace(
-            command[more] * ratio, load[more] / ratio, state, control, c, step, substeps, ticks,
+        rows, *states = batch.reference_trace(
+            command[more] * ratio, load[more] / ratio, *states, c, step, substeps, ticks,
             quanta_of(actuator), every, last - first,
-        ))  # fmt: skip
+        )  # fmt: skip
+        pieces.append(rows)
         if progress is not None:
             progress(last / command.size)
     trace = np.concatenate(pieces)
