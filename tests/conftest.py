@@ -16,6 +16,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from commands import Answer, inside
 from ematwin.cli import main
+from own_model import forgotten
 
 # The units of a developer's own settings do not reach the tests.
 os.environ["XDG_CONFIG_HOME"] = str(Path(tempfile.gettempdir(), "ematwin-tests-settings"))
@@ -44,6 +45,13 @@ def done(ematwin: Callable[..., Answer]) -> Callable[..., Answer]:
         return answer
 
     return run
+
+
+@pytest.fixture
+def registrations() -> Iterator[None]:
+    """What a test registers is forgotten after it."""
+    with forgotten():
+        yield
 
 
 @pytest.fixture

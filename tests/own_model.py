@@ -1,4 +1,4 @@
-"""The example package ``examples/own_model``, installed without pip and without an index.
+"""Kinds and methods of others: the package ``examples/own_model``, and what is registered.
 
 Wheels need a build backend, and that a network. What an installer leaves behind is little: the
 package, and the entry points of its ``pyproject.toml`` beside it. `.ci/run` installs it with pip.
@@ -6,9 +6,26 @@ package, and the entry points of its ``pyproject.toml`` beside it. `.ci/run` ins
 
 import shutil
 import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
+import pytest
+
+from ematwin.models import registry
+from ematwin.optimizers import registry as methods
+
 EXAMPLE = Path(__file__).parents[1] / "examples" / "own_model"
+
+
+def installed(folder: Path, name: str, **points: str) -> None:
+    """Put into a folder what an installer leaves of a package's entry points, by their group."""
+    info = folder / f"{name}-1.dist-info"
+    info.mkdir(parents=True)
+    metadata = f"Metadata-Version: 2.1\nName: {name}\nVersion: 1\n"
+    (info / "METADATA").write_text(metadata, encoding="utf-8")
+    text = "".join(f"[ematwin.{group}]\n{lines}\n" for group, lines in points.items())
+    (info / "entry_points.txt").write_text(text, encoding="utf-8")
 
 
 def laid_out(folder: Path) -> Path:
@@ -17,14 +34,28 @@ def laid_out(folder: Path) -> Path:
     shutil.copytree(
         EXAMPLE / "src", folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__")
     )
-    metadata = folder / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
-    metadata.mkdir()
-    (metadata / "METADATA").write_text(
-        f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n",
-        encoding="utf-8",
-    )
-    lines = []
-    for group, points in project["entry-points"].items():
-        lines += [f"[{group}]", *(f"{name} = {value}" for name, value in points.items())]
-    (metadata / "entry_points.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    groups = {
+        group.removeprefix("ematwin."): "\n".join(f"{name} = {at}" for name, at in points.items())
+        for group, points in project["entry-points"].items()
+    }
+    installed(folder, project["name"], **groups)
     return folder
+
+
+@contextmanager
+def on_path(folder: Path) -> Iterator[None]:
+    """Packages are found in a folder for a while."""
+    with pytest.MonkeyPatch.context() as here:
+        here.syspath_prepend(folder)
+        registry.models.cache_clear()
+        yield
+    registry.models.cache_clear()
+
+
+@contextmanager
+def forgotten() -> Iterator[None]:
+    """What is registered meanwhile is forgotten in the end."""
+    yield
+    methods._REGISTERED.clear()
+    registry._REGISTERED.clear()
+    registry.models.cache_clear()

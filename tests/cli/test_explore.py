@@ -5,7 +5,6 @@ import signal
 import socket
 import subprocess
 import sys
-import threading
 import time
 from itertools import product
 from urllib.request import urlopen
@@ -14,7 +13,7 @@ import numpy as np
 import pytest
 
 import ematwin as package
-from devtools import browser
+from devtools import browser, serving
 from ematwin.exploring.explorer import Explorer
 from ematwin.exploring.server import Server
 from refusals import refused
@@ -106,12 +105,8 @@ class Leisurely(Explorer):
 def page(recording):
     """The address of the page of a recording whose name is markup."""
     named = recording.changed(source="<b>bold</b>")
-    with Server(Leisurely(named, "emps")) as server:
-        thread = threading.Thread(target=server.serve_forever, args=(0.05,))
-        thread.start()
+    with serving(Server(Leisurely(named, "emps"))) as server:
         yield server.address
-        server.shutdown()
-        thread.join()
 
 
 def test_the_page_follows_a_slider_fits_and_gives_its_verdict(page, tmp_path):
@@ -163,9 +158,7 @@ def test_the_page_follows_a_slider_fits_and_gives_its_verdict(page, tmp_path):
 
 
 def test_another_scenario_is_chosen_on_the_page(tmp_path):
-    with Server(Explorer(None, "servo48")) as server, browser(tmp_path) as tab:
-        thread = threading.Thread(target=server.serve_forever, args=(0.05,))
-        thread.start()
+    with serving(Server(Explorer(None, "servo48"))) as server, browser(tmp_path) as tab:
         tab.open(server.address)
         tab.wait("document.querySelectorAll('.ee-input').length === 2")  # command and load
         assert tab.value("document.querySelectorAll('button').length") == 1
@@ -175,8 +168,6 @@ def test_another_scenario_is_chosen_on_the_page(tmp_path):
         tab.wait("document.querySelectorAll('.ee-input').length === 1")
         assert tab.value("document.querySelector('select').value") == "sine"
         assert tab.value(f"({SAID})('friction')") == "0.03 N m"
-        server.shutdown()
-        thread.join()
         assert tab.said == []
 
 

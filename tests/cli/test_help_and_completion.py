@@ -9,7 +9,7 @@ import pytest
 from commands import inside, loaded
 from ematwin.cli import main
 from ematwin.cli.app import app
-from ematwin.models.registry import models
+from own_model import installed, on_path
 
 COMMANDS = [info.name for info in app.registered_commands]
 GROUPS = [info.name for info in app.registered_groups]
@@ -80,15 +80,10 @@ def test_bash_completes_names(line, offered):
     assert all(name.startswith(line[-1]) for name in completed(*line))
 
 
-def test_a_broken_package_does_not_disturb_the_prompt(tmp_path, monkeypatch):
-    info = tmp_path / "broken-1.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 1\n")
-    (info / "entry_points.txt").write_text("[ematwin.models]\nbroken = no_such_module:MODEL\n")
-    monkeypatch.syspath_prepend(tmp_path)
-    models.cache_clear()
-    assert "servo48" in completed("simulate", "--actuator", "")
-    models.cache_clear()
+def test_a_broken_package_does_not_disturb_the_prompt(tmp_path):
+    installed(tmp_path, "broken", models="broken = no_such_module:MODEL")
+    with on_path(tmp_path):
+        assert "servo48" in completed("simulate", "--actuator", "")
 
 
 def test_completing_loads_nothing_heavy():

@@ -7,22 +7,17 @@ import numpy as np
 import pytest
 
 import ematwin as library
-from ematwin.models.registry import models
-from own_model import laid_out
+from own_model import installed, laid_out, on_path
 from refusals import refused
 
 SENSOR = "white=0.02,bits=12,full_scale=5"
 
 
 @pytest.fixture(scope="module", autouse=True)
-def site(tmp_path_factory) -> Iterator[Path]:
-    """A folder with the package, as an installer leaves it, where Python looks for packages."""
-    folder = laid_out(tmp_path_factory.mktemp("site-packages"))
-    with pytest.MonkeyPatch.context() as here:
-        here.syspath_prepend(folder)
-        models.cache_clear()
-        yield folder
-    models.cache_clear()
+def site(tmp_path_factory) -> Iterator[None]:
+    """The package, as an installer leaves it, where Python looks for packages."""
+    with on_path(laid_out(tmp_path_factory.mktemp("site-packages"))):
+        yield
 
 
 @pytest.fixture
@@ -126,17 +121,11 @@ def test_a_load_that_the_kind_does_not_take_is_refused(ematwin, tmp_path):
     refused(answer, "leave the load out")
 
 
-def test_a_broken_kind_beside_it_is_refused_alone(ematwin, done, tmp_path, monkeypatch):
-    broken = tmp_path / "broken-1.dist-info"
-    broken.mkdir()
-    (broken / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 1\n")
-    points = "[ematwin.models]\ncrank = no_such_module:MODEL\n"
-    (broken / "entry_points.txt").write_text(points)
-    monkeypatch.syspath_prepend(tmp_path)
-    models.cache_clear()
-    assert "dcg25" in done("simulate", "--actuator", "dcg25").out
-    assert "Warning: The kind of actuator 'crank' cannot be" in done("actuators").out
+def test_a_broken_kind_beside_it_is_refused_alone(ematwin, done, tmp_path):
+    installed(tmp_path, "broken", models="crank = no_such_module:MODEL")
     (tmp_path / "crank.toml").write_text('kind = "crank"\nname = "c"\ndescription = "d"\n')
-    answer = ematwin("simulate", "--actuator", "crank.toml")
-    models.cache_clear()
+    with on_path(tmp_path):
+        assert "dcg25" in done("simulate", "--actuator", "dcg25").out
+        assert "Warning: The kind of actuator 'crank' cannot be" in done("actuators").out
+        answer = ematwin("simulate", "--actuator", "crank.toml")
     refused(answer, "'crank' cannot be loaded from no_such_module:MODEL")

@@ -1,7 +1,6 @@
 """Every kind of actuator keeps the contract of models, and so does the example package."""
 
 import inspect
-import sys
 
 import numpy as np
 import pytest
@@ -11,7 +10,7 @@ from ematwin.models.registry import load_actuator, model_of, models
 from ematwin.recordings.channel import Channel
 from ematwin.testing.draws import Bench
 from ematwin.testing.model_contract import ModelContract
-from own_model import laid_out
+from own_model import laid_out, on_path
 from reference_fmus import van_der_pol
 
 
@@ -73,12 +72,8 @@ class TestPositionServo(ModelContract):
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory):
     """The model of the example package, laid out as pip would and found by its entry point."""
-    folder = str(laid_out(tmp_path_factory.mktemp("site-packages")))
-    sys.path.insert(0, folder)
-    models.cache_clear()
-    yield models()["dc-gearmotor"]
-    sys.path.remove(folder)
-    models.cache_clear()
+    with on_path(laid_out(tmp_path_factory.mktemp("site-packages"))):
+        yield models()["dc-gearmotor"]
 
 
 class TestOwnModel(ModelContract):

@@ -13,7 +13,7 @@ import shlex
 import subprocess
 import sys
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from glob import glob
 from itertools import dropwhile
 from pathlib import Path
@@ -25,9 +25,7 @@ import typer
 from ematwin.benchmarking.subject import cases_of
 from ematwin.cli.app import app, run
 from ematwin.fleet.fleet import settings_of
-from ematwin.models import registry
 from ematwin.models.registry import actuator_in, load_actuator, model_of, shipped_actuators
-from ematwin.optimizers import registry as methods
 from ematwin.recordings.channel import ChannelMap
 from page_blocks import PAGES, PLAIN, PROJECT, Block, blocks_of, words_of
 from page_files import GIVEN
@@ -62,14 +60,6 @@ def test_every_block_of_a_page_runs_or_is_read_by_its_parser(
             if "run with" in block.said:
                 shell.check(block)  # what is shown, beside what is run
             KINDS[block.language](block, names, shell)
-
-
-@pytest.fixture
-def registrations() -> Iterator[None]:
-    """What a page registers is forgotten after it."""
-    yield
-    methods._REGISTERED.clear()
-    registry._REGISTERED.clear()
 
 
 class Shell:

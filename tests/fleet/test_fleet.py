@@ -9,13 +9,13 @@ from copy import copy
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
-from threading import Thread
 from unittest.mock import Mock
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from devtools import serving
 from ematwin import Fleet
 from ematwin.errors import EmatwinError, FileError, InputError
 from ematwin.fleet.alarms import Before, Policy, judge
@@ -412,8 +412,7 @@ def test_what_a_file_says_of_itself_cannot_run_on_a_page(tmp_path):
 
 
 def test_the_server_shows_pages_to_those_who_know_its_token_only(filled):
-    with FleetServer(Fleet(filled)) as server:
-        Thread(target=server.serve_forever, daemon=True).start()
+    with serving(FleetServer(Fleet(filled))) as server:
 
         def asked(address):
             with urllib.request.urlopen(address) as answer:
@@ -429,7 +428,6 @@ def test_the_server_shows_pages_to_those_who_know_its_token_only(filled):
                 asked(wrong)
         with pytest.raises(urllib.error.HTTPError, match="501"):
             urllib.request.urlopen(urllib.request.Request(server.address, data=b"{}"))
-        server.shutdown()
 
 
 def test_the_demo_of_a_fleet_writes_its_page(ematwin, tmp_path, monkeypatch):

@@ -5,6 +5,7 @@ import os
 import pytest
 from processes import RUNS, numbers, study
 
+from own_model import installed
 from shared import made_once
 
 
@@ -97,11 +98,8 @@ class Nan(DifferentialEvolution):
 def saboteurs(tmp_path):
     """Environment in which five algorithms are installed that misbehave."""
     folder = tmp_path / "site"
-    info = folder / "saboteurs-1.dist-info"
-    info.mkdir(parents=True)
-    (folder / "saboteurs.py").write_text(SABOTEURS)
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: saboteurs\nVersion: 1\n")
     names = ("Raises", "Hangs", "Slow", "Dies", "Nan")
-    points = [f"{name.lower()} = saboteurs:{name}" for name in names]
-    (info / "entry_points.txt").write_text("\n".join(["[ematwin.optimizers]", *points, ""]))
+    points = "\n".join(f"{name.lower()} = saboteurs:{name}" for name in names)
+    installed(folder, "saboteurs", optimizers=points)
+    (folder / "saboteurs.py").write_text(SABOTEURS)
     return {"PYTHONPATH": os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")])}

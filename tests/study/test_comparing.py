@@ -4,23 +4,20 @@ import pytest
 
 import ematwin
 from ematwin.errors import InputError
-from ematwin.optimizers import registry
 from ematwin.optimizers.base import RandomSearch
 
 
+@pytest.mark.usefixtures("registrations")
 def test_a_study_of_an_own_algorithm_in_one_call(tmp_path):
     class Own(RandomSearch):
         """Not importable by the workers: it travels with them."""
 
     ematwin.register("own", Own)
     seen = []
-    try:
-        study = ematwin.compare(
-            ["random", "own"], {"worn": {"friction": 2.0}}, runs=2, population=6, iterations=3,
-            actuator="rm1605", workers=1, store=tmp_path / "study.db", progress=seen.append,
-        )  # fmt: skip
-    finally:
-        registry._REGISTERED.clear()
+    study = ematwin.compare(
+        ["random", "own"], {"worn": {"friction": 2.0}}, runs=2, population=6, iterations=3,
+        actuator="rm1605", workers=1, store=tmp_path / "study.db", progress=seen.append,
+    )  # fmt: skip
     assert study.table.done.all()
     assert list(study.to_frame()["algorithm"]) == study.table.algorithms == ["random", "own"]
     assert len(study.to_frame("run")) == 4

@@ -6,6 +6,7 @@ import threading
 
 import pytest
 
+from devtools import serving
 from ematwin.errors import InputError
 from ematwin.exploring import server as module
 from ematwin.exploring.server import Server
@@ -23,12 +24,8 @@ class Standing:
 @pytest.fixture
 def server(monkeypatch):
     monkeypatch.setattr(module, "answered", lambda explorer, question: {"heard": question})
-    with Server(Standing()) as found:
-        thread = threading.Thread(target=found.serve_forever, args=(0.01,))
-        thread.start()
+    with serving(Server(Standing())) as found:
         yield found
-        found.shutdown()
-        thread.join()
 
 
 def request(server, method, path, body=None, **changes):

@@ -15,6 +15,7 @@ from ematwin.models.scenario import Chirp, Scenario
 from ematwin.models.unknown import Unknown
 from ematwin.recordings.channel import Channel
 from ematwin.report.experiments import design_page
+from own_model import forgotten
 
 FORCE = 4.0  # N; friction of 1 N holds from 4 times on
 
@@ -67,7 +68,7 @@ class SledModel(Model):
 
 
 @pytest.fixture(scope="module")
-def sled(tmp_path_factory, registered):
+def sled(tmp_path_factory):
     """Path of its file, while the kind is registered."""
     path = tmp_path_factory.mktemp("sled") / "sled.toml"
     path.write_text(
@@ -75,7 +76,8 @@ def sled(tmp_path_factory, registered):
         'mass = { value = 2, unit = "kg", source = "made up" }\n'
         'friction = { value = 1, unit = "N", source = "made up" }\n'
     )
-    with registered(SledModel()):
+    with forgotten():
+        ematwin.register_model(SledModel())
         yield path
 
 

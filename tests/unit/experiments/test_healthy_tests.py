@@ -13,6 +13,7 @@ from ematwin.models.unknown import Unknown
 from ematwin.monitoring.calibration import Calibration
 from ematwin.recordings.channel import Channel
 from ematwin.report.experiments import healthy_tests_page
+from own_model import forgotten
 
 NOISE = 1e-3  # m/s
 
@@ -64,8 +65,9 @@ class BoatModel(Model):
 
 
 @pytest.fixture(scope="module")
-def boat(registered):
-    with registered(BoatModel()):
+def boat():
+    with forgotten():
+        ematwin.register_model(BoatModel())
         yield Boat(name="boat", description="", drag=Drag(linear=2.0, cubic=0.1, unseen=1.0))
 
 

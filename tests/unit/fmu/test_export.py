@@ -18,8 +18,8 @@ from fmpy.validation import validate_fmu
 import ematwin
 from ematwin.errors import EmatwinError, InputError
 from ematwin.models.base import Model
-from ematwin.models.registry import load_actuator, model_of, models
-from own_model import laid_out
+from ematwin.models.registry import load_actuator, model_of
+from own_model import laid_out, on_path
 
 SHIPPED = {
     ("emps", "twin"): {"friction": 1.7, "position_gain": 0.8},
@@ -146,20 +146,11 @@ def test_an_fmu_answers_as_simulate_does_with_equal_steps(
         )
 
 
-@pytest.fixture
-def own_kind(tmp_path, monkeypatch):
-    """The example package, known in this process for a while."""
-    monkeypatch.syspath_prepend(str(laid_out(tmp_path / "packages")))
-    models.cache_clear()
-    yield
-    monkeypatch.undo()
-    models.cache_clear()
-
-
-def test_a_kind_of_others_is_exported_by_its_steps(own_kind, archive, tmp_path):
-    record = recorded(load_actuator("dcg25"), "twin", {"friction": 2.0, "load": 0.1})
-    with Driven(archive("dcg25", "twin", 2), tmp_path / "fmu") as fmu:
-        outputs, rows = driven(fmu, record, {"friction": 2.0, "load": 0.1}, len(record))
+def test_a_kind_of_others_is_exported_by_its_steps(archive, tmp_path):
+    with on_path(laid_out(tmp_path / "packages")):
+        record = recorded(load_actuator("dcg25"), "twin", {"friction": 2.0, "load": 0.1})
+        with Driven(archive("dcg25", "twin", 2), tmp_path / "fmu") as fmu:
+            outputs, rows = driven(fmu, record, {"friction": 2.0, "load": 0.1}, len(record))
     for n, name in enumerate(outputs):
         np.testing.assert_allclose(rows[:, n], record.channels[name], atol=1e-9)
 

@@ -11,8 +11,7 @@ import pytest
 
 import ematwin
 from ematwin.errors import InputError
-from ematwin.models import registry
-from ematwin.models.registry import models
+from own_model import forgotten
 
 NOTEBOOK = Path(__file__).parents[3] / "docs" / "your-own-model.md"
 CELLS = r"^```\{code-cell\} ipython3\n%%writefile (voice_coil/\S+)\n(.*?)^```"
@@ -28,9 +27,8 @@ def voice_coil(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]
     monkeypatch.syspath_prepend(tmp_path)
     from voice_coil.model import MODEL
 
-    yield MODEL
-    registry._REGISTERED.clear()
-    models.cache_clear()
+    with forgotten():
+        yield MODEL
     for name in [name for name in sys.modules if name.startswith("voice_coil")]:
         del sys.modules[name]
 

@@ -7,12 +7,13 @@ import ematwin
 from commands import fresh
 from ematwin.errors import InputError
 from ematwin.estimation.search import expanded, methods
-from ematwin.optimizers import Box, Optimizer, RandomSearch, Whale, algorithms, minimize, registry
+from ematwin.optimizers import Box, Optimizer, RandomSearch, Whale, algorithms, minimize
 from ematwin.optimizers.differential_evolution import rand_1
 from ematwin.optimizers.genetic_algorithm import Binary, Roulette
 from ematwin.optimizers.particle_swarm import Global
 from ematwin.optimizers.registry import PRESETS, find
 from ematwin.testing.optimizer_contract import check_optimizer
+from own_model import installed
 
 BOX = Box([0.0, 0.0], [1.0, 1.0])
 KNOWN = {one.name: one for one in methods()}
@@ -66,18 +67,10 @@ def test_the_paper_preset_has_the_published_forms():
 @pytest.fixture
 def somebody(tmp_path, monkeypatch):
     """An installed package with three algorithms."""
-    info = tmp_path / "somebody-1.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: somebody\nVersion: 1\n")
-    (info / "entry_points.txt").write_text(
-        """
-[ematwin.optimizers]
-mine = ematwin.optimizers:Whale
-gwo = ematwin.optimizers:Whale
-broken = no_such_module:Nothing
-"""
-    )
-    monkeypatch.syspath_prepend(str(tmp_path))
+    whale = "ematwin.optimizers:Whale"
+    lines = f"mine = {whale}\ngwo = {whale}\nbroken = no_such_module:Nothing"
+    installed(tmp_path, "somebody", optimizers=lines)
+    monkeypatch.syspath_prepend(tmp_path)
 
 
 @pytest.mark.usefixtures("somebody")
@@ -121,8 +114,8 @@ class Outside(RandomSearch):
         super().tell(super().ask(), costs)
 
 
-def test_a_registered_name_is_used_like_any_other(monkeypatch):
-    monkeypatch.setattr(registry, "_REGISTERED", {})
+@pytest.mark.usefixtures("registrations")
+def test_a_registered_name_is_used_like_any_other():
     ematwin.register("My_Search", Mine)
     assert find("my_search").title == "Random search, renamed"
     found, again = (
