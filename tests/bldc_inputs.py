@@ -1,12 +1,15 @@
 """Inputs of the brushless models that several tests share."""
 
 import math
+from functools import cache
 
 import numpy as np
 
 from ematwin.models.bldc.channels import PHASES, signed_current
 from ematwin.models.bldc.model import MODEL
+from ematwin.models.simulating import simulate
 from ematwin.numerics.signals import LowPass
+from ematwin.recordings.noise import Noise
 
 HALF = MODEL.load_scenario(None).lasting(0.25)  # tells of each fault, in half the time
 SEVERE = {
@@ -42,6 +45,20 @@ ENCODER = {
     "encoder.motor_steps": 2_000, "encoder.output_steps": 400_000, "encoder.filter_time": 1e-4,
 }  # fmt: skip
 ALL_FORMS = {place: value for one in (*FORMS.values(), ENCODER) for place, value in one.items()}
+
+
+NOISE = Noise(white=0.02, bits=12)
+
+
+@cache
+def _clean(scenario, *faults):
+    return simulate("reference", scenario, dict(faults))
+
+
+def recorded(scenario="default", faults=None, noise=NOISE):
+    """A recording by the reference model, which a process simulates once without its noise."""
+    clean = _clean(scenario, *(faults or {}).items())
+    return clean if noise is None else noise.apply(clean, np.random.default_rng(5))
 
 
 def history(steps, dt):

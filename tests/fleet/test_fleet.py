@@ -1,6 +1,5 @@
 """The store, its actuators, alarms and pages, on a small simulated fleet."""
 
-import json
 import math
 import shutil
 import urllib.error
@@ -98,9 +97,8 @@ def test_limits_are_read_in_physical_units_too(filled, tmp_path, fleet):
         unit.limit("friction")
 
 
-def test_an_overhaul_starts_the_actuator_anew(tmp_path):
-    store = FleetStore(tmp_path)
-    SimulatedFleet(2, 2.0, 40.0, seed=8, end=END).fill(store)
+def test_an_overhaul_starts_the_actuator_anew(filled, tmp_path):
+    shutil.copytree(filled, tmp_path, dirs_exist_ok=True)
     unit = Fleet(tmp_path, now=END)["EMA-01"]
     unit.overhaul(END - timedelta(days=200), "new screw")
     again = Fleet(tmp_path, now=END)["EMA-01"]
@@ -210,10 +208,17 @@ def test_alarms_neither_chatter_nor_come_back_within_a_year(fleet):
 
 
 @pytest.fixture(scope="module")
-def alarmed(tmp_path_factory):
-    """A fleet with alarms, and the first of them."""
-    folder = tmp_path_factory.mktemp("alarmed")
+def unwatched(tmp_path_factory):
+    """A fleet for which no alarm was noted yet."""
+    folder = tmp_path_factory.mktemp("unwatched")
     SimulatedFleet(2, 3.0, 40.0, seed=3, end=END).fill(FleetStore(folder))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def alarmed(unwatched, tmp_path_factory):
+    """A fleet with alarms, and the first of them."""
+    folder = shutil.copytree(unwatched, tmp_path_factory.mktemp("alarmed"), dirs_exist_ok=True)
     fleet = Fleet(folder, now=END)
     changed = fleet.update()
     assert changed
@@ -245,8 +250,8 @@ def test_an_alarm_is_seen_and_silenced(alarmed):
         fleet[serial].acknowledge("rust")
 
 
-def test_an_alarm_is_seen_though_nobody_watched_before(tmp_path):
-    SimulatedFleet(2, 3.0, 40.0, seed=3, end=END).fill(FleetStore(tmp_path))
+def test_an_alarm_is_seen_though_nobody_watched_before(unwatched, tmp_path):
+    shutil.copytree(unwatched, tmp_path, dirs_exist_ok=True)
     first = next(one for one in Fleet(tmp_path, now=END) if any(
         alarm.step != "none" for alarm in one.alarms().values()
     ))  # fmt: skip
@@ -265,7 +270,7 @@ def test_maintainers_answer_in_the_shell(alarmed, ematwin):
     answer = ematwin("fleet", "overhaul", folder, serial, "--on", "2025-06-01", "--note", "new")
     assert answer.out == f"{serial}: overhaul on 2025-06-01 recorded.\n"
     assert years(datetime(2025, 6, 1, tzinfo=UTC)) in Fleet(folder)[serial].series(name).overhauls
-    events = json.loads(ematwin("fleet", "history", folder, serial, "--json").out)["events"]
+    events = ematwin("fleet", "history", folder, serial, "--json").told["events"]
     entry = next(one["id"] for one in events if one["time"][:10] == "2025-06-01")
     assert entry[:8] in ematwin("fleet", "history", folder, serial).out
     answer = ematwin("fleet", "withdraw", folder, serial, entry[:8], "--note", "wrong day")
@@ -285,7 +290,7 @@ def test_maintainers_answer_in_the_shell(alarmed, ematwin):
 def test_the_state_of_a_fleet_is_asked_without_recordings(alarmed, tmp_path, ematwin):
     answer = ematwin("fleet", "status", alarmed[0], "--json", "--fail-on", "watch",
                      "--recordings", tmp_path / "all.csv")  # fmt: skip
-    rows = json.loads(answer.out)["actuators"]
+    rows = answer.told["actuators"]
     assert answer.code == int(any(row["advisory"] != "none" for row in rows))
     assert {row["serial_number"] for row in rows} == {"EMA-01", "EMA-02"}
     lines = (tmp_path / "all.csv").read_text().splitlines()
@@ -439,7 +444,7 @@ def test_the_demo_of_a_fleet_writes_its_page(ematwin, tmp_path, monkeypatch):
     assert list((tmp_path / "f").iterdir()) == []
     answer = ematwin("demo", "--fleet", "--folder", "f", "--json")
     assert answer.code == 0, answer.err
-    said = json.loads(answer.out)
+    said = answer.told
     assert set(said["advisories"]) == {"EMA-01", "EMA-02"}
     assert (tmp_path / "f" / "fleet.html").exists()
     refused(ematwin("demo", "--fleet", "--folder", "f"), "holds a fleet already")

@@ -45,8 +45,8 @@ def test_three_faults_are_found_through_noise(found: Identification) -> None:
         assert miss < 3.0 * found.standard_error[name] + 1e-4
 
 
-def test_same_seed_gives_the_same_answer_bit_for_bit(record, found):
-    again = identify(record, threads=1)
+def test_same_seed_gives_the_same_answer_bit_for_bit(short):
+    found, again = (identify(short, threads=count) for count in (None, 1))
     assert (again.faults.vector == found.faults.vector).all()
     assert again.evaluations == found.evaluations
 

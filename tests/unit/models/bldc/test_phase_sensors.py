@@ -1,11 +1,10 @@
 """Errors of the current sensors of three phases are found without a twin, and nothing else is."""
 
-from functools import cache
-
 import numpy as np
 import pytest
 
 import ematwin
+from bldc_inputs import NOISE, recorded
 from ematwin import Noise
 from ematwin.models.bldc.channels import PHASES
 from ematwin.models.bldc.phase_sensors import balanced, phase_sensors
@@ -14,23 +13,12 @@ from ematwin.models.plausibility import check_sum
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.recordings.recording import Recording
 
-NOISE = Noise(white=0.02, bits=12)
 GAINS, OFFSETS = np.array([1.01, 0.985, 1.0]), np.array([0.15, -0.05, 0.3])
 FAULTY = [
     {},
     {"short_b": 0.6, "friction": 0.5},
     {"eccentricity": 0.9, "eccentricity_phase": 0.3, "backlash": 0.8},
 ]
-
-
-@cache
-def simulated(scenario: str, *faults: tuple[str, float]) -> Recording:
-    return ematwin.simulate("reference", scenario, dict(faults))
-
-
-def recorded(scenario: str, faults: dict[str, float], noise: Noise | None = NOISE) -> Recording:
-    clean = simulated(scenario, *faults.items())
-    return clean if noise is None else noise.apply(clean, np.random.default_rng(5))
 
 
 def shown(record: Recording, gains: np.ndarray, offsets: np.ndarray) -> Recording:
@@ -76,7 +64,7 @@ def test_loud_noise_is_not_taken_for_gains(share, scenario, two):
     """The magnitude of a regression on noisy currents would be too small: up to 6 % at a tenth."""
     for seed in range(3):
         noise = Noise(white=share, bits=12)
-        clean = simulated(scenario, ("short_b", 0.5))
+        clean = recorded(scenario, {"short_b": 0.5}, None)
         record = noise.apply(clean, np.random.default_rng(seed))
         if two:
             record = record.changed(current_c=-(record.current_a + record.current_b))

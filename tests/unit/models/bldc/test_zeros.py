@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 import ematwin
-from bldc_inputs import with_one_current
-from ematwin import Noise
+from bldc_inputs import NOISE, recorded, with_one_current
 from ematwin.errors import RecordError
 from ematwin.models.bldc.channels import PHASES, signed_current
 from ematwin.models.bldc.comparison import BldcComparison
@@ -20,22 +19,12 @@ from ematwin.recordings.recording import Recording
 
 ACTUATOR = load_actuator(None)
 RATIO, POLE_PAIRS = ACTUATOR.transmission.ratio, ACTUATOR.motor.pole_pairs
-NOISE = Noise(white=0.02, bits=12)
 FAULTY = [
     {},
     {"short_b": 0.15, "friction": 0.25},
     {"eccentricity": 0.4, "eccentricity_phase": 0.3, "backlash": 0.3},
     {"short_a": 0.6, "gain": 0.3},
 ]
-
-
-@cache
-def simulated(scenario: str, *faults: tuple[str, float]) -> Recording:
-    return ematwin.simulate("reference", scenario, dict(faults), noise=NOISE, seed=5)
-
-
-def recorded(faults: dict[str, float], scenario: str = "default") -> Recording:
-    return simulated(scenario, *faults.items())
 
 
 def mounted(record: Recording, electrical: float = 0.0, output: float = 0.0) -> Recording:
@@ -64,7 +53,7 @@ def recorded_at(degrees: float, faults: dict[str, float]) -> Recording:
 @pytest.mark.parametrize("scenario", ["default", "sine", "ramp", "step"])
 @pytest.mark.parametrize("faults", FAULTY)
 def test_good_zeros_are_left_alone(scenario, faults):
-    record = recorded(faults, scenario)
+    record = recorded(scenario, faults)
     assert zeros(record, ACTUATOR) is None
     assert counted(record, ACTUATOR) is record
 
@@ -73,7 +62,7 @@ def test_good_zeros_are_left_alone(scenario, faults):
 @pytest.mark.parametrize("noise", [0.0, 0.003, 0.03])
 def test_an_encoder_that_trembles_does_not_turn(scenario, noise):
     """Twelve bits a turn, and noise beside."""
-    record = recorded(FAULTY[1], scenario)
+    record = recorded(scenario, FAULTY[1])
     shown = record.motor_position + noise * np.random.default_rng(1).standard_normal(len(record))
     bit = 2.0 * np.pi / 2**12
     found = zeros(record.changed(motor_position=bit * np.round(shown / bit)), ACTUATOR)
@@ -83,7 +72,7 @@ def test_an_encoder_that_trembles_does_not_turn(scenario, noise):
 @pytest.mark.parametrize("electrical", [-13.0, -4.0, 1.5, 13.0])
 @pytest.mark.parametrize("faults", FAULTY)
 def test_the_zero_of_a_motor_position_is_found(electrical, faults):
-    record = recorded(faults)
+    record = recorded(faults=faults)
     shown = mounted(record, electrical)
     found = zeros(shown, ACTUATOR)
     assert math.degrees(found.motor * POLE_PAIRS) == pytest.approx(-electrical, abs=0.4)
@@ -136,7 +125,7 @@ def test_commutations_elsewhere_are_refused(electrical):
 
 @pytest.mark.parametrize("faults", FAULTY)
 def test_motor_and_output_meet_in_the_middle_of_the_gap(faults):
-    record = recorded(faults)
+    record = recorded(faults=faults)
     found = zeros(mounted(record, output=0.1), ACTUATOR)
     assert found.motor == 0.0
     assert found.output == pytest.approx(-0.1, abs=2e-4)
@@ -144,7 +133,7 @@ def test_motor_and_output_meet_in_the_middle_of_the_gap(faults):
 
 
 def test_a_motion_that_does_not_cross_the_gap_leaves_its_side_open():
-    record = recorded({})
+    record = recorded()
     apart = 0.0025 - record.channels["motor_position"] / RATIO
     stuck = record.changed(output_position=-apart)  # always at one side
     assert zeros(stuck, ACTUATOR) is None
@@ -158,7 +147,7 @@ def test_a_gear_that_a_load_twists_to_one_side_is_not_off_the_middle_of_its_gap(
 
 
 def test_an_encoder_turned_further_is_left_to_the_check_of_the_wiring():
-    assert zeros(mounted(recorded({}), 90.0), ACTUATOR).motor == 0.0
+    assert zeros(mounted(recorded(), 90.0), ACTUATOR).motor == 0.0
 
 
 @pytest.mark.parametrize("degrees", [-130.0, -20.0, 75.0, 180.0])
