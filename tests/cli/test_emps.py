@@ -4,7 +4,6 @@ The real recording is not part of ematwin. Where the environment variable EMPS_D
 what docs/real-recordings.md says of it is tested as well.
 """
 
-import json
 import os
 import re
 from pathlib import Path
@@ -32,8 +31,7 @@ def answer(tmp_path_factory) -> dict:
     judge = made_up.write(folder / "judge.mat", pulses=True)
     done = script(EXAMPLE, estimation, "--judge", judge, "--json")
     assert (done.code, done.err) == (0, "")
-    found: dict = json.loads(done.out)
-    return found
+    return done.told
 
 
 def test_intervals_hold_the_truth_of_an_axis_that_the_twin_is_not(answer):
@@ -142,8 +140,7 @@ def test_commands_calibrate_and_identify_a_file(done, tmp_path):
 def published(tmp_path_factory) -> dict:
     done = script(EXAMPLE, REAL, "--json")
     assert done.code == 0, done.err
-    found: dict = json.loads(done.out)
-    return found
+    return done.told
 
 
 @real

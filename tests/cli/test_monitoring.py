@@ -4,7 +4,6 @@ import csv
 import json
 import re
 import shutil
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,6 @@ import pytest
 import ematwin as ematwin_module
 from commands import inside, script
 from ematwin.cli import main
-from ematwin.cli.diagnose import _print_verdicts
 from ematwin.models.registry import shipped_actuators
 from made_up_rig import healthy_runs, run
 from refusals import untouched
@@ -135,12 +133,6 @@ def test_detect_tells_people_in_a_table_with_a_count_of_alarms(done, files):
         assert all(re.search(r"\d\.\d+ x \(\d\.\d+ to \d\.\d+\)", line) for line in lines)
         assert re.search(r"\d of 4 runs raise an alarm", answer.out)
         assert re.search(r"\d of 4 motions raise an alarm", answer.out)
-
-
-def test_rows_that_an_interruption_left_out_are_counted(files, capsys):
-    found = ematwin_module.detect(files / "one.parquet", files / "rig.toml")
-    _print_verdicts(replace(found, missing=3), "run")
-    assert "Interrupted: 3 more were not judged." in capsys.readouterr().out
 
 
 def test_where_column_and_map_choose_what_is_judged(done, files):

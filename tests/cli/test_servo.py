@@ -1,6 +1,5 @@
 """``examples/position_servo.py`` and the commands on a servo that is made up, logged like a bus."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -34,7 +33,7 @@ def rows(tables) -> list[dict]:
     judged = tables[1].with_name("with_short.parquet")
     done = script(EXAMPLE, tables[0], "--judge", judged, "--json")
     assert done.code == 0, done.err
-    return json.loads(done.out)["runs"]
+    return done.told["runs"]
 
 
 @pytest.fixture(scope="module")

@@ -83,19 +83,6 @@ class TestOwnModel(ModelContract):
     def model(self, installed):
         return installed
 
-    def test_candidates_that_differ_in_sensors_alone_are_simulated_once(self, bench, monkeypatch):
-        asked, respond = [], type(bench.model).respond
-
-        def counted(self, actuator, inputs, candidates, count):
-            asked.append(count)
-            return respond(self, actuator, inputs, candidates, count)
-
-        monkeypatch.setattr(type(bench.model), "respond", counted)
-        gains = {"friction": np.array([1.0, 1.0, 1.5]), "current_gain": np.array([1.0, 1.02, 1.0])}
-        traces = bench.comparison.responses(gains, 3)["current"]
-        assert asked[-1] == 2
-        np.testing.assert_allclose(traces[1], 1.02 * traces[0])
-
     @pytest.mark.parametrize("faults", [{}, {"friction": 3.0}], ids=["healthy", "faulty"])
     def test_a_late_command_and_sensors_that_are_off_are_no_faults(self, bench, faults):
         noisy = Noise(white=0.01)

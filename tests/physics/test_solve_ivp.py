@@ -76,7 +76,6 @@ def test_stick_slip_of_one_mass_is_that_of_an_integrator_with_events():
     errors = [
         relative(stick_slip(INTERVAL / n, n, times.size), states[:, 1]) for n in (10, 20, 40, 80)
     ]
-    print("stick-slip", errors)
     assert errors[0] < 0.003
     assert errors[-1] < 0.3 * errors[0]
 
@@ -116,7 +115,6 @@ def test_a_mass_on_bristles_is_that_of_an_integrator():
     runs = [on_bristles(INTERVAL / n, n, times.size, stiffness, damping, w_stribeck)
             for n in (100, 200)]  # fmt: skip
     errors = [[relative(run[:, n], exact[:, n]) for n in (0, 1)] for run in runs]
-    print("bristles", errors)
     assert max(errors[0]) < 0.01
     assert np.less(errors[1], np.multiply(0.6, errors[0])).all()
 
@@ -151,7 +149,6 @@ def test_two_masses_with_a_gap_move_as_with_an_integrator_with_events():
     )  # fmt: skip
     states, log = exact.run([0.0, 0.0, 0.0, 0.0], times)
     kinds = [what for _, what in log]
-    print("gap", kinds)
     assert kinds.count("meet") >= 3
     assert {"part", "output stops"} <= set(kinds)
     errors = []
@@ -162,7 +159,6 @@ def test_two_masses_with_a_gap_move_as_with_an_integrator_with_events():
         )  # fmt: skip
         errors.append([relative(seen[:, n], states[:, n]) for n in range(4)])
     errors = np.array(errors)
-    print(errors)
     assert (errors[0] < 0.002).all()
     assert (errors[-1] < 0.25 * errors[0]).all()
 
@@ -235,7 +231,6 @@ def test_healthy_monitor_model_is_that_of_an_integrator_with_events():
     fine = np.linspace(0.0, times[-1], 10 * (times.size - 1) + 1)
     states, log = exact.run([0.0, 0.0, 0.0, 0.0], fine)
     kinds = [what for _, what in log]
-    print("whole", kinds)
     assert kinds.count("meet") >= 2
     assert "both stop" in kinds
     # mean current of each interval, as the trace holds it
@@ -259,7 +254,6 @@ def test_healthy_monitor_model_is_that_of_an_integrator_with_events():
             ]
         )
     errors = np.array(errors)
-    print(errors)
     assert (errors[:, :3] < 5e-4).all()  # of steps of 50, 25 and 12.5 us
     assert errors[-1, 3] < 0.5 * errors[0, 3]
     # the independent solution lets the current jump after an impact; the supply does not

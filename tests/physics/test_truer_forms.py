@@ -381,18 +381,6 @@ def test_commutation_under_a_current_loop_takes_half_of_the_current():
     assert np.median(shares) == pytest.approx(0.5, abs=0.08)
 
 
-def test_faults_behind_a_current_loop_are_named():
-    faults = {"friction": 0.3, "short_b": 0.2}
-    record = simulate("reference", HALF, faults=faults, actuator=REGULATED, noise=NOISE)
-    found = ematwin.identify(record, actuator=REGULATED)
-    print(found.verdict, found.intervals)
-    assert set(found.verdict.faults) <= set(faults)
-    for name, value in faults.items():
-        low, high = found.intervals[name]
-        assert low <= value <= high
-        assert found.estimate[name] == pytest.approx(value, abs=0.02)
-
-
 @pytest.mark.parametrize(
     ("actuator", "faults"),
     [
@@ -439,8 +427,3 @@ def test_a_loop_of_shorted_turns_is_told_where_the_file_has_no_section_for_it():
     assert not set(found.verdict.faults) - {"short_a"}
     assert "[shorted_turns]" in said
     assert "short a" in said
-
-
-def test_missing_turns_are_named_although_there_are_other_forms():
-    record = simulate("reference", HALF, faults=SHORT, actuator=PLAIN, noise=NOISE)
-    assert ematwin.identify(record, actuator=PLAIN).verdict.faults == ("short_a",)

@@ -1,7 +1,6 @@
 """A study of an actuator of another kind, from the shell to the report."""
 
 import csv
-import json
 import re
 
 import numpy as np
@@ -102,10 +101,10 @@ def test_a_study_from_the_shell_to_its_report(ematwin, tmp_path):
     )  # fmt: skip
     answer = ematwin(*asked)
     assert answer.code == 0, answer.err
-    assert json.loads(answer.out)["counts"] == {"done": 4}
-    again = json.loads(ematwin(*asked).out)
+    assert answer.told["counts"] == {"done": 4}
+    again = ematwin(*asked).told
     assert (again["found"], again["finished"]) == (4, 0)
-    told = json.loads(ematwin("report", where, "--json").out)
+    told = ematwin("report", where, "--json").told
     assert (told["kind"], told["cases"]) == ("ball-screw", ["Sound", "Worn"])
     other = ematwin("compare", "--actuator", "servo48", "--store", where)
     refused(other, "holds another study")

@@ -1,7 +1,6 @@
 """The report: a page in a browser, tables that can be read again, a command."""
 
 import csv
-import json
 import re
 import sys
 
@@ -106,7 +105,7 @@ def store(tmp_path):
 
 def test_the_command_prints_for_people_or_answers_as_json(store, ematwin):
     assert "Average rank" in ematwin("report", store).out
-    told = json.loads(ematwin("report", store, "--out", "report", "--json").out)
+    told = ematwin("report", store, "--out", "report", "--json").told
     assert told["runs"] == 24
     assert set(told["report"]["files"]) == FILES
     assert (store.parent / "report" / "index.html").exists()

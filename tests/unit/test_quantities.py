@@ -1,6 +1,5 @@
 """Units that a user prefers: what is shown follows, what programs read stays SI; usual factors."""
 
-import json
 import math
 import re
 from collections.abc import Iterator
@@ -114,7 +113,7 @@ def test_the_shell_keeps_units_and_an_option_goes_before_them(ematwin: Any, sett
     kept = ematwin("units", "torque=mN m")
     assert kept.code == 0, kept.err
     assert "torque          mN m" in kept.out
-    assert json.loads(ematwin("units", "--json").out)["units"] == {"torque": "mN m"}
+    assert ematwin("units", "--json").told["units"] == {"torque": "mN m"}
     assert preferred("N*m") == ("mN m", 1000.0)
     ematwin("units", "angle=mrad")  # adds to them
     assert settings.read_text() == '[units]\ntorque = "mN m"\nangle = "mrad"\n'

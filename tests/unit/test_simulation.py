@@ -38,17 +38,6 @@ def test_a_simulation_in_slices_equals_the_whole_bit_for_bit(model, monkeypatch)
     assert shares[-1] == 1.0
 
 
-def test_an_interrupt_ends_a_simulation_between_two_slices(monkeypatch):
-    monkeypatch.setattr(simulation, "SLICE_STEPS", 137)
-
-    def interrupt(share: float) -> None:
-        if share > 0.5:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        simulate("monitor", SHORT, progress=interrupt)
-
-
 def test_white_noise_has_the_stated_share_of_the_signal_and_no_memory():
     clean = simulate("reference", "default")
     noisy = Noise(white=0.05).apply(clean, np.random.default_rng(7))

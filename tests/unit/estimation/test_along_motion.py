@@ -189,7 +189,6 @@ def test_one_current_shows_every_fault(recording, lacks, most):
     names = [f"{side}_{what}" for side in lacks for what in ("position", "speed")]
     record = with_one_current(recording).changed(**dict.fromkeys(names))
     found = identify(record, DRIVE, exact=True)
-    print(found)
     assert set(found.verdict.faults) == FAULTS.keys()
     for name, value in FAULTS.items():
         assert found.values[name] == pytest.approx(value, abs=most)
@@ -211,7 +210,6 @@ def test_less_than_equations_need_is_judged_by_a_healthy_closed_loop(recording):
     magnitude = np.abs(with_one_current(recording).channels["current"])
     without = recording.changed(**dict.fromkeys((*names, *PHASES)), current=magnitude)
     found = identify(without, Calibration(DRIVE, baseline))
-    print(found)
     # by the template's tolerances friction and gain may be anything of their size
     assert {"short_b", "eccentricity"} <= set(found.verdict.faults) <= FAULTS.keys()
 
@@ -243,7 +241,6 @@ MOST_OFF = {"output": 0.005, "motor": 0.007, "output motor": 0.012}
 def test_phase_currents_show_every_fault_without_positions(recording, lacks):
     names = [f"{side}_{what}" for side in lacks.split() for what in ("position", "speed")]
     found = identify(recording.changed(**dict.fromkeys(names)), DRIVE, exact=True)
-    print(found)
     assert set(found.verdict.faults) == FAULTS.keys()
     for name, value in FAULTS.items():
         assert found.values[name] == pytest.approx(value, abs=MOST_OFF[lacks])

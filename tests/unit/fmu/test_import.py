@@ -11,8 +11,6 @@ import psutil
 import pytest
 
 import ematwin
-from commands import inside
-from ematwin.cli import main
 from ematwin.errors import EmatwinError
 from ematwin.models.registry import load_actuator, model_of
 from ematwin.numerics.side_by_side import cores
@@ -285,16 +283,3 @@ def test_a_reference_fmu_is_recovered_within_its_intervals(file):
     """Another damping than the file says, two noisy recordings, and a fault in a third."""
     recover = runpy.run_path(str(EXAMPLE / "recover.py"))
     assert recover["recovered"](file, 0) == (True, True, True)
-
-
-def test_commands_take_the_file(file, tmp_path):
-    out = tmp_path / "run.csv"
-    options = "--actuator", file
-    made = inside(main, "ematwin", "simulate", *options, "--fault", "wear=1.5", "--out", out)
-    assert made.code == 0, made.err
-    found = inside(main, "ematwin", "identify", out, *options, "--exact")
-    assert found.code == 0, found.err
-    assert "wear +50" in found.out
-    refused = inside(main, "ematwin", "simulate", *options, "--fault", "wear=9")
-    assert refused.code == 2
-    assert "must lie in [0.25, 4], received 9" in refused.err

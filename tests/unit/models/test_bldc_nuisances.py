@@ -185,7 +185,6 @@ ALIASES = {one.pivot: one for one in aliases(ACTUATOR, POINT)}
 def test_an_alias_is_a_direction_in_which_the_answer_stays(blind, pivot: str) -> None:
     """What is left of the change that the pivot makes alone; measured: less than 0.2 %."""
     alone, left = blind[pivot]
-    print(f"{pivot}: alone {100 * alone:.3f} %, alias {100 * left:.4f} %, {left / alone:.4f}")
     assert alone > 1e-4
     assert left < 0.005 * alone
 

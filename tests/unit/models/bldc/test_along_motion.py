@@ -209,17 +209,12 @@ def test_all_equations_hold_along_the_motion_of_a_simulator_of_other_make(lines,
     share, without = (
         np.linalg.norm(contact.left(one, faults)) / contact.size for one in (actuator, wide)
     )
-    print(f"Contact: {100 * share:.2f} %, with a gap 5 % wider {100 * without:.1f} %")
     assert share < (1.5 * contact.least(actuator) if lines else 0.006)
     assert max(0.015, share) < without
     for one in (controller, balance):
         share = np.linalg.norm(one.left(actuator, faults)) / one.size
         without = np.linalg.norm(one.left(PLAIN, faults)) / one.size
         least = one.least(actuator)
-        print(
-            f"{type(one).__name__}: {100 * share:.2f} %, noise {100 * least:.2f} %, without its "
-            f"forms {100 * without:.1f} %"
-        )
         assert share < (2.0 * least if lines else 0.006)
         assert max(0.015, share) < without
 
@@ -234,14 +229,12 @@ def test_an_output_that_was_not_recorded_follows_the_motor(lines, faults):
     motion = Motion(record.changed(output_position=None), actuator)
     gap = actuator.transmission.backlash * (1.0 + 99.0 * faults.get("backlash", 0.0))
     away = motion.followed(motion.time, actuator, faults)[0] - known.output(motion.time)
-    print(f"{away.std():.2g} rad of {gap:.3g} rad, counts of {known.steps[0]:.2g} rad")
     assert away.std() < 0.02 * gap + 0.2 * known.steps[0]
     for one in (along_motion.Controller(motion, LowPass()), TorqueBalance(motion, faults)):
         share, without = (
             np.linalg.norm(one.left(actuator, {**faults, **given})) / one.size
             for given in ({"output_zero": float(-away.mean())}, {"friction": 0.1, "backlash": 0.03})
         )
-        print(f"{type(one).__name__}: {100 * share:.2f} %, other faults {100 * without:.1f} %")
         assert share < (2.0 * one.least(actuator) if lines else 0.008)
         assert share < without
 
@@ -261,7 +254,6 @@ def test_a_motor_that_was_not_recorded_moves_as_currents_say(lines, faults, sing
     seen = commutations(currents, known.rate, actuator)
     off = seen.angle - known.motor(seen.when / known.rate)
     off -= seen.turn * np.round(off / seen.turn)
-    print(f"{off.size} commutations, off by {1e3 * off.std():.2g} mrad")
     assert off.size > 30
     assert np.quantile(np.abs(off), 0.9) < 4e-3
     without = record.changed(motor_position=None, output_position=None)
@@ -270,7 +262,6 @@ def test_a_motor_that_was_not_recorded_moves_as_currents_say(lines, faults, sing
     last = int(seen.when[-1])
     away = motion.motor.values - known.motor.values
     away, output = away[:last], (motion.output.values - known.output.values)[:last]
-    print(f"motor {1e3 * away.std():.2g} mrad, output {1e3 * output.std():.2g} mrad")
     assert away.std() < 2.5e-3 + 0.2 * known.steps[0]
     assert output.std() < 3e-3 + 0.2 * known.steps[0]
     left = motion.masses.left(actuator, faults)
@@ -281,7 +272,6 @@ def test_a_motor_that_was_not_recorded_moves_as_currents_say(lines, faults, sing
             np.linalg.norm(one.left(actuator, {**faults, **given})) / one.size
             for given in ({}, {"friction": 0.1, "backlash": 0.03})
         )
-        print(f"{type(one).__name__}: {100 * share:.2f} %, other faults {100 * other:.1f} %")
         assert share < 2.0 * one.least(actuator)
         # beside one current much counts as no commutation
         assert other > (1.5 if single else 2.0) * share
@@ -312,7 +302,6 @@ def test_an_output_that_comes_late_is_not_where_currents_move_it(single):
     for position, wrong in ((output, False), (after, True)):
         lacks = record.changed(motor_position=None, output_position=position)
         share = Motion(lacks, actuator, FAULTS).masses.unexplained(actuator, FAULTS)
-        print(f"{share:.3f}")
         assert (share > 0.1) == wrong
 
 
@@ -337,7 +326,6 @@ def test_motor_and_output_keep_their_momentum_where_counts_are_coarse():
     record = recorded(replace(structure, output_lines=8192), actuator)
     balance = TorqueBalance(Motion(record, actuator))
     share = np.linalg.norm(balance.left(actuator)) / balance.size
-    print(f"{100 * share:.2f} %, noise {100 * balance.least(actuator):.2f} %")
     assert share < 1.15 * balance.least(actuator)
 
 
@@ -359,9 +347,7 @@ def test_each_mass_shows_alone_while_the_output_crosses_the_gap(lines, faults, m
             place = f"{mass}.{name}"
             moved = actuator.changed({place: 1.02 * actuator.value(place)})
             change = (alone.left(moved, faults) - left) / 0.02
-            off, error = -(change @ left) / (change @ change), 1.0 / np.linalg.norm(change)
-            print(f"{place}: {100 * off:.2f} % off, standard error {100 * error:.2f} %")
-            assert abs(off) < most
+            assert abs(change @ left) / (change @ change) < most
 
 
 def test_ripple_of_a_comparator_is_noise_of_the_angle_in_the_gap():
@@ -371,7 +357,6 @@ def test_ripple_of_a_comparator_is_noise_of_the_angle_in_the_gap():
     apart = Contact(balance, PLAIN, faults).apart()
     motor = Crossing(balance, apart, PLAIN, of_motor=True)
     share = np.linalg.norm(motor.left(PLAIN, faults)) / motor.size
-    print(f"{100 * share:.2f} %, noise {100 * motor.least(PLAIN):.2f} %")
     assert share < 1.2 * motor.least(PLAIN)
 
 
@@ -388,7 +373,6 @@ def test_an_output_that_friction_stops_in_the_gap_does_not_count_as_moving():
     heavier = actuator.changed({
         "transmission.output_inertia": 1.5 * actuator.transmission.output_inertia
     })  # fmt: skip
-    print(left @ left, left.size)
     assert apart.sum() > 100
     assert left @ left <= np.sum(output.left(heavier, faults) ** 2) + 9.0
 
@@ -438,7 +422,6 @@ def test_equations_see_each_fault_and_sensor(name):
         np.array([np.linalg.norm(one.left(actuator, given)) / one.size for one in every])
         for given in (values, {k: x for k, x in values.items() if k != name})
     )
-    print(name, left, without)
     assert (left < 0.008).all()
     assert (without > 1.3 * left).any()
 

@@ -36,7 +36,6 @@ def found(**without):
 
 def test_cogging_harmonics_and_friction_that_gives_are_found_with_their_values():
     forms = found(**COGGING, **HARMONICS, **BRISTLES)
-    print(forms.said)
     motor, bristles = forms.actuator.motor, forms.actuator.presliding
     assert motor.cogging_periods == 12
     assert motor.cogging_torque == pytest.approx(0.02, rel=0.02)

@@ -96,7 +96,6 @@ def test_reference_with_bristles_in_a_warming_winding_is_the_naive_servo():
     fine = reference(actuator, values, command, load)
     without = gaps(reference(ACTUATOR, values, command, load), slow)
     for name, gap in gaps(fine, slow).items():
-        print(f"{name}: {gap:.2f} %, without the forms {without[name]:.2f} %")
         assert gap < 1.0, f"{name} differs by {gap:.2f} %"
         assert without[name] > 2.0 * gap
 
@@ -110,6 +109,5 @@ def test_monitor_with_bristles_is_the_reference_with_them():
     fine = with_terminals(reference(actuator, values, command, load))
     without = gaps(monitor(values, command, load), fine)
     for name, gap in gaps(monitor(values, command, load, actuator=actuator), fine).items():
-        print(f"{name}: {gap:.2f} %, without bristles {without[name]:.2f} %")
         assert gap < 1.0, f"{name} differs by {gap:.2f} %"
         assert without[name] > 1.5 * gap
