@@ -6,6 +6,7 @@ The monitor model with loops of shorted turns is a readable loop.
 """
 
 import math
+from functools import cache
 
 import numpy as np
 
@@ -13,21 +14,22 @@ from . import monitor, motor
 
 
 def shape(theta, actuator):
-    """EMF shape with a share of a sine and harmonics, of the trapezoid's mean torque in six steps.
-
-    The mean over the 120 degrees in which a phase conducts is taken by quadrature.
-    """
+    """EMF with a share of a sine and harmonics, of the trapezoid's mean torque in six steps."""
     own = actuator.emf
     if own is None:
         return motor.trapezoid(theta)
-    angles = math.pi / 6 + (np.arange(20_000) + 0.5) / 20_000 * 2 * math.pi / 3
-    sine = math.sin(theta) / np.sin(angles).mean()
+    sine = math.sin(theta) / mean_sine(1)
     base = (1 - own.rounding) * motor.trapezoid(theta) + own.rounding * sine
+    mean = own.harmonic_5 * mean_sine(5) + own.harmonic_7 * mean_sine(7)
+    added = own.harmonic_5 * math.sin(5 * theta) + own.harmonic_7 * math.sin(7 * theta)
+    return (1 - mean) * base + added
 
-    def added(x):
-        return own.harmonic_5 * np.sin(5 * x) + own.harmonic_7 * np.sin(7 * x)
 
-    return (1 - added(angles).mean()) * base + added(theta)
+@cache
+def mean_sine(order):
+    """Of ``sin(order theta)`` over the 120 degrees in which a phase conducts, by quadrature."""
+    angles = math.pi / 6 + (np.arange(20_000) + 0.5) / 20_000 * 2 * math.pi / 3
+    return float(np.sin(order * angles).mean())
 
 
 class Windings:

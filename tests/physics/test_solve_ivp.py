@@ -9,7 +9,6 @@ import math
 
 import numpy as np
 import pytest
-from numba import njit
 from scipy.integrate import solve_ivp
 
 from ematwin.models.bldc import batch
@@ -18,6 +17,7 @@ from ematwin.models.bldc.faults import Faults
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.scenario import Scenario
 from ematwin.numerics.backlash import advance_rigid_play
+from ematwin.numerics.compile import loop, step
 from ematwin.numerics.friction import (
     advance_on_bristles,
     advance_through_rest,
@@ -42,12 +42,12 @@ def relative(seen, expected):
 INERTIA, STATIC, DYNAMIC = 2.5e-6, 0.06, 0.03
 
 
-@njit
+@step
 def torque_of_time(t):
     return 0.06 * math.sin(2.0 * math.pi * 20.0 * t) + 0.03 * math.sin(2.0 * math.pi * 73.0 * t)
 
 
-@njit
+@loop
 def stick_slip(dt, substeps, samples):
     speeds = np.zeros(samples)
     w, t = 0.0, 0.0
@@ -80,7 +80,7 @@ def test_stick_slip_of_one_mass_is_that_of_an_integrator_with_events():
     assert errors[-1] < 0.3 * errors[0]
 
 
-@njit
+@loop
 def on_bristles(dt, substeps, samples, stiffness, damping, w_stribeck):
     states = np.zeros((samples, 2))
     w, bent, t = 0.0, 0.0, 0.0
@@ -122,7 +122,7 @@ def test_a_mass_on_bristles_is_that_of_an_integrator():
 # Two masses with a gap, inelastic impacts and friction, under a torque on the motor
 
 
-@njit
+@loop
 def play(dt, substeps, samples, j_m, j_o, ts_m, td_m, ts_o, td_o, half_gap, viscous):
     states = np.zeros((samples, 4))
     x_m, w_m, x_o, w_o, t = 0.0, 0.0, 0.0, 0.0, 0.0
