@@ -126,4 +126,4 @@ def test_a_recording_in_degrees_is_told_from_one_that_the_twin_cannot_explain(tm
     assert 'unexplained with unit = "deg" for command, and' in found.warnings[0]
     right = frame.rename(columns={"command": "command [deg]"})
     right.to_csv(tmp_path / "bench.csv", index=False)
-    assert identify(tmp_path / "bench.csv", "servo48").relative_misfit < 0.03
+    assert identify(tmp_path / "bench.csv", "servo48", exact=True).relative_misfit < 0.03

@@ -1,6 +1,7 @@
 """Tables of runs: which recordings they name, and one answer on several actuators."""
 
 import re
+import shutil
 import signal
 from collections.abc import Callable
 from datetime import datetime
@@ -22,9 +23,10 @@ def known_of(given: Any, first: Path) -> Calibration:
     return Calibration.of(given)
 
 
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two actuators: the second has twice the friction of the first; recordings of both."""
+    tmp_path = tmp_path_factory.mktemp("made")
     sheet = ematwin.load_actuator("servo48")
     for name, factor in (("A1", 1.0), ("A2", 2.0)):
         friction = factor * sheet.value("motor.friction_torque")
@@ -35,6 +37,12 @@ def folder(tmp_path: Path) -> Path:
             record = ematwin.simulate("monitor", actuator=own, faults={"friction": worn}, seed=n)
             record.changed(start=None).save(tmp_path / name / f"day{n}.parquet")
     return tmp_path
+
+
+@pytest.fixture
+def folder(made: Path, tmp_path: Path) -> Path:
+    """A copy to work in."""
+    return shutil.copytree(made, tmp_path, dirs_exist_ok=True)
 
 
 HEAD = "path,actuator,serial,time,place\n"
