@@ -9,6 +9,7 @@ import numpy as np
 
 import ematwin
 import made_up_axis
+from bench_files import german_csv, write_mdf
 from page_blocks import PROJECT
 
 Names = dict[str, Any]
@@ -83,8 +84,8 @@ def linear_axis() -> Names:
     return {}
 
 
-def bench_csv(name: str, record: ematwin.Recording, preamble: str = "") -> None:
-    """A table as a bench writes it: semicolons, decimal commas, degrees, mA, cp1252."""
+def bench_csv(record: ematwin.Recording) -> None:
+    """A table as a bench writes it: three lines above, semicolons, commas, degrees, mA, cp1252."""
     columns = {
         "Zeit [ms]": 1e3 * record.time,
         "Sollwert [°]": np.degrees(record.command),
@@ -94,15 +95,12 @@ def bench_csv(name: str, record: ematwin.Recording, preamble: str = "") -> None:
         "Strom V [mA]": 1e3 * record.current_b,
         "Strom W [mA]": 1e3 * record.current_c,
     }
-    rows = zip(*columns.values(), strict=True)
-    lines = [";".join(columns), *(";".join(f"{v:.9g}".replace(".", ",") for v in r) for r in rows)]
-    Path(name).write_text(preamble + "\n".join(lines) + "\n", encoding="cp1252")
+    german_csv(Path("bench.csv"), columns)
 
 
 def notebooks() -> Names:
     """A bench file with three lines above its table, and its map."""
-    record = of_bench()
-    bench_csv("bench.csv", record, "Pruefstand 3\n\n\n")
+    bench_csv(of_bench())
     proposal = ematwin.propose_map("bench.csv", "servo48")
     Path("map.toml").write_text(proposal.as_toml(), encoding="utf-8")
     return {}
@@ -115,19 +113,13 @@ def optimizers() -> Names:
 
 def recordings() -> Names:
     """An MDF file, a bench file with umlauts, tables of motions."""
-    from asammdf import MDF, Signal
-
     record = of_bench()
-    file = MDF(version="4.10")
-    channels = (
-        ("Setpoint [deg]", np.degrees(record.command), "deg"),
-        ("Phase A [A]", record.current_a, "A"),
-        ("Phase B [A]", record.current_b, "A"),
-    )
-    file.append([Signal(values, record.time, unit, name) for name, values, unit in channels])
-    file.save("run7.mf4", overwrite=True)
-    file.close()
-    bench_csv("bench.csv", record)
+    channels = {
+        "Setpoint [deg]": (np.degrees(record.command), "deg"),
+        "Phase A [A]": (record.current_a, "A"), "Phase B [A]": (record.current_b, "A"),
+    }  # fmt: skip
+    write_mdf(Path("run7.mf4"), (record.time, channels))
+    bench_csv(record)
     ematwin.write([m.changed(labels={**m.labels, "condition": "dry"})
                    for m in screw("monday.csv", range(1, 3))], "motions.csv")  # fmt: skip
     return {}

@@ -1,7 +1,6 @@
 """The script beside the paper's study: its claims and Table 2 held against a study."""
 
 import importlib.util
-import subprocess
 import sys
 from pathlib import Path
 
@@ -9,6 +8,7 @@ import numpy as np
 import pytest
 from synthetic import done, settings_of, spec, study
 
+import commands
 from ematwin.benchmarking.analysis import analyse
 from ematwin.benchmarking.statistics import performance_coefficients
 from ematwin.benchmarking.store import Store
@@ -86,10 +86,7 @@ def test_the_script_runs(tmp_path):
     with Store(tmp_path / "paper.db") as store:
         store.begin(settings_of(runs[0].spec))
         store.save(runs)
-    command = [sys.executable, str(SCRIPT), str(tmp_path / "paper.db")]
-    answer = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert answer.returncode == 0, answer.stderr
-    assert (
-        "| WOA is the best on High Gain | section 7.2, figure 5 | cannot be told |" in answer.stdout
-    )
-    assert "| Average |" in answer.stdout
+    answer = commands.script(SCRIPT, tmp_path / "paper.db")
+    assert answer.code == 0, answer.err
+    assert "| WOA is the best on High Gain | section 7.2, figure 5 | cannot be told |" in answer.out
+    assert "| Average |" in answer.out
