@@ -4,7 +4,7 @@ import numpy as np
 
 from ematwin.models.pmsm.batch import REFERENCE_COLUMNS, reference_trace
 from ematwin.models.pmsm.parameters import PmsmActuator
-from ematwin.models.pmsm.simulate import quanta_of, reference_states
+from ematwin.models.pmsm.simulate import reference_states
 
 ACTUATOR = PmsmActuator.load()
 TICK = ACTUATOR.controller.current_time
@@ -23,14 +23,13 @@ def healthy(actuator=ACTUATOR, **faults):
     return MODEL.values_of(actuator, faults)
 
 
-def reference(actuator, values, command, load, *, substeps=20, perfect=True, every=1):
+def reference(actuator, values, command, load, *, substeps=20):
     """Columns of the reference model by name; command and load on the motor shaft, at ticks."""
     step = actuator.controller.current_time / substeps
     c, *states = reference_states(actuator, values, 0.0, step)
-    quanta = np.zeros(3) if perfect else quanta_of(actuator)
     trace, *_ = reference_trace(
         np.asarray(command, float), np.asarray(load, float), *states, c, step, substeps,
-        np.array(actuator.ticks), quanta, every, len(command),
+        np.array(actuator.ticks), np.zeros(3), 1, len(command),
     )  # fmt: skip
     return dict(zip(REFERENCE_COLUMNS, trace.T, strict=True))
 

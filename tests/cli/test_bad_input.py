@@ -194,10 +194,13 @@ def test_ctrl_c_ends_with_130_and_leaves_nothing(hour, tmp_path, moment):
          *OUT, "--plot", "rec.html"],
         cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
-    _wait_until_python_answers(process)
-    time.sleep(moment)
-    process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=120)
+    try:
+        _wait_until_python_answers(process)
+        time.sleep(moment)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=120)
+    finally:
+        process.kill()
     # Python itself ends by the signal where it struck within an import; shells show 130 for both
     assert process.returncode in (130, -signal.SIGINT), err
     assert out == ""
