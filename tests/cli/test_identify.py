@@ -69,19 +69,26 @@ def test_algorithms_are_listed_with_their_sources(ematwin, done) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("options", "said"),
     [
-        (["rec.parquet", "--budget", "0"], "budget"),
-        (["rec.parquet", "--algorithm", "pzo"], "pso"),
-        (["rec.parquet", "--algorithm", "de", "--population", "0"], "population"),
-        (["rec.parquet", "--only", "fricton"], "friction"),
-        (["rec.parquet", "--hold", "gain=7"], "gain"),
-        (["rec.parquet", "--seed", "-1"], "seed must be a whole number of at least 0, received -1"),
-        (["rec.parquet", "--report", "nowhere/out.html"], "nowhere"),
+        (["--budget", "0"], "budget"),
+        (["--algorithm", "pzo"], "pso"),
+        (["--algorithm", "de", "--population", "0"], "population"),
+        (["--only", "fricton"], "friction"),
+        (["--hold", "gain=7"], "gain"),
+        (["--seed", "-1"], "seed must be a whole number of at least 0, received -1"),
+        (["--report", "nowhere/out.html"], "nowhere"),
+        (["--uncertainty", "guess"], "uncertainty must be laplace, profile, posterior"),
+        (["--threshold", "friction=2"], r"threshold of friction must lie in its range \[0, 1\]"),
+        (["--threshold", "friction=abc"], "must be a number; received 'abc'"),
+        (["--threshold", "friction"], "--threshold needs name=value"),
+        (["--threshold", "friction=3 N*m"], r"in its range \[0.03, 0.09\]"),
+        (["--threshold", "tear=0.5"], "no searched fault 'tear'.*name one of friction"),
     ],
 )
-def test_option_that_cannot_be_used_is_refused(ematwin, folder, arguments, said):
-    refused(ematwin("identify", *arguments), said)
+def test_option_that_cannot_be_used_is_refused(ematwin, folder, options, said):
+    exact = ("--exact",) if options[0] in ("--uncertainty", "--threshold") else ()
+    refused(ematwin("identify", "rec.parquet", *exact, *options), said)
 
 
 def test_an_identification_loads_no_package_that_it_does_not_need(ematwin, folder: Path) -> None:
@@ -158,18 +165,3 @@ def test_uncertainty_is_told_to_people_and_programs(done, folder: Path) -> None:
     assert told["method"] == "profile"
     assert told["walks"]["friction"]["shape"] == "bounded"
     assert told["exceeds"]["backlash"]["threshold"] == "0.07 rad"
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (("--uncertainty", "guess"), "uncertainty must be laplace, profile, posterior"),
-        (("--threshold", "friction=2"), r"threshold of friction must lie in its range \[0, 1\]"),
-        (("--threshold", "friction=abc"), "must be a number; received 'abc'"),
-        (("--threshold", "friction"), "--threshold needs name=value"),
-        (("--threshold", "friction=3 N*m"), r"in its range \[0.03, 0.09\]"),
-        (("--threshold", "tear=0.5"), "no searched fault 'tear'.*name one of friction"),
-    ],
-)
-def test_uncertainty_that_cannot_be_given_is_refused(ematwin, folder, options, said) -> None:
-    refused(ematwin("identify", "rec.parquet", "--exact", *options), said)

@@ -118,19 +118,14 @@ def test_every_kind_of_ours_is_tested_here():
 # The contract says what is wrong with a model that does not keep it.
 
 
-def _without_nan(self, actuator, inputs, candidates, count):
-    safe = {k: np.nan_to_num(v, nan=1.0) for k, v in candidates.items()}
-    return type(self).__mro__[1].respond(self, actuator, inputs, safe, count)
+def _of(change):
+    """Respond to other candidates than those that were given."""
 
+    def respond(self, actuator, inputs, candidates, count):
+        given = change(candidates, count)
+        return type(self).__mro__[1].respond(self, actuator, inputs, given, count)
 
-def _of_the_mean(self, actuator, inputs, candidates, count):
-    one = {k: np.full(count, v.mean()) for k, v in candidates.items()}
-    return type(self).__mro__[1].respond(self, actuator, inputs, one, count)
-
-
-def _of_one_actuator(self, actuator, inputs, candidates, count):
-    own = {k: v for k, v in candidates.items() if "." not in k}
-    return type(self).__mro__[1].respond(self, actuator, inputs, own, count)
+    return {"respond": respond}
 
 
 def _of_one_candidate(self, actuator, inputs, candidates, count):
@@ -138,17 +133,16 @@ def _of_one_candidate(self, actuator, inputs, candidates, count):
     return {name: trace[0] for name, trace in found.items()}
 
 
-def _blind(self, actuator, inputs, candidates, count):
-    return type(self).__mro__[1].respond(self, actuator, inputs, {}, count)
-
-
 BROKEN = [
-    ("a_candidate_that_is_not_a_number_says_so", {"respond": _without_nan}, "to NaN"),
-    ("a_batch_equals_its_candidates_one_by_one", {"respond": _of_the_mean}, "simulated alone"),
-    ("parameters_differ_between_candidates", {"respond": _of_one_actuator}, "with_arrays"),
+    ("a_candidate_that_is_not_a_number_says_so",
+     _of(lambda given, _: {k: np.nan_to_num(v, nan=1.0) for k, v in given.items()}), "to NaN"),
+    ("a_batch_equals_its_candidates_one_by_one",
+     _of(lambda given, n: {k: np.full(n, v.mean()) for k, v in given.items()}), "simulated alone"),
+    ("parameters_differ_between_candidates",
+     _of(lambda given, _: {k: v for k, v in given.items() if "." not in k}), "with_arrays"),
     ("every_compared_channel_has_a_row_for_each_candidate", {"respond": _of_one_candidate},
      r"has shape \(2001,\) where \(3, 2001\) is needed"),
-    ("each_fault_can_be_seen", {"respond": _blind}, "command more motion"),
+    ("each_fault_can_be_seen", _of(lambda given, _: {}), "command more motion"),
     ("the_kind_is_found_by_its_name", {"kind": "dc"}, "name them alike"),
     ("channels_are_named_once_and_have_units",
      {"channels": (Channel("command", "mm", "in millimetres"),)}, "not SI"),

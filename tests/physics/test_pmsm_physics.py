@@ -130,30 +130,22 @@ def test_what_the_terminals_take_is_lost_stored_or_done_as_work(faults):
     assert lost > 0.0
 
 
-def test_shorter_steps_of_the_reference_model_converge():
+def test_shorter_steps_of_both_models_converge():
     command, load = motion()
     values = healthy(short_a=0.4, friction=0.3, connector_b=0.5)
-    finest = reference(ACTUATOR, values, command, load, substeps=320)
-    gaps = [
-        np.sqrt(np.mean((reference(ACTUATOR, values, command, load, substeps=n)["current_q"]
-                         - finest["current_q"]) ** 2) / np.mean(finest["current_q"] ** 2))
-        for n in (5, 20, 80)
-    ]  # fmt: skip
-    assert gaps[0] > gaps[1] > gaps[2]
-    assert gaps[1] < 0.003  # the shipped step of 5 us
 
+    def gaps(answer, finest, *steps):
+        fine, *others = (answer(step)["current_q"] for step in (finest, *steps))
+        return [np.sqrt(np.mean((one - fine) ** 2) / np.mean(fine**2)) for one in others]
 
-def test_shorter_steps_of_the_monitor_model_converge_at_least_linearly():
-    command, load = motion()
-    values = healthy(short_a=0.4, friction=0.3, connector_b=0.5)
-    finest = monitor(values, command, load, step=1.25e-6)
-    gaps = [
-        np.sqrt(np.mean((monitor(values, command, load, step=step)["current_q"]
-                         - finest["current_q"]) ** 2) / np.mean(finest["current_q"] ** 2))
-        for step in (50e-6, 25e-6, 12.5e-6)
-    ]  # fmt: skip
-    assert gaps[0] < 0.005
-    assert gaps[2] < 0.6 * gaps[1] < 0.6 * gaps[0]
+    found = gaps(lambda n: reference(ACTUATOR, values, command, load, substeps=n), 320, 5, 20, 80)
+    assert found[0] > found[1] > found[2]
+    assert found[1] < 0.003  # the shipped step of 5 us
+    found = gaps(
+        lambda step: monitor(values, command, load, step=step), 1.25e-6, 50e-6, 25e-6, 12.5e-6
+    )
+    assert found[0] < 0.005
+    assert found[2] < 0.6 * found[1] < 0.6 * found[0]  # at least linearly
 
 
 def test_a_limit_of_the_link_keeps_the_voltage_in_its_circle_and_does_not_wind_up():

@@ -50,16 +50,20 @@ def test_halving_the_step_changes_little():
     assert np.abs(half - fine).mean() < np.abs(usual - fine).mean() < 1e-3
 
 
-def test_arm_that_is_held_hangs_by_load_over_stiffness():
+@pytest.mark.parametrize("saturation", [1e3, 1.0])
+def test_arm_that_is_held_hangs_by_load_over_stiffness(saturation):
+    """It sags until the linear torque gives its load, T/sqrt(1 - (T/T_sat)^2)."""
     quiet = FREE.changed({
         "friction.coulomb": 1e-6, "friction.stribeck": 1e-6, "friction.load_share": 1e-6,
         "friction.static_share": 1e-6,
-        "controller.startup": 1e-9, "motor.saturation_torque": 1e3,
+        "controller.startup": 1e-9, "motor.saturation_torque": saturation,
     })  # fmt: skip
     _, held = moved(np.full(600, 0.5), quiet)
     mass, length, arm = LOAD
     torque = (mass + arm / 2.0) * GRAVITY * length * math.sin(held[-1])
-    sag = torque / (quiet.controller.gain * quiet.motor.stall_torque)
+    linear = torque / math.sqrt(1.0 - (torque / saturation) ** 2)
+    sag = linear / (quiet.controller.gain * quiet.motor.stall_torque)
+    assert torque > 0.4
     assert 0.5 - held[-1] == pytest.approx(sag, rel=1e-3)
 
 
@@ -71,21 +75,6 @@ def test_speed_is_limited_by_the_target_and_by_the_back_emf():
     weak = FREE.changed({"controller.speed_limit": 50.0, "motor.no_load_speed": 3.0})
     _, full = moved(goal, weak, load=light)
     assert 0.85 * 3.0 < np.gradient(full, 0.01).max() < 3.0
-
-
-def test_torque_saturates():
-    """A held arm sags until the linear torque gives its load, T/sqrt(1 - (T/T_sat)^2)."""
-    quiet = FREE.changed({
-        "friction.coulomb": 1e-6, "friction.stribeck": 1e-6, "friction.load_share": 1e-6,
-        "friction.static_share": 1e-6, "controller.startup": 1e-9, "motor.saturation_torque": 1.0,
-    })  # fmt: skip
-    _, held = moved(np.full(600, 0.5), quiet)
-    mass, length, arm = LOAD
-    torque = (mass + arm / 2.0) * GRAVITY * length * math.sin(held[-1])
-    linear = torque / math.sqrt(1.0 - torque**2)
-    sag = linear / (quiet.controller.gain * quiet.motor.stall_torque)
-    assert torque > 0.4
-    assert 0.5 - held[-1] == pytest.approx(sag, rel=1e-3)
 
 
 def test_goal_takes_effect_after_its_delay():

@@ -185,12 +185,9 @@ def test_a_recording_unlike_the_other_healthy_ones_is_refused_and_may_lack_its_l
         ematwin.calibrate([one.changed(load=None) for one in healthy], "servo48")
 
 
-def test_what_is_of_a_population_is_refused():
+def test_what_is_of_a_population_is_refused(report):
     with pytest.raises(InputError, match=r"judged by the values.*; leave known out"):
         ematwin.calibrate([run(1)], "servo48", known={"dry": ["run60.csv"]})
-
-
-def test_runs_are_added_to_populations_only(report):
     with pytest.raises(InputError, match="calibrate anew with all healthy recordings"):
         ematwin.calibrate([run(9)], add_to=report.calibration)
 
