@@ -66,14 +66,18 @@ def inside(
     return Answer(code or 0, *(x.buffer.getvalue().decode() for x in (out, err)))
 
 
-def fresh(code: str, *arguments: object, folder: Path | None = None, **environment: str) -> Answer:
-    """Run code in an interpreter of its own."""
+def python(*words: object, folder: Path | None = None, **environment: str) -> Answer:
+    """Run a Python of its own."""
     done = subprocess.run(
-        [sys.executable, "-B", "-c", code, *map(str, arguments)],
-        cwd=folder, env={**os.environ, **environment}, capture_output=True, text=True, check=False,
-        timeout=300,
+        [sys.executable, *map(str, words)], cwd=folder, env={**os.environ, **environment},
+        stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False, timeout=300,
     )  # fmt: skip
     return Answer(done.returncode, done.stdout, done.stderr)
+
+
+def fresh(code: str, *arguments: object, **more: Any) -> Answer:
+    """Run code in an interpreter of its own."""
+    return python("-B", "-c", code, *arguments, **more)
 
 
 def loaded(names: set[str], *words: object, **more: Any) -> Answer:

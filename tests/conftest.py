@@ -1,10 +1,9 @@
 """What several tests share: the command line, a PostgreSQL, one profile of hypothesis."""
 
 import os
-import subprocess
-import sys
 import tempfile
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ from hypothesis import settings
 # As ``ematwin`` does, before numpy is loaded: threads of several workers wait for one another.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from commands import Answer, inside
+from commands import Answer, inside, python
 from ematwin.cli import main
 from own_model import forgotten
 
@@ -57,21 +56,7 @@ def registrations() -> Iterator[None]:
 @pytest.fixture
 def ematwin_process(tmp_path: Path) -> Callable[..., Answer]:
     """Run ``python -m ematwin`` with some arguments, as a process of its own in ``tmp_path``."""
-
-    def run(*arguments: object, **environment: str) -> Answer:
-        done = subprocess.run(
-            [sys.executable, "-m", "ematwin", *map(str, arguments)],
-            cwd=tmp_path,
-            env={**os.environ, **environment},
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            timeout=300,
-            check=False,
-        )
-        return Answer(done.returncode, done.stdout, done.stderr)
-
-    return run
+    return partial(python, "-m", "ematwin", folder=tmp_path)
 
 
 @pytest.fixture(scope="session")

@@ -148,29 +148,26 @@ def test_a_profile_comes_from_a_recorded_column_beside_the_scenario_file(tmp_pat
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
-def test_recorded_columns_are_a_scenario(tmp_path, suffix):
-    path = _write(
-        tmp_path / f"flight{suffix}",
-        {"time": [5.0, 5.1, 5.3], "command": [0.0, 0.01, 0.0], "load": [0.0, 10.0, 20.0]},
-    )
-    scenario = Scenario.load_file(path)
+@pytest.mark.parametrize(
+    ("columns", "degree"),
+    [
+        ({"time": [5.0, 5.1, 5.3], "command": [0.0, 1.0, 0.0], "load": [0.0, 10.0, 20.0]}, 1.0),
+        (
+            {
+                "time [ms]": [0.0, 100.0, 300.0], "command [deg]": [0.0, 1.0, 0.0],
+                "load [kNm]": [0.0, 0.01, 0.02],
+            },
+            math.radians(1),
+        ),
+    ],
+)  # fmt: skip
+def test_recorded_columns_are_a_scenario_and_may_name_their_unit(tmp_path, suffix, columns, degree):
+    scenario = Scenario.load_file(_write(tmp_path / f"flight{suffix}", columns))
     assert scenario.name == "flight"
     assert scenario.duration == pytest.approx(0.3)
     command, load = scenario.histories(np.array([0.0, 0.05, 0.1, 0.3]))
-    assert command == pytest.approx([0.0, 0.005, 0.01, 0.0])
+    assert command == pytest.approx([0.0, 0.5 * degree, degree, 0.0])
     assert load == pytest.approx([0.0, 5.0, 10.0, 20.0])
-
-
-def test_recorded_columns_may_name_their_unit(tmp_path):
-    path = _write(
-        tmp_path / "flight.csv",
-        {"time [ms]": [0.0, 200.0], "command [deg]": [0.0, 1.0], "load [kNm]": [0.0, 0.01]},
-    )
-    scenario = Scenario.load_file(path)
-    command, load = scenario.histories(np.array([0.0, 0.2]))
-    assert scenario.duration == pytest.approx(0.2)
-    assert command == pytest.approx([0.0, math.radians(1)])
-    assert load == pytest.approx([0.0, 10.0])
 
 
 def test_a_record_of_ematwin_is_a_scenario_again(tmp_path):

@@ -3,9 +3,14 @@
 import numpy as np
 import pytest
 
-from bldc_inputs import SEVERE, history
+from bldc_inputs import FORMS, SEVERE, history
 from ematwin.models.bldc import batch
-from ematwin.models.bldc.constants import Truer, TruerState, kernel_constants
+from ematwin.models.bldc.constants import (
+    Truer,
+    TruerState,
+    kernel_constants,
+    truer_constants,
+)
 from ematwin.models.bldc.faults import PAPER_CASES, Faults
 from ematwin.models.bldc.parameters import BldcActuator
 from naive import monitor as naive_monitor
@@ -15,16 +20,23 @@ ACTUATOR = BldcActuator.load()
 C = kernel_constants(ACTUATOR)
 
 
-@pytest.mark.parametrize("values", [{}, SEVERE], ids=["healthy", "all faults"])
-def test_reference_model_is_that_of_the_naive_loop(values):
+@pytest.mark.parametrize(
+    ("values", "form"),
+    [({}, {}), (SEVERE, {}), (SEVERE, FORMS["eccentricity"])],
+    ids=["healthy", "all faults", "offset that turns in part"],
+)
+def test_reference_model_is_that_of_the_naive_loop(values, form):
+    actuator = ACTUATOR.changed(form)
+    assert truer_constants(actuator) == Truer()  # such an offset is a constant of the paper's form
     faults, dt, steps = Faults(**values), 1e-6, 12_000
     command, load = history(steps, dt)
     rest = np.zeros(13)
     rest[7] = 1.0
     trace = batch.reference_trace(
-        faults.vector, command, load, rest, C, dt, 1, 1, Truer(), np.array(TruerState())
-    )
-    slow = naive_reference.simulate(ACTUATOR, faults, command[:-1], load[:-1], dt)
+        faults.vector, command, load, rest, kernel_constants(actuator), dt, 1, 1, Truer(),
+        np.array(TruerState()),
+    )  # fmt: skip
+    slow = naive_reference.simulate(actuator, faults, command[:-1], load[:-1], dt)
     assert np.ptp(slow["motor"]) > 2.0  # more than one electrical sector
     np.testing.assert_allclose(trace[:, :3], slow["mean_currents"], rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(trace[:, 10:13], slow["mean_voltages"], rtol=0.0, atol=1e-8)

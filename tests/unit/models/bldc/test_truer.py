@@ -9,7 +9,6 @@ from ematwin.errors import ParameterError
 from ematwin.models.bldc import batch
 from ematwin.models.bldc.constants import (
     Truer,
-    TruerState,
     fault_state,
     kernel_constants,
     truer_constants,
@@ -27,7 +26,6 @@ from ematwin.models.registry import model_of
 from ematwin.models.simulating import simulate
 from ematwin.numerics.compile import plain
 from naive import monitor as naive_monitor
-from naive import reference as naive_reference
 from naive import truer as naive
 
 PLAIN = BldcActuator.load()
@@ -70,21 +68,6 @@ def test_monitor_model_is_that_of_the_naive_loop(form, same):
         np.testing.assert_allclose(trace[:same, column], slow[name][:same], rtol=1e-7, atol=1e-7)
         # impacts of loops under overspeed amplify the last digit
         np.testing.assert_allclose(trace[:, column], slow[name], rtol=1e-2, atol=1e-2)
-
-
-def test_reference_model_with_an_offset_that_turns_in_part_is_that_of_the_naive_loop():
-    actuator, faults, dt = PLAIN.changed(FORMS["eccentricity"]), Faults(**SEVERE), 1e-6
-    assert truer_constants(actuator) == Truer()  # a constant of the paper's form
-    command, load = history(8_000, dt)
-    rest = np.zeros(13)
-    rest[7] = 1.0
-    trace = batch.reference_trace(
-        faults.vector, command, load, rest, kernel_constants(actuator), dt, 1, 1, Truer(),
-        np.array(TruerState()),
-    )  # fmt: skip
-    slow = naive_reference.simulate(actuator, faults, command[:-1], load[:-1], dt)
-    np.testing.assert_allclose(trace[:, :3], slow["mean_currents"], rtol=0.0, atol=1e-9)
-    np.testing.assert_allclose(trace[:, 3], slow["motor"], rtol=0.0, atol=1e-9)
 
 
 def test_rounded_emf_constants_are_those_of_the_naive_version():
