@@ -22,11 +22,11 @@ def site(tmp_path_factory) -> Iterator[None]:
 
 @pytest.fixture
 def healthy(tmp_path: Path) -> list[str]:
-    """Healthy recordings of eight days, no two of them quite alike."""
+    """Healthy recordings of five days, no two of them quite alike."""
     random = np.random.default_rng(1)
     sensor = library.Noise(white=0.02, bits=12, full_scale=5)
     spread = {"brushes": 0.015, "magnets": 0.005, "friction": 0.02, "backlash": 0.02}
-    names = [f"healthy{n}.parquet" for n in range(1, 9)]
+    names = [f"healthy{n}.parquet" for n in range(1, 6)]
     for n, file in enumerate(names, 1):
         day = {name: random.normal(1.0, sigma) for name, sigma in spread.items()}
         day["load"] = random.normal(0.0, 0.01)
