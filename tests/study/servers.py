@@ -43,7 +43,7 @@ class Postgres:
 
     def stop(self):
         """Stop at once; connections break."""
-        self._as_user("pg_ctl", "-D", self._data, "-m", "fast", "-w", "stop")
+        self._as_user("pg_ctl", "-D", self._data, "-m", "immediate", "-w", "stop")
 
     def database(self, name):
         """URL of a new, empty database."""
