@@ -26,6 +26,7 @@ from ematwin.numerics.side_by_side import side_by_side
 _REGRESSIONS = 10  # at most; mostly six
 _FIRST = 0.3  # of what is known beforehand: as far as the first one looks
 _SHARES = (0.0, 1.0, 0.5, 0.25, 0.1)  # of a step to what a regression promises
+_STAYS = 0.5  # standard errors, root mean square of unknowns: adds 12 % to an error
 _SHORTEST, _LONGEST = 1e-4, 0.2  # of a coordinate: within less, jumps and ripple decide
 
 
@@ -123,13 +124,16 @@ def followed(
     aliases = partial(model.aliases, actuator)
     width = _known_so_far(model, actuator, problem, z, like) / _FIRST**2
 
+    def there(ahead: bool) -> list[Along]:
+        values = values_at(problem, z)
+        return [along.at(values[along.recording], remainders, ahead) for along in every]
+
     def fit_with(width: np.ndarray) -> Regression:
         return Regression(actuator, problem, every, remainders, aliases, (), width)
 
     before = math.inf
     for _ in range(_REGRESSIONS):
-        values = values_at(problem, z)
-        every = [along.at(values[along.recording], remainders) for along in every]
+        every = there(ahead=like is None)
         fit = fit_with(width)
         if not np.isfinite(fit.residuals(z)).all():
             return None
@@ -137,13 +141,17 @@ def followed(
         assert fit.information is not None
         width, gained = fit.information, before - fit.cost
         # beside another problem noise is the same each time
-        if moved < WORTH or (like is not None and gained < WORTH):
+        if moved < _STAYS**2 * len(fit.free) or (like is not None and gained < WORTH):
             break
         before = fit.cost
-    if like is None and fit.finds_first_samples(z):
-        problem = problem.sampled_first(fit.first_samples)
-        fit = fit_with(width)
-        z, _ = fit.regressed(z, most)
+    if like is None:
+        noise = [along.equation.noise for along in every]
+        every, found = there(ahead=False), fit.finds_first_samples(z)
+        if found:
+            problem = problem.sampled_first(fit.first_samples)
+        if found or noise != [along.equation.noise for along in every]:
+            fit = fit_with(width)
+            z, _ = fit.regressed(z, most)
     if like is not None and fit.counts_more():
         z, _ = fit.regressed(z, most)
     return problem, fit.evidence(z), z

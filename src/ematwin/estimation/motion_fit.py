@@ -53,12 +53,20 @@ class Along(NamedTuple):
         """Of the equation among those of all recordings."""
         return self.recording, self.equation.name
 
-    def at(self, values: Values, known: Mapping[tuple[int, str], Remainder]) -> "Along":
-        """The same at values that are known better, by the noise of what is ``known`` of it."""
+    def at(
+        self, values: Values, known: Mapping[tuple[int, str], Remainder], ahead: bool = False
+    ) -> "Along":
+        """The same at values that are known better, by the noise of what is ``known`` of it.
+
+        ``ahead`` takes the noise for a nearer estimate.
+        """
         at, like = self.equation.at, known.get(self.name)
         if at is None:
             return self
-        return self._replace(equation=at(values, None if like is None else like.noise))
+        found = at(values, None if like is None else like.noise)
+        if ahead and found.at is not None:
+            found = found.at(values, found.noise.ahead)
+        return self._replace(equation=found)
 
 
 class MotionFit:

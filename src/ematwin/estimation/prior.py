@@ -97,9 +97,10 @@ class Remainder(NamedTuple):
     def deviation(self, norm: float) -> float:
         """Standard deviation of its residuals where so much is left; independent ones count.
 
-        Beyond the least it is a discrepancy, which is alike throughout and counts once.
+        Beyond the least it is a discrepancy, and how many independent parts that has is unknown:
+        from one to as many as the noise. Their geometric mean counts.
         """
-        beyond = max(0.0, norm**2 - self.least**2)
+        beyond = max(0.0, norm**2 - self.least**2) / math.sqrt(self.independent)
         return math.sqrt(self.least**2 / self.independent + self.alike**2 + beyond)
 
 

@@ -40,6 +40,7 @@ _APART = 5e-4  # s, between angles of the output that count
 _TRUST = tuple(10.0**n for n in range(-1, 8))  # times the density of what noise of currents makes
 _DOUBT = tuple(10.0 ** (0.5 * n) for n in range(5))  # times the noise of the output's angle
 _NEAR = 10.0  # times that density: the torques are known
+_AHEAD = 10.0  # times the noise that a nearer estimate may leave
 _LOST = 1e3  # times that density: something is far off
 _ASTRAY = 0.15  # rad: outputs by currents and as recorded are a fiftieth of it apart
 _FRICTIONS = (0.1, 0.2, 0.3, 0.45, 0.6)  # faults
@@ -191,6 +192,13 @@ class Noise(NamedTuple):
 
     density: float  # rad^2/s^3, of white noise of the acceleration
     output: float = math.inf  # rad, standard deviation of the recorded angle of the output
+    least: float = math.inf  # rad^2/s^3, that a nearer estimate may leave
+
+    @property
+    def ahead(self) -> "Noise":
+        """For a nearer estimate: a part of the noise is what this one is wrong by."""
+        less = max(self.least, self.density / _AHEAD)
+        return self._replace(density=min(self.density, less))
 
 
 class Moved(NamedTuple):
@@ -226,21 +234,25 @@ class Masses:
         noise = share * float(np.mean([white_noise(x) for x in currents.T]))
         usual = float(np.sqrt(np.mean(currents**2)))
         density = (unit * math.hypot(noise, LEAST * usual)) ** 2 / rate
-        self._usual = Noise(density, max(_SWITCHED, deviation))
+        # commutations of one current are told apart by a motion that is as likely as can be
+        least = density if near is None else math.inf
+        self._usual = Noise(density, max(_SWITCHED, deviation), least)
         self._whole = (unit * usual) ** 2 / rate  # of noise as large as the currents
-        self.noise = Noise(density)
+        self.noise = self._usual._replace(output=math.inf)
         self.begins: Values = {}  # nearer than those that were given
         self._output = output
         self._recent = lru_cache(maxsize=RECENT)(self._moved)
-        self._likeliest = lru_cache(maxsize=RECENT)(self._found)
+        self._beside = lru_cache(maxsize=RECENT)(self._at)
 
     def at(self, actuator: Any, values: Values, noise: Noise | None = None) -> "Masses":
         """The same with this noise, or the likeliest one at these values."""
-        if noise is None:
-            return self._likeliest(actuator, _given(values))
-        return self._with(noise=noise, begins={})
+        return self._beside(actuator, _given(values), noise)
 
-    def _found(self, actuator: Any, given: tuple[tuple[str, float], ...]) -> "Masses":
+    def _at(
+        self, actuator: Any, given: tuple[tuple[str, float], ...], noise: Noise | None
+    ) -> "Masses":
+        if noise is not None:
+            return self._with(noise=noise, begins={})
         values = dict(given)
         own = values.get("friction", 0.0)
 
@@ -248,18 +260,20 @@ class Masses:
             tried = [(self._with(noise=one), each) for one in noises for each in some]
             return max(tried, key=lambda one: one[0].moved(actuator, one[1]).log_density)
 
-        densities = [Noise(x * self._usual.density) for x in _TRUST]
+        usual = self._usual.density
+        densities = [self.noise._replace(density=x * usual, output=math.inf) for x in _TRUST]
         best, begins = best_of(densities, [values])
-        if best.noise.density > _LOST * self._usual.density:
+        if best.noise.density > _LOST * usual:
             # between commutations a motor may be lost whose friction is far off
             others = [{**values, "friction": one} for one in _FRICTIONS if one > own]
             best, begins = best_of(densities, [values, *others])
-        elif self._output is not None and best.noise.density <= _NEAR * self._usual.density:
+        elif self._output is not None and best.noise.density <= _NEAR * usual:
             # beside wrong torques it would be noise, and beside a wrong gap it tells less
             angles = [x * self._usual.output for x in _DOUBT]
-            best, _ = best_of([Noise(best.noise.density, x) for x in angles], [values])
-            best, _ = best_of([Noise(x.density, best.noise.output) for x in densities], [values])
-        if self._currents.shape[1] == 1 and best.noise.density <= _NEAR * self._usual.density:
+            best, _ = best_of([best.noise._replace(output=x) for x in angles], [values])
+            output = best.noise.output
+            best, _ = best_of([x._replace(output=output) for x in densities], [values])
+        if self._currents.shape[1] == 1 and best.noise.density <= _NEAR * usual:
             # such a motion tells turns better than that near which it was
             moved = best.moved(actuator, begins).motor
             best = best._with(_seen=self._every.placed(moved, self._seen.near))
@@ -272,7 +286,7 @@ class Masses:
             other.__dict__.pop(name, None)
         other.__dict__ |= changed
         other._recent = lru_cache(maxsize=RECENT)(other._moved)
-        other._likeliest = lru_cache(maxsize=RECENT)(other._found)
+        other._beside = lru_cache(maxsize=RECENT)(other._at)
         return other
 
     @cached_property
@@ -293,7 +307,8 @@ class Masses:
         noise = math.sqrt(max(0.0, self.noise.density - self._usual.density) / self._whole)
         if self._output is None or not self._seen.when.size:
             return noise
-        moved = self._with(noise=Noise(self.noise.density)).moved(actuator, values).output
+        noisy = self.noise._replace(output=math.inf)
+        moved = self._with(noise=noisy).moved(actuator, values).output
         some = slice(int(self._seen.when[-1]))  # beyond, nothing shows where they are
         return max(noise, float(np.std((self._output - moved)[some])) / _ASTRAY)
 
