@@ -173,6 +173,19 @@ def test_several_files_give_a_list_in_their_order(tmp_path: Path) -> None:
     assert len(read(paths[:1])) == 1
 
 
+def test_all_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
+    """A folder is put right at once, not file by file."""
+    record = ematwin.simulate()
+    for n in (1, 3):
+        write(record, tmp_path / f"r{n}.csv")
+    (tmp_path / "r2.csv").write_text("time,foo\n0,1\n1,2\n2,3\n")
+    (tmp_path / "r4.csv").write_text("garbage")
+    with pytest.raises(RecordError) as told:
+        read(sorted(tmp_path.iterdir()))
+    assert "r2.csv has no channel for command" in str(told.value)
+    assert str(told.value).endswith(" Of 4 files 1 more cannot be read: r4.csv.")
+
+
 def test_labels_stand_in_text_channels_of_other_formats(tmp_path: Path) -> None:
     columns = bench_channels(0.01)
     time = columns["time"]

@@ -5,7 +5,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal, Protocol, TypedDict, Unpack, overload
 
-from ematwin.errors import InputError, ParameterError, RecordError
+from ematwin.errors import EmatwinError, FileError, InputError, ParameterError, RecordError
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import DEFAULT_KIND, ParameterSet
 from ematwin.models.registry import load_actuator, model_in, model_of, models
@@ -17,6 +17,8 @@ from ematwin.recordings.read import Choice, read_file
 from ematwin.recordings.recording import Recording
 from ematwin.recordings.tables import write_recording, write_recordings
 from ematwin.showing.results import is_frame
+
+_LISTED = 5  # files that one message lists
 
 Paths = list[str] | list[Path] | list[str | Path] | tuple[str | Path, ...]
 
@@ -119,6 +121,7 @@ def read(
     model = _model(actuator)
     channel_map = ChannelMap.of(columns, model.channels) if columns is not None else None
     found: list[Recording] = []
+    failed: list[tuple[Any, EmatwinError]] = []
     for n, file in enumerate(files):
         try:
             found += read_file(
@@ -126,14 +129,16 @@ def read(
                 own=actuator is None, resample_to=resample_to, gaps=gaps, split=split, where=where,
                 progress=_share(progress, n, len(files)),
             )  # fmt: skip
-        except MissingChannelError as error:
-            kinds = _kinds_of(file, None) if columns is None else []
-            if not kinds:
-                raise
-            raise RecordError(
-                f"{error} It has the channels of the kind {kinds[0]}: give an actuator of that "
-                "kind."
-            ) from None
+        except (RecordError, FileError) as error:
+            lacks = isinstance(error, MissingChannelError) and columns is None
+            if kinds := _kinds_of(file, None) if lacks else []:
+                error = RecordError(
+                    f"{error} It has the channels of the kind {kinds[0]}: give an actuator of that "
+                    "kind."
+                )
+            failed.append((file, error))
+    if failed:
+        raise _first_of(failed, len(files)) from None
     if split or not single:
         return found
     if len(found) > 1:
@@ -143,6 +148,17 @@ def read(
             "them with split=True, which gives a recording for each."
         )
     return found[0]
+
+
+def _first_of(failed: Sequence[tuple[Any, EmatwinError]], count: int) -> EmatwinError:
+    """The first error of files, which names the others that cannot be read either."""
+    (_, first), *others = failed
+    if not others:
+        return first
+    names = ["a DataFrame" if is_frame(file) else Path(file).name for file, _ in others]
+    listed = ", ".join(names[:_LISTED]) + (", ..." if len(names) > _LISTED else "")
+    kind = FileError if isinstance(first, FileError) else RecordError
+    return kind(f"{first} Of {count} files {len(names)} more cannot be read: {listed}.")
 
 
 def write(recording: Recording | Sequence[Recording], path: str | Path) -> None:
