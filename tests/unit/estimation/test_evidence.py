@@ -6,7 +6,7 @@ import pytest
 from ematwin.estimation.descent import Descent
 from ematwin.estimation.laplace import laplace
 from ematwin.estimation.noise import with_shown_noise
-from ematwin.estimation.prior import Prior
+from ematwin.estimation.prior import Prior, Remainder
 from ematwin.estimation.problem import Problem
 from ematwin.models.unknown import Alias, Unknown
 from naive.toy import OneChannel
@@ -115,3 +115,13 @@ def test_the_width_is_that_of_the_linear_problem() -> None:
     widths = peak.problem.chart.widths
     expected = np.linalg.inv(information) / np.outer(widths, widths)
     np.testing.assert_allclose(peak.covariance, expected, rtol=0.03, atol=1e-8)
+
+
+@pytest.mark.parametrize("independent", [1.0, 100.0])
+def test_a_discrepancy_counts_between_once_and_as_often_as_noise(independent):
+    """As `docs/inference.md` says: the geometric mean of one part and as many as the noise has."""
+    one = Remainder(norm=0.0, least=3.0, alike=0.5, independent=independent)
+    noise = one.deviation(3.0)
+    assert noise**2 == pytest.approx(9.0 / independent + 0.25)
+    assert one.deviation(1.0) == noise  # less than noise is no discrepancy
+    assert one.deviation(5.0) ** 2 - noise**2 == pytest.approx(16.0 / independent**0.5)

@@ -8,7 +8,7 @@ import pytest
 
 from bldc_inputs import with_one_current
 from ematwin.models.bldc import along_motion
-from ematwin.models.bldc.along_currents import masses_along
+from ematwin.models.bldc.along_currents import Noise, masses_along
 from ematwin.models.bldc.balance import Contact, Crossing, TorqueBalance
 from ematwin.models.bldc.channels import (
     PHASES,
@@ -436,3 +436,11 @@ def test_shapes_along_a_motion_are_those_of_the_naive_windings():
     c = kernel_constants(actuator)._replace(k_e=1.0)
     shapes = along_motion.emf_along(Faults().vector, turned, c, truer_constants(actuator)).T
     np.testing.assert_allclose(shapes, slow, atol=1e-6)
+
+
+def test_noise_ahead_is_never_less_than_that_of_the_currents_nor_more_than_now():
+    known = Noise(1e4, least=50.0)
+    assert known.ahead.density == 1e3
+    assert known.ahead.ahead.ahead.density == 50.0
+    assert Noise(20.0, least=50.0).ahead.density == 20.0
+    assert Noise(1e4).ahead.density == 1e4  # of one current
