@@ -56,15 +56,10 @@ class Along(NamedTuple):
     def at(
         self, values: Values, known: Mapping[tuple[int, str], Remainder], ahead: bool = False
     ) -> "Along":
-        """The same at values that are known better, by the noise of what is ``known`` of it.
-
-        ``ahead`` takes the noise for a nearer estimate.
-        """
+        """The same at better values, by noise ``known`` of it, or that for a nearer estimate."""
         at, like = self.equation.at, known.get(self.name)
-        if at is None:
-            return self
-        found = at(values, None if like is None else like.noise)
-        if ahead and found.at is not None:
+        found = self.equation if at is None else at(values, None if like is None else like.noise)
+        if ahead and found.at and found.noise:
             found = found.at(values, found.noise.ahead)
         return self._replace(equation=found)
 

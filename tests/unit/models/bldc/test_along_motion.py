@@ -8,7 +8,7 @@ import pytest
 
 from bldc_inputs import with_one_current
 from ematwin.models.bldc import along_motion
-from ematwin.models.bldc.along_currents import Noise, masses_along
+from ematwin.models.bldc.along_currents import Noise
 from ematwin.models.bldc.balance import Contact, Crossing, TorqueBalance
 from ematwin.models.bldc.channels import (
     PHASES,
@@ -19,6 +19,7 @@ from ematwin.models.bldc.channels import (
 from ematwin.models.bldc.commutations import commutations, divided
 from ematwin.models.bldc.constants import TruerState, kernel_constants, truer_constants
 from ematwin.models.bldc.faults import Faults
+from ematwin.models.bldc.masses_filter import masses_along
 from ematwin.models.bldc.motion import Motion, has_motion, output_along
 from ematwin.models.bldc.motor import SIXTH_TURN
 from ematwin.models.bldc.parameters import BldcActuator
