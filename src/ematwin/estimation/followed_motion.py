@@ -2,8 +2,8 @@
 
 Such a motion, and so every residual, jumps where friction holds a mass at one point and not at the
 next. So residuals are regressed on points around. Each regression begins with the motion of the
-estimate before, and with the noise that is the likeliest there: far off it is large, and so is what
-the regression looks at.
+estimate before, and with less than the noise that is the likeliest there, a part of which is the
+error of that estimate. Far off it is large, and so is what the regression looks at.
 """
 
 import math
@@ -23,7 +23,7 @@ from ematwin.models.parameter_set import ParameterSet
 from ematwin.numerics.linear_algebra import bounded_squares
 from ematwin.numerics.side_by_side import side_by_side
 
-_REGRESSIONS = 10  # at most; mostly six
+_REGRESSIONS = 10  # at most; mostly seven
 _FIRST = 0.3  # of what is known beforehand: as far as the first one looks
 _SHARES = (0.0, 1.0, 0.5, 0.25, 0.1)  # of a step to what a regression promises
 _STAYS = 0.5  # standard errors, root mean square of unknowns: adds 12 % to an error

@@ -33,7 +33,7 @@ _APART = 5e-4  # s, between angles of the output that count
 _TRUST = tuple(10.0**n for n in range(-1, 8))  # times the density of what noise of currents makes
 _DOUBT = tuple(10.0 ** (0.5 * n) for n in range(5))  # times the noise of the output's angle
 _NEAR = 10.0  # times that density: the torques are known
-_AHEAD = 10.0  # times the noise that a nearer estimate may leave
+_AHEAD = 10.0  # by which the noise of a nearer estimate may be less
 _LOST = 1e3  # times that density: something is far off
 _ASTRAY = 0.15  # rad: outputs by currents and as recorded are a fiftieth of it apart
 _FRICTIONS = (0.1, 0.2, 0.3, 0.45, 0.6)  # faults
@@ -93,7 +93,7 @@ class Masses:
         noise = share * float(np.mean([white_noise(x) for x in currents.T]))
         usual = float(np.sqrt(np.mean(currents**2)))
         density = (unit * math.hypot(noise, LEAST * usual)) ** 2 / rate
-        # commutations of one current are told apart by a motion that is as likely as can be
+        # one current's commutations are told apart by the motion, which is not trusted too early
         least = density if near is None else math.inf
         self._usual = Noise(density, max(SWITCHED, deviation), least)
         self._whole = (unit * usual) ** 2 / rate  # of noise as large as the currents
