@@ -109,25 +109,38 @@ def informed(
     """
     if not problem.lacks_forms:
         return None
-    chart, known = problem.chart, None if like is None else like.information
-    remainders = {} if known is None else known.remainders
+    chart = problem.chart
     z = chart.project(chart.from_values(start[None]))
     every = _along(model, actuator, problem, values_at(problem, z))
     if not every:
         return None
+    fitted = followed if _follows(every) else _recorded
     z = _begun(problem, z, every)
+    if (found := fitted(model, actuator, problem, z, every, most, like)) is None:
+        return None
+    problem, fit, z = found
+    whole = _show_all(model, actuator, problem, fit.every)
+    return problem.informed(fit.evidence(z)._replace(whole=whole)), chart.to_values(z)[0]
+
+
+def _recorded(
+    model: Model,
+    actuator: ParameterSet,
+    problem: Problem,
+    z: np.ndarray,
+    every: Sequence[Along],
+    most: float,
+    like: Problem | None,
+) -> tuple[Problem, MotionFit, np.ndarray] | None:
+    """As `followed`, along motions that were recorded."""
+    known = None if like is None else like.information
+    remainders = {} if known is None else known.remainders
 
     def there(some: Sequence[Along]) -> list[Along]:
         values = values_at(problem, z)
         return [along.at(values[along.recording], remainders) for along in some]
 
     aliases = partial(model.aliases, actuator)
-    if _follows(every):
-        if (along := followed(model, actuator, problem, z, every, most, like)) is None:
-            return None
-        problem, information, z = along
-        whole = _show_all(model, actuator, problem, every)
-        return problem.informed(information._replace(whole=whole)), problem.chart.to_values(z)[0]
     rests, begun = {along.equation.rests for along in every}, z
     named = {along.equation.name for along in every}
     first = named & rests
@@ -156,5 +169,4 @@ def informed(
         z = fit.descended(z)
     if known is not None and fit.counts_more():
         z = fit.descended(z)
-    whole = _show_all(model, actuator, problem, every)
-    return problem.informed(fit.evidence(z)._replace(whole=whole)), chart.to_values(z)[0]
+    return problem, fit, z

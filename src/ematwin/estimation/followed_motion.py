@@ -16,7 +16,6 @@ from ematwin.estimation.constants import SMALLEST, WORTH
 from ematwin.estimation.descent import TooFarError
 from ematwin.estimation.laplace import principal
 from ematwin.estimation.motion_fit import Along, MotionFit, values_at
-from ematwin.estimation.prior import Information
 from ematwin.estimation.problem import Problem
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
@@ -48,7 +47,7 @@ class Regression(MotionFit):
         here, (same, asked) = self.residuals(z), self._known_slopes(z)
         beside = self._around(z)
         points, moved = chart.to_values(beside), (beside - z)[:, free]
-        every = range(len(self._every))
+        every = range(len(self.every))
         lefts = side_by_side(lambda point: [self._scaled(n, point) for n in every], points)
         slopes = np.zeros((free.size, here.size))
         for n, (part, mine, some) in enumerate(zip(self._parts, same, asked, strict=True)):
@@ -114,8 +113,8 @@ def followed(
     every: Sequence[Along],
     most: float,
     like: Problem | None,
-) -> tuple[Problem, Information, np.ndarray] | None:
-    """The problem, what equations tell along motions that follow from estimates, and these (1, d).
+) -> tuple[Problem, MotionFit, np.ndarray] | None:
+    """The problem, a fit along motions that follow from estimates, and the last of these (1, d).
 
     From coordinates (1, d); arguments are else as of `ematwin.estimation.along_motion.informed`.
     None where loops would be unstable at the start.
@@ -154,7 +153,7 @@ def followed(
             z, _ = fit.regressed(z, most)
     if like is not None and fit.counts_more():
         z, _ = fit.regressed(z, most)
-    return problem, fit.evidence(z), z
+    return problem, fit, z
 
 
 def _known_so_far(

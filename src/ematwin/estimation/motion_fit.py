@@ -77,7 +77,7 @@ class MotionFit:
         held: Collection[str] = (),
         information: np.ndarray | None = None,
     ) -> None:
-        self._actuator, self._problem, self._every = actuator, problem, every
+        self._actuator, self._problem, self.every = actuator, problem, every
         self._aliases = aliases
         self.information = information  # (d, d), as is known so far
         # of the loops in each recording, s; 0 if unknown
@@ -187,13 +187,13 @@ class MotionFit:
             else one.equation.unexplained(
                 with_values(self._actuator, at[one.recording]), at[one.recording]
             )
-            for left, one in zip(self._remainders, self._every, strict=True)
+            for left, one in zip(self._remainders, self.every, strict=True)
         )
         # what no sensor makes is alike throughout, as errors of the model are
-        share = max(one.equation.discrepancy for one in self._every)
+        share = max(one.equation.discrepancy for one in self.every)
         wider = math.sqrt(1.0 + share * (self._problem.model_error**2 - 1.0))
         chart, every, left = self._problem.chart, every / wider, np.append(moved, rest) / wider
-        names = (one.name for one in self._every)
+        names = (one.name for one in self.every)
         remainders = dict(zip(names, self._remainders, strict=True))
         return Information(chart, z[0], every, left, remainders, unexplained, wider)
 
@@ -230,7 +230,7 @@ class MotionFit:
         basis, found = np.linalg.qr(slopes.T)[0], False
         for m, values in enumerate(values_at(self._problem, z)):
             sampled = [
-                n for n, one in enumerate(self._every)
+                n for n, one in enumerate(self.every)
                 if one.recording == m and one.equation.first_samples(self._actuator)
             ]  # fmt: skip
             if self.first_samples[m] or not sampled:
@@ -241,12 +241,12 @@ class MotionFit:
                 for n in own:
                     known = {name: at[name] for name in self._matters[n]}
                     left[self._parts[n]] = self._scales[n] * self._left(
-                        self._every[n], known, instant
+                        self.every[n], known, instant
                     )
                 along = left @ basis
                 return float(left @ left - along @ along)
 
-            instants = self._every[sampled[0]].equation.first_samples(self._actuator)
+            instants = self.every[sampled[0]].equation.first_samples(self._actuator)
             instant = found_first_sample(cost, instants)
             if cost(instant) < cost(0.0) - DECIDES:
                 self.first_samples[m], found, self._fresh = instant, True, False
@@ -370,7 +370,7 @@ class MotionFit:
         Infinite where a loop is unstable.
         """
         points = self._problem.chart.to_values(z)
-        lefts = side_by_side(lambda n: self._scaled(n, points[0]), range(len(self._every)))
+        lefts = side_by_side(lambda n: self._scaled(n, points[0]), range(len(self.every)))
         sizes = zip(self._counts, lefts, strict=True)
         parts = [np.full(count, np.inf) if left is None else left for count, left in sizes]
         return np.concatenate([*parts, self._priors(points)[0]])
@@ -386,7 +386,7 @@ class MotionFit:
         """
         values = {name: float(point[place]) for name, place in self._matters[n].items()}
         try:
-            return self._scales[n] * self._left(self._every[n], values)
+            return self._scales[n] * self._left(self.every[n], values)
         except EmatwinError:
             return None
 

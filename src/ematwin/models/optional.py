@@ -139,7 +139,7 @@ class Equation(NamedTuple):
     # it, for values of these unknowns, and for this noise of its motion, which is the likeliest one
     # there where it is None
     at: "Callable[[Values, Any], Equation] | None" = None
-    noise: Any = None  # of its motion, where that was not recorded
+    noise: Any = None  # of its motion, if that was not recorded; ``ahead``, for a nearer estimate
     # share of the currents that only this noise accounts for, with faults, load and sensors by name
     unexplained: Callable[[ParameterSet, Values], float] = lambda actuator, values: 0.0
     discrepancy: float = 0.0  # share of this noise that no sensor makes: torques that are not known

@@ -130,7 +130,8 @@ def read(
                 progress=_share(progress, n, len(files)),
             )  # fmt: skip
         except (RecordError, FileError) as error:
-            lacks = isinstance(error, MissingChannelError) and columns is None
+            # the first one is told whole
+            lacks = isinstance(error, MissingChannelError) and columns is None and not failed
             if kinds := _kinds_of(file, None) if lacks else []:
                 error = RecordError(
                     f"{error} It has the channels of the kind {kinds[0]}: give an actuator of that "

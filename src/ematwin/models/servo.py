@@ -14,8 +14,7 @@ from ematwin.errors import InputError, ParameterError, RecordError
 from ematwin.models.base import Candidates, Law, Model, Progress, Signal, Values
 from ematwin.models.scenario import Scenario
 from ematwin.models.simulating import recording_of
-from ematwin.models.unknown import Unknown
-from ematwin.models.unknown import nuisance as nuisance  # kinds have it from here
+from ematwin.models.unknown import Unknown, nuisance
 from ematwin.numerics.signals import rounding
 from ematwin.recordings.channel import PHASES, Channel, Derivation
 from ematwin.recordings.noise import Noise

@@ -18,13 +18,14 @@ from ematwin.errors import InputError
 from ematwin.models.base import OtherForm, Study, Values
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.sections import ShortedTurns
-from ematwin.models.servo import dry_friction, load_nuisances, nuisance
+from ematwin.models.servo import dry_friction, load_nuisances
 from ematwin.models.servo import normalised_fault as _fault
 from ematwin.models.unknown import (
     Alias,
     Contrast,
     PhysicalValue,
     Unknown,
+    nuisance,
     physical_html,
     table_of,
 )
