@@ -7,6 +7,7 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import ematwin as library
@@ -178,6 +179,12 @@ def test_a_read_only_folder_is_refused_before_the_work(ematwin):
         refused(answer, f"the folder {folder} is missing or read-only")
 
 
+def test_an_existing_record_survives_a_refusal(ematwin, tmp_path):
+    (tmp_path / "rec.parquet").write_text("precious")
+    refused(ematwin("simulate", "--fault", "friction=2", *OUT), "received 2")
+    assert (tmp_path / "rec.parquet").read_text() == "precious"
+
+
 @pytest.fixture
 def hour(tmp_path: Path) -> Path:
     """A scenario that takes the reference model minutes."""
@@ -217,6 +224,13 @@ def _wait_until_python_answers(process: "subprocess.Popen[str]") -> None:
         if "numpy" in maps.read_text():
             return
         time.sleep(0.01)
+
+
+@pytest.mark.parametrize("size", [0, 99])
+def test_damaged_parquet_is_never_a_traceback(ematwin, tmp_path, size):
+    rng = np.random.default_rng(size)
+    (tmp_path / "noise.parquet").write_bytes(b"PAR1" + rng.bytes(size) + b"PAR1")
+    refused(ematwin("simulate", "--scenario", "noise.parquet"), "Cannot read noise.parquet")
 
 
 @pytest.mark.parametrize(

@@ -39,5 +39,6 @@ def test_a_wrong_case_is_named():
         ematwin.compare(["random"], {"worn": {"fricton": 2.0}}, actuator="rm1605")
     with pytest.raises(InputError, match="workers must be at least 1"):
         ematwin.compare(["random"], actuator="rm1605", workers=0)
-    with pytest.raises(InputError, match=r"runs must be a whole number.* received 2\.5"):
+    said = r"runs must be a whole number of at least 1, received 2\.5"
+    with pytest.raises(InputError, match=said):
         ematwin.compare(["random"], actuator="rm1605", runs=2.5)

@@ -37,3 +37,12 @@ def test_fifth_and_seventh_multiples_of_an_angle_follow_from_its_sine_and_cosine
     assert found == pytest.approx((math.sin(5.0 * x), math.cos(5.0 * x)), abs=1e-12)
     found = (s * scalar.seventh(s * s), -c * scalar.seventh(c * c))
     assert found == pytest.approx((math.sin(7.0 * x), math.cos(7.0 * x)), abs=1e-12)
+
+
+@given(st.floats(), st.floats(-1e3, 1e3), st.floats(0.0, 1e3))
+def test_clip_limits_and_lets_nan_through(x, low, width):
+    clipped = scalar.clip(x, low, low + width)
+    if math.isnan(x):
+        assert math.isnan(clipped)
+    else:
+        assert clipped == min(max(x, low), low + width)
