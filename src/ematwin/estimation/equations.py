@@ -16,10 +16,11 @@ from ematwin.errors import EmatwinError
 from ematwin.estimation.constants import TWO_SIGMA
 from ematwin.estimation.prior import Prior
 from ematwin.models.comparison import correlation_time
-from ematwin.models.optional import FIRST_SAMPLE, Equation, Values, with_values
+from ematwin.models.optional import FIRST_SAMPLE, Candidate, Equation, Values, with_values
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.unknown import Unknown
-from ematwin.numerics.side_by_side import side_by_side
+from ematwin.numerics.lanes import LANES
+from ematwin.numerics.side_by_side import in_blocks, side_by_side
 
 WIDE = 3.0  # standard deviation of the logarithm of what no file states
 _ENDS = 0.05  # relative fall of the cost at which a fit ends
@@ -98,6 +99,28 @@ class EquationFit:
         return bool(gain.mean() > TWO_SIGMA * gain.std(ddof=1) / math.sqrt(gain.size))
 
 
+def lefts_of(
+    equation: Equation, actuator: ParameterSet, tries: Sequence[Values]
+) -> list[np.ndarray | None]:
+    """What an equation leaves, (K,), with each of some values by place and by name.
+
+    None of those with which a loop would be unstable.
+    """
+
+    def candidate(values: Values) -> Candidate | None:
+        beside = {name: value for name, value in values.items() if "." not in name}
+        try:
+            return with_values(actuator, values), beside
+        except EmatwinError:
+            return None
+
+    every = [candidate(values) for values in tries]
+    stable = [one for one in every if one is not None]
+    each = equation.each or (lambda some: [equation.left(*one) for one in some])
+    lefts = iter(each(stable))
+    return [None if one is None else next(lefts) for one in every]
+
+
 def _least(curvature: np.ndarray, gradient: np.ndarray) -> np.ndarray:
     """(d,) step to the minimum of a quadratic form."""
     return np.asarray(-np.linalg.lstsq(curvature, gradient, rcond=1e-12)[0])
@@ -144,19 +167,11 @@ class Equations:
         """Energy that the equation's own error leaves, alike throughout."""
         return sum((one.alike(actuator) * one.size / self._size) ** 2 for one in self.each)
 
-    def _some(self, only: int | None) -> list[tuple[int, Equation]]:
-        return [one for one in enumerate(self.each) if only in (None, one[0])]
-
-    def _left(
-        self, actuator: ParameterSet, instant: float | None = None, only: int | None = None
-    ) -> np.ndarray:
-        """(K,) of all recordings, or of the ``only`` one, with its first sample at an instant."""
-        return np.concatenate([
-            self._share(n, one.left(actuator, {
-                FIRST_SAMPLE: self.first_samples[n] if instant is None else instant
-            }))
-            for n, one in self._some(only)
-        ])  # fmt: skip
+    def _left(self, actuator: ParameterSet) -> np.ndarray:
+        """(K,) of all recordings."""
+        each = zip(self.each, self.first_samples, strict=True)
+        lefts = [one.left(actuator, {FIRST_SAMPLE: first}) for one, first in each]
+        return np.concatenate([self._share(n, left) for n, left in enumerate(lefts)])
 
     def _share(self, n: int, left: np.ndarray) -> np.ndarray:
         """Residuals of a recording as shares of all that is to be explained, whitened."""
@@ -167,23 +182,21 @@ class Equations:
         self, actuator: ParameterSet, tries: Sequence[Values], only: int | None = None
     ) -> list[np.ndarray | None]:
         """(K,) with each of some values by place; None of those with which it would be unstable."""
-        some = self._some(only)
-        together = all(one.each is not None for _, one in some)
+        some = [one for one in enumerate(self.each) if only in (None, one[0])]
 
-        def of(values: Values) -> Any:
-            try:
-                tried = with_values(actuator, values)
-                return tried if together else self._left(tried, values.get(FIRST_SAMPLE), only)
-            except EmatwinError:
-                return None
+        def of(block: Sequence[Values]) -> list[np.ndarray | None]:
+            first = [{FIRST_SAMPLE: self.first_samples[n]} for n, _ in some]
+            found = [
+                lefts_of(one, actuator, [{**when, **values} for values in block])
+                for (_, one), when in zip(some, first, strict=True)
+            ]
+            shares = [
+                [None if left is None else self._share(n, left) for left in lefts]
+                for (n, _), lefts in zip(some, found, strict=True)
+            ]
+            return [None if x[0] is None else np.concatenate(x) for x in zip(*shares, strict=True)]
 
-        found = side_by_side(of, tries)
-        stable = [one for one in found if one is not None]
-        if not (together and stable):
-            return found
-        lefts = [[self._share(n, x) for x in one.each(stable)] for n, one in some if one.each]
-        rest = zip(*lefts, strict=True)
-        return [None if one is None else np.concatenate(next(rest)) for one in found]
+        return in_blocks(of, tries, LANES if all(one.each for _, one in some) else 1)
 
     def ranked(
         self, fit: EquationFit, starts: Sequence[tuple[Values, bool]], only: int | None = None
@@ -296,17 +309,18 @@ class Equations:
         def found(n: int) -> float:
             part, instants = fit.at(self.parts[n]), self.each[n].first_samples(actuator)
 
-            def cost(instant: float) -> float:
-                return part.projected(self._left(actuator, instant, n), scaled=False)
+            def costs(some: Sequence[float]) -> list[float]:
+                lefts = self._left_each(actuator, [{FIRST_SAMPLE: one} for one in some], n)
+                return [part.projected(x, scaled=False) for x in lefts if x is not None]
 
-            return found_first_sample(cost, instants) if instants else self.first_samples[n]
+            return found_first_sample(costs, instants) if instants else self.first_samples[n]
 
         other.first_samples = [found(n) for n in range(len(self.each))]
         return other.fitted(actuator, fit.places, fit)
 
 
 def found_first_sample(
-    cost: Callable[[float], float], instants: Sequence[Sequence[float]]
+    costs: Callable[[Sequence[float]], Sequence[float]], instants: Sequence[Sequence[float]]
 ) -> float:
     """The instant at which the sampled loops of a drive sampled first in a recording.
 
@@ -319,7 +333,7 @@ def found_first_sample(
     """
 
     def best_of(some: Sequence[float]) -> tuple[float, float]:
-        return min(zip(side_by_side(cost, some), some, strict=True))
+        return min(zip(costs(some), some, strict=True))
 
     _, share = best_of(instants[0])
     column = instants[0].index(share)

@@ -19,8 +19,9 @@ from ematwin.estimation.motion_fit import Along, MotionFit, values_at
 from ematwin.estimation.problem import Problem
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
+from ematwin.numerics.lanes import LANES
 from ematwin.numerics.linear_algebra import bounded_squares
-from ematwin.numerics.side_by_side import side_by_side
+from ematwin.numerics.side_by_side import in_blocks
 
 _REGRESSIONS = 10  # at most; mostly seven
 _FIRST = 0.3  # of what is known beforehand: as far as the first one looks
@@ -47,8 +48,7 @@ class Regression(MotionFit):
         here, (same, asked) = self.residuals(z), self._known_slopes(z)
         beside = self._around(z)
         points, moved = chart.to_values(beside), (beside - z)[:, free]
-        every = range(len(self.every))
-        lefts = side_by_side(lambda point: [self._scaled(n, point) for n in every], points)
+        lefts = self._lefts(points)
         slopes = np.zeros((free.size, here.size))
         for n, (part, mine, some) in enumerate(zip(self._parts, same, asked, strict=True)):
             changed = moved.copy()
@@ -83,11 +83,22 @@ class Regression(MotionFit):
         if cost - 2.0 * (cost - least) > most:
             raise TooFarError
         tried = [chart.project(z + share * step) for share in _SHARES]
-        best = int(np.argmin([np.sum(self.residuals(one) ** 2) for one in tried]))
+        points = chart.to_values(np.vstack(tried))
+        found = zip(self._lefts(points), self._priors(points), strict=True)
+        best = int(np.argmin([sum(_squares(x) for x in (*lefts, own)) for lefts, own in found]))
         if best == 0:  # slopes do not hold so far: the next look half as far
             self._learn(weights * slopes / _SHARES[2])
         self._last = here + _SHARES[best] * change, slopes
         return tried[best], float(change @ change)
+
+    def _lefts(self, points: np.ndarray) -> list[tuple[np.ndarray | None, ...]]:
+        """What each equation leaves, in standard deviations, at each of some points (B, d)."""
+
+        def of(some: Sequence[np.ndarray]) -> list[tuple[np.ndarray | None, ...]]:
+            each = [self.scaled(n, some) for n in range(len(self.every))]
+            return list(zip(*each, strict=True))
+
+        return in_blocks(of, points, LANES)
 
     def _around(self, z: np.ndarray) -> np.ndarray:
         """(N, d), points around coordinates (1, d), as far as the information says."""
@@ -103,6 +114,10 @@ class Regression(MotionFit):
         beside = np.tile(z, (2 * count, 1))
         beside[:, free] += np.vstack([design, -design]) @ ways
         return chart.project(beside)
+
+
+def _squares(left: np.ndarray | None) -> float:
+    return math.inf if left is None else float(left @ left)
 
 
 def followed(

@@ -7,16 +7,16 @@ equation leaves beyond noise at the end is a discrepancy (`Remainder`).
 """
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from ematwin.errors import EmatwinError
 from ematwin.estimation.aliases import Aliases, Direction, directions
 from ematwin.estimation.constants import DECIDES, WORSE
 from ematwin.estimation.descent import TooFarError
-from ematwin.estimation.equations import found_first_sample, with_secant
+from ematwin.estimation.equations import found_first_sample, lefts_of, with_secant
 from ematwin.estimation.laplace import principal
 from ematwin.estimation.levenberg_marquardt import NOTHING
 from ematwin.estimation.prior import Information, Remainder
@@ -25,7 +25,7 @@ from ematwin.models.comparison import correlation_time
 from ematwin.models.optional import FIRST_SAMPLE, Equation, Values, with_values
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.numerics.linear_algebra import bounded_squares
-from ematwin.numerics.side_by_side import side_by_side
+from ematwin.numerics.side_by_side import in_blocks, side_by_side
 
 _STEP = 1e-3  # of a coordinate: priors are smooth
 # shares of a step and its dampings that are tried, one after the other
@@ -83,7 +83,7 @@ class MotionFit:
         # of the loops in each recording, s; 0 if unknown
         self.first_samples = [one.recording.first_sample for one in problem.comparisons]
         self._matters = [_matters(one, actuator, problem) for one in every]
-        left = side_by_side(lambda one: self._left(one, {}), every)
+        left = side_by_side(lambda one: one.equation.left(actuator, {}), every)
         self._counts = [each.size for each in left]
         ends = np.cumsum(self._counts).tolist()
         self._parts = [slice(a, b) for a, b in zip([0, *ends], ends, strict=False)]
@@ -236,19 +236,20 @@ class MotionFit:
             if self.first_samples[m] or not sampled:
                 continue
 
-            def cost(instant: float, own: Sequence[int] = sampled, at: Values = values) -> float:
-                left = here.copy()
+            def costs(
+                instants: Sequence[float], own: Sequence[int] = sampled, at: Values = values
+            ) -> list[float]:
+                lefts = np.tile(here, (len(instants), 1))
                 for n in own:
                     known = {name: at[name] for name in self._matters[n]}
-                    left[self._parts[n]] = self._scales[n] * self._left(
-                        self.every[n], known, instant
-                    )
-                along = left @ basis
-                return float(left @ left - along @ along)
+                    tries = [{**known, FIRST_SAMPLE: one} for one in instants]
+                    lefts[:, self._parts[n]] = in_blocks(partial(self._tried, n), tries, 1)
+                return (np.sum(lefts**2, axis=1) - np.sum((lefts @ basis) ** 2, axis=1)).tolist()
 
             instants = self.every[sampled[0]].equation.first_samples(self._actuator)
-            instant = found_first_sample(cost, instants)
-            if cost(instant) < cost(0.0) - DECIDES:
+            instant = found_first_sample(costs, instants)
+            with_it, without = costs([instant, 0.0])
+            if with_it < without - DECIDES:
                 self.first_samples[m], found, self._fresh = instant, True, False
         return found
 
@@ -266,7 +267,7 @@ class MotionFit:
             n, way = one
             for side in (1.0, -1.0):
                 beside = chart.project(z + side * way)
-                left = self._scaled(n, chart.to_values(beside)[0])
+                (left,) = self.scaled(n, chart.to_values(beside))
                 if left is not None and not np.array_equal(beside, z):
                     return (beside - z)[0, free], left - here[self._parts[n]]
             return None
@@ -359,18 +360,13 @@ class MotionFit:
                 self._remainders[n] = one = self._remainders[n]._replace(independent=independent)
                 self._rescale(n, one.deviation(one.norm))
 
-    def _left(self, one: Along, values: Values, instant: float | None = None) -> np.ndarray:
-        beside = {name: value for name, value in values.items() if "." not in name}
-        beside[FIRST_SAMPLE] = self.first_samples[one.recording] if instant is None else instant
-        return one.equation.left(with_values(self._actuator, values), beside)
-
     def residuals(self, z: np.ndarray) -> np.ndarray:
         """(K,), in standard deviations, at coordinates (1, d); the priors' come last.
 
         Infinite where a loop is unstable.
         """
         points = self._problem.chart.to_values(z)
-        lefts = side_by_side(lambda n: self._scaled(n, points[0]), range(len(self.every)))
+        lefts = side_by_side(lambda n: self.scaled(n, points)[0], range(len(self.every)))
         sizes = zip(self._counts, lefts, strict=True)
         parts = [np.full(count, np.inf) if left is None else left for count, left in sizes]
         return np.concatenate([*parts, self._priors(points)[0]])
@@ -379,16 +375,18 @@ class MotionFit:
         """(B, k), in standard deviations, at points (B, d)."""
         return np.asarray(self._problem.prior_distances(points) / self._problem.noise)
 
-    def _scaled(self, n: int, point: np.ndarray) -> np.ndarray | None:
-        """Residuals of the nth equation, in standard deviations, at a point (d,).
+    def scaled(self, n: int, points: Iterable[np.ndarray]) -> list[np.ndarray | None]:
+        """Residuals of the nth equation, in standard deviations, at each of some points (d,).
 
         None where a loop is unstable.
         """
-        values = {name: float(point[place]) for name, place in self._matters[n].items()}
-        try:
-            return self._scales[n] * self._left(self.every[n], values)
-        except EmatwinError:
-            return None
+        places, first = self._matters[n], self.first_samples[self.every[n].recording]
+        values = ({name: float(one[m]) for name, m in places.items()} for one in points)
+        return self._tried(n, [{FIRST_SAMPLE: first, **one} for one in values])
+
+    def _tried(self, n: int, tries: Sequence[Values]) -> list[np.ndarray | None]:
+        lefts = lefts_of(self.every[n].equation, self._actuator, tries)
+        return [None if left is None else self._scales[n] * left for left in lefts]
 
 
 def _matters(along: Along, actuator: ParameterSet, problem: Problem) -> dict[str, int]:

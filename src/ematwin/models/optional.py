@@ -27,6 +27,9 @@ def with_values(actuator: ParameterSet, values: Values) -> ParameterSet:
     return actuator.changed(places) if places else actuator
 
 
+Candidate = tuple[Any, Values]  # an actuator, with faults, load and sensors by name
+
+
 @dataclass(frozen=True)
 class Signal:
     """A trace for a figure."""
@@ -155,8 +158,8 @@ class Equation(NamedTuple):
     alike: Callable[[ParameterSet], float] = lambda actuator: 0.0
     # how the residual (K,) changes with load, sensors or timing that may pass for a form, by name
     changes: Callable[[ParameterSet], Mapping[str, np.ndarray]] = lambda actuator: {}
-    # what each of several actuators leaves, in the time of one
-    each: Callable[[Sequence[ParameterSet]], Sequence[np.ndarray]] | None = None
+    # what each of several candidates leaves, side by side: sooner than one after the other
+    each: Callable[[Sequence[Candidate]], Sequence[np.ndarray]] | None = None
     near: "Callable[[ParameterSet], Equation] | None" = None  # it, corrected by the reference there
 
 

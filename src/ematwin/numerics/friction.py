@@ -16,7 +16,7 @@ speed: with a constant one LuGre adds energy (Barabanov and Ortega 2000, ibid. 4
 import math
 
 from ematwin.numerics.compile import step
-from ematwin.numerics.scalar import clip
+from ematwin.numerics.scalar import clip, fallen
 
 
 @step
@@ -102,7 +102,7 @@ def dithered_static(t_static, t_dynamic, ripple):
 def fading(w, w_stribeck):
     """Share of the excess of static friction, and of the damping, that is left at a speed."""
     x = w / w_stribeck
-    return math.exp(-x * x)
+    return fallen(x * x)
 
 
 @step

@@ -24,6 +24,11 @@ def test_sine_and_cosine_err_by_less_than_4e_12_within_a_thousand_turns():
     assert largest_error(1e5, 2_000_003) < 1e-10
 
 
+@given(st.floats(0.0, 1e6))
+def test_an_exponential_that_falls_errs_by_1e_11_of_it(x):
+    assert scalar.fallen(x) == pytest.approx(math.exp(-x), rel=1e-11, abs=1e-13)
+
+
 @given(st.integers(-40_000, 40_000))
 def test_sine_and_cosine_are_right_at_and_beside_every_eighth_of_a_turn(eighths):
     for x in np.nextafter(eighths * math.pi / 4.0, [-np.inf, 0.0, np.inf]):

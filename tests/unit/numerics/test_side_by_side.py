@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from ematwin.numerics.side_by_side import cores, side_by_side
+from ematwin.numerics.side_by_side import cores, in_blocks, side_by_side
 
 
 def test_answers_come_in_the_order_of_the_items():
@@ -60,3 +60,17 @@ def test_cores_are_those_that_this_process_may_use():
     finally:
         os.sched_setaffinity(0, usable)
     assert cores() == len(usable)
+
+
+@pytest.mark.parametrize("count", [0, 1, 5, 16, 33, 76])
+def test_blocks_have_at_most_so_many_items_and_keep_their_order(count):
+    sizes = []
+
+    def doubled(block):
+        sizes.append(len(block))
+        return [2 * n for n in block]
+
+    assert in_blocks(doubled, range(count), 16) == [2 * n for n in range(count)]
+    assert sum(sizes) == count
+    assert all(0 < size <= 16 for size in sizes)
+    assert len(sizes) >= min(count, cores())  # no core is left idle

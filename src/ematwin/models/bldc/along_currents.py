@@ -21,12 +21,13 @@ import numpy as np
 from ematwin.models.bldc.commutations import commutations
 from ematwin.models.bldc.constants import kernel_constants, truer_constants
 from ematwin.models.bldc.faults import UNKNOWNS, ZERO, fault_vector
-from ematwin.models.bldc.masses_filter import SWITCHED, masses_along
-from ematwin.models.optional import Values
+from ematwin.models.bldc.masses_filter import SWITCHED, Sensed, masses_along
+from ematwin.models.optional import Candidate, Values
 from ematwin.numerics.signals import white_noise
 
 LEAST = 0.001  # of the recorded current: what simulators of other make differ by
 RECENT = 32  # answers that are kept: many of the next differ by a sensor or a mass alone
+_REGRESSED = 200  # motions that are kept: those of all points of a regression
 _STEP = 2.5e-6  # s, at most: steps of 1 us change angles by 0.15 mrad, of 5 us by 0.4
 _LATE = 0.5  # of the deviation of when they came: so far all commutations were off in the mean
 _APART = 5e-4  # s, between angles of the output that count
@@ -58,6 +59,10 @@ class Noise(NamedTuple):
         """For a nearer estimate: a part of the noise is what this one is wrong by."""
         less = max(self.least, self.density / _AHEAD)
         return self._replace(density=min(self.density, less))
+
+
+# sections of an actuator, and values, by name, on which the motion depends
+_Key = tuple[tuple[tuple[str, Any], ...], tuple[tuple[str, float], ...], Noise]
 
 
 class Moved(NamedTuple):
@@ -100,7 +105,7 @@ class Masses:
         self.noise = self._usual._replace(output=math.inf)
         self.begins: Values = {}  # nearer than those that were given
         self._output = output
-        self._recent = lru_cache(maxsize=RECENT)(self._moved)
+        self._recent: dict[_Key, Moved] = {}
         self._beside = lru_cache(maxsize=RECENT)(self._at)
 
     def at(self, actuator: Any, values: Values, noise: Noise | None = None) -> "Masses":
@@ -116,8 +121,11 @@ class Masses:
         own = values.get("friction", 0.0)
 
         def best_of(noises: Iterable[Noise], some: Sequence[Values]) -> tuple[Masses, Values]:
-            tried = [(self._with(noise=one), each) for one in noises for each in some]
-            return max(tried, key=lambda one: one[0].moved(actuator, one[1]).log_density)
+            tried = [(one, each) for one in noises for each in some]
+            candidates = [(actuator, each) for _, each in tried]
+            moved = self.moved_each(candidates, [one for one, _ in tried])
+            noise, begins = tried[int(np.argmax([one.log_density for one in moved]))]
+            return self._with(noise=noise), begins
 
         usual = self._usual.density
         densities = [self.noise._replace(density=x * usual, output=math.inf) for x in _TRUST]
@@ -141,10 +149,11 @@ class Masses:
 
     def _with(self, **changed: Any) -> "Masses":
         other = copy.copy(self)
-        for name in ("size", "_shown"):
-            other.__dict__.pop(name, None)
+        other.__dict__.pop("size", None)
         other.__dict__ |= changed
-        other._recent = lru_cache(maxsize=RECENT)(other._moved)
+        if not changed.keys() <= {"noise", "begins"}:
+            other.__dict__.pop("_shown", None)
+            other._recent = {}
         other._beside = lru_cache(maxsize=RECENT)(other._at)
         return other
 
@@ -178,36 +187,62 @@ class Masses:
 
     def moved(self, actuator: Any, values: Values) -> Moved:
         """How they moved, with faults, load and sensors by name."""
+        return self.moved_each([(actuator, values)])[0]
+
+    def moved_each(
+        self, candidates: Sequence[Candidate], noises: Sequence[Noise] = ()
+    ) -> list[Moved]:
+        """The same of several candidates, side by side; with these noises, or its own.
+
+        An output shows in all of these or in none.
+        """
+        pairs = zip(candidates, noises or [self.noise] * len(candidates), strict=True)
+        keys = [self._key(actuator, values, noise) for (actuator, values), noise in pairs]
+        found = {key: moved for key in keys if (moved := self._recent.get(key))}
+        if new := [key for key in dict.fromkeys(keys) if key not in found]:
+            fresh = dict(zip(new, self._filtered(new), strict=True))
+            found |= fresh
+            self._recent |= fresh
+            for key in list(self._recent)[:-_REGRESSED]:
+                self._recent.pop(key, None)
+        return [found[key] for key in keys]
+
+    def _key(self, actuator: Any, values: Values, noise: Noise) -> _Key:
         sections = {name: getattr(actuator, name) for name in (*OF_GEAR, *OF_MOTOR)}
         resistance = self._sheet.motor.resistance  # of which currents are known
         sections["motor"] = actuator.motor.model_copy(update={"resistance": resistance})
-        return self._recent(tuple(sections.items()), _given(values))
+        return tuple(sections.items()), _given(values), noise
 
-    def _moved(
-        self, sections: tuple[tuple[str, Any], ...], values: tuple[tuple[str, float], ...]
-    ) -> Moved:
-        actuator = self._sheet.model_copy(update=dict(sections))
-        given = {**MOVES, **dict(values)}
-        ratio, seen = actuator.transmission.ratio, self._seen
-        offset = given["current_offset"] * actuator.motor.emf_constant
-        # they stand somewhere in the gap
-        begins = [self._begin - given[ZERO], self._sheet.transmission.backlash]
-        found, (away, spreads), fixed, when = masses_along(
-            fault_vector(given), self._currents,
-            given["load_gain"] * self._load + given["load_offset"] / ratio,
-            1.0 / self._rate, math.ceil(1.0 / (self._rate * _STEP) - 1e-9),
-            kernel_constants(actuator), truer_constants(actuator),
-            np.array([1.0, -offset]) / given["current_gain"], np.array(seen[:2]), seen.near,
-            self._shown - given[ZERO],
-            np.array([
-                seen.jitter, seen.turn, self.noise.density, seen.within, seen.other,
-                self.noise.output,
-            ]),
-            np.array(begins),
+    def _filtered(self, keys: Sequence[_Key]) -> list[Moved]:
+        seen = self._seen
+        rows: tuple[list[Any], ...] = [], [], [], []
+        for sections, values, noise in keys:
+            actuator = self._sheet.model_copy(update=dict(sections))
+            given = {**MOVES, **dict(values)}
+            offset = given["current_offset"] * actuator.motor.emf_constant
+            sensed = Sensed(
+                self._begin - given[ZERO], given[ZERO], 1.0 / given["current_gain"],
+                -offset / given["current_gain"], given["load_gain"],
+                given["load_offset"] / actuator.transmission.ratio, noise.density, noise.output,
+            )  # fmt: skip
+            row = fault_vector(given), kernel_constants(actuator), truer_constants(actuator), sensed
+            for every, one in zip(rows, row, strict=True):
+                every.append(one)
+        nothing = math.isinf(keys[0][2].output)
+        found, left, fixed, when = masses_along(
+            *(np.array(every, dtype=float) for every in rows),
+            self._sheet.transmission.backlash,  # they stand somewhere in the gap
+            self._currents, self._load, 1.0 / self._rate,
+            math.ceil(1.0 / (self._rate * _STEP) - 1e-9), np.array(seen[:2]), seen.near,
+            self._shown + (math.nan if nothing else 0.0),
+            np.array([seen.jitter, seen.turn, seen.within, seen.other]),
         )  # fmt: skip
-        left = away / spreads
-        log_density = -float(0.5 * left @ left + np.log(spreads).sum())
-        return Moved(*self._smoothed(found, fixed, when), left, log_density)
+        moved = []
+        for motion, (away, spreads), steps in zip(found, left, fixed, strict=True):
+            each = away / spreads
+            log_density = -float(0.5 * each @ each + np.log(spreads).sum())
+            moved.append(Moved(*self._smoothed(motion, steps, when), each, log_density))
+        return moved
 
     def _smoothed(
         self, found: np.ndarray, fixed: np.ndarray, seen: np.ndarray
@@ -229,17 +264,22 @@ class Masses:
         """Innovations (K,), in standard deviations."""
         return self.moved(actuator, values or {}).left
 
+    def each(self, candidates: Sequence[Candidate]) -> list[np.ndarray]:
+        """The same of several candidates."""
+        return [one.left for one in self.moved_each(candidates)]
+
     @cached_property
     def _shown(self) -> np.ndarray:
-        """Angles (S,) of the output that count, rad; NaN where none does."""
+        """Angles (S,) of the output that may count, rad; NaN where none does."""
         found, every = np.full(len(self._load), math.nan), math.ceil(_APART * self._rate)
-        if self._output is not None and math.isfinite(self.noise.output):
+        if self._output is not None:
             found[::every] = self._output[::every]
         return found
 
     @property
     def _events(self) -> int:
-        return self._seen.when.size + int(np.isfinite(self._shown).sum())
+        shown = np.isfinite(self._shown).sum() if math.isfinite(self.noise.output) else 0
+        return self._seen.when.size + int(shown)
 
     def least(self, actuator: Any) -> float:
         """Share of the innovations without any torque that noise leaves."""

@@ -8,6 +8,7 @@ current belongs to one of them (direct identification; Ljung 1999, System Identi
 """
 
 import math
+from collections.abc import Sequence
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -24,9 +25,10 @@ from ematwin.models.bldc.reference_step import (
     started,
 )
 from ematwin.models.bldc.simulate import INPUT_INTERVAL, TimeGrid, phases_of
-from ematwin.models.optional import FIRST_SAMPLE, Values
+from ematwin.models.optional import FIRST_SAMPLE, Candidate, Values
 from ematwin.numerics.compile import loop, step
 from ematwin.numerics.lanes import columns
+from ematwin.numerics.side_by_side import side_by_side
 from ematwin.numerics.signals import LowPass, white_noise
 
 _INSTANT = 1e-10  # s: what is so near is now
@@ -119,7 +121,7 @@ class Controller:
         count = min(len(motion.time), int(0.4 * rate) + 1)  # 0.4 s are simulated
         self._grid = TimeGrid(INPUT_INTERVAL, (count - 0.5) / rate, rate)
         signed = 0.5 * np.einsum("sk,sk->s", motion.currents, motion.trapezoids)[:count]
-        self._fixed = motion.states(self._grid.time, motion.sheet, motion.values)
+        self._fixed = motion.states(self._grid, motion.sheet, motion.values)
         self._begins, self._signed = float(signed[0]), signed[1:]
         self._seen = self._equivalent(motion.currents[1:count])
         self.size = float(np.linalg.norm(self._seen))
@@ -157,6 +159,14 @@ class Controller:
         )
         gain, offset = given.get("current_gain", 1.0), given.get("current_offset", 0.0)
         return gain * current + offset - self._seen
+
+    def each(
+        self, candidates: Sequence[Candidate], windings: Values | None = None
+    ) -> list[np.ndarray]:
+        """The same of several candidates, whose masses move side by side."""
+        if self.motion.masses is not None:
+            self.motion.masses.moved_each(candidates)
+        return [self.left(actuator, values, windings) for actuator, values in candidates]
 
     def _simulated(
         self, actuator: Any, faults: tuple[float, ...], others: tuple[tuple[str, float], ...],
@@ -201,7 +211,7 @@ class Controller:
         """States (3, G) of an actuator with such sections."""
         changed = dict(zip(self.motion.sections, sections, strict=True))
         actuator = self.motion.sheet.model_copy(update=changed)
-        return self.motion.states(self._grid.time, actuator, dict(values))
+        return self.motion.states(self._grid, actuator, dict(values))
 
     def changes(self, actuator: Any) -> dict[str, np.ndarray]:
         """How the residual (S - 1,), A, changes with what may pass for a form."""
@@ -223,8 +233,8 @@ class Controller:
         values = self.motion.values
         here, squares = self.left(actuator, values), 0.0
         if self._anew:
-            away = [float(np.sum((x.left(actuator, values) - here) ** 2)) for x in self._anew]
-            squares += sum(away) / len(away)
+            lefts = side_by_side(lambda one: one.left(actuator, values), self._anew)
+            squares += sum(float(np.sum((left - here) ** 2)) for left in lefts) / len(lefts)
         if actuator.encoder is not None:
             squares += float(np.sum((self.left(actuator, values, counts=True) - here) ** 2))
         return math.hypot(math.hypot(noise, math.sqrt(squares)) / self.size, self.alike(actuator))
@@ -233,7 +243,7 @@ class Controller:
     def _anew(self) -> "list[Controller]":
         # of commutations there are few: one draw tells little
         draws = 1 if self.motion.masses is None else 4
-        others = (self.motion.recorded_anew(seed) for seed in range(draws))
+        others = side_by_side(self.motion.recorded_anew, range(draws))
         return [Controller(one, self._low_pass) for one in others if one is not None]
 
     def alike(self, actuator: Any) -> float:

@@ -77,17 +77,31 @@ class SmoothingSpline:
         """Values (T,) of the spline, or of its first or second derivative, at times (T,), s."""
         place = (time - self._begins) * self._rate
         n = np.clip(place.astype(int), 0, len(self.values) - 2)
-        t = place - n
-        low, high = self._bends[n], self._bends[n + 1]
-        if order == 2:
-            return np.asarray(self._rate**2 * (low + t * (high - low)))
-        before, step = self.values[n], self.values[n + 1] - self.values[n]
+        weights = self._weights(place - n, order)
+        each = zip(weights, self._ends(), strict=True)
+        return np.asarray(sum(weight * end[n] for weight, end in each))
+
+    def finely(self, samples: int, parts: int, order: int = 0) -> np.ndarray:
+        """The same at so many parts of each interval, up to one of its samples."""
+        ends = np.array(self._ends())[:, : samples - 1]
+        weights = np.vstack(self._weights(np.arange(parts) / parts, order))
+        last = (samples - 1) / self._rate + self._begins
+        return np.append(ends.T @ weights, self(np.array([last]), order))
+
+    def _ends(self) -> tuple[np.ndarray, ...]:
+        """Of each interval (S - 1,): value and bend at its beginning, then at its end."""
+        return self.values[:-1], self._bends[:-1], self.values[1:], self._bends[1:]
+
+    def _weights(self, t: np.ndarray, order: int) -> tuple[np.ndarray, ...]:
+        """Weights (T,) of `_ends` at shares ``t`` (T,) of an interval."""
         s = 1.0 - t
+        if order == 2:
+            return 0.0 * s, self._rate**2 * s, 0.0 * t, self._rate**2 * t
         if order == 1:
-            bent = (3.0 * t * t - 1.0) * high - (3.0 * s * s - 1.0) * low
-            return np.asarray(self._rate * (step + bent / 6.0))
-        bent = (t * t - 1.0) * t * high + (s * s - 1.0) * s * low
-        return np.asarray(before + t * step + bent / 6.0)
+            pace = self._rate / 6.0
+            bent = -pace * (3.0 * s * s - 1.0), pace * (3.0 * t * t - 1.0)
+            return np.full_like(s, -self._rate), bent[0], np.full_like(t, self._rate), bent[1]
+        return s, (s * s - 1.0) * s / 6.0, t, (t * t - 1.0) * t / 6.0
 
 
 @lru_cache(maxsize=8)

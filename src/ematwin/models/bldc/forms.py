@@ -308,6 +308,7 @@ def _controller(controller: Controller, actuator: Any, values: Values) -> Equati
             for times in (_USUAL, _ANY)
         ),
         first_samples=_first_samples,
+        each=None if motion.masses is None else partial(controller.each, windings=windings),
         alike=controller.alike,
         changes=controller.changes,
     )  # fmt: skip
@@ -332,6 +333,7 @@ def _masses(masses: Masses, actuator: Any) -> Equation:
         ("friction", "backlash", *_WINDINGS, *LOAD, *_SENSOR, ZERO),
         at=at, noise=masses.noise, begins=masses.begins, step=0.0,
         alike=masses.alike, unexplained=masses.unexplained, discrepancy=masses.discrepancy,
+        each=masses.each,
     )  # fmt: skip
 
 

@@ -119,6 +119,8 @@ def terminal_voltages(g, i, e, r, y, v_supply, v_diode):
     v_b, on_b = _terminal(v[1], i[1], v_n + e[1], driven[1], v_supply, v_diode)
     v_c, on_c = _terminal(v[2], i[2], v_n + e[2], driven[2], v_supply, v_diode)
     v, on = (v_a, v_b, v_c), (on_a, on_b, on_c)
+    if (on_a == driven[0]) & (on_b == driven[1]) & (on_c == driven[2]):
+        return v, v_n, on
     return v, _star_point(v, i, e, r, y, on), on
 
 

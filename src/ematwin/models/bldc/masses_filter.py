@@ -1,22 +1,87 @@
 """Kernel of the Kalman filter of motor and output along recorded currents.
 
-`ematwin.models.bldc.along_currents` says what it is for, and has the sources.
+`ematwin.models.bldc.along_currents` says what it is for, and has the sources. Candidates run side
+by side in lanes: commutations, and angles of the output, come to all of them at the same time.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from ematwin.models.bldc.constants import fault_state
+from ematwin.models.bldc.constants import Constants, FaultState, Truer, fault_state
 from ematwin.models.bldc.inverter import dot, gate_signals
 from ematwin.models.bldc.motor import hall_sector, torque_of_cogging
-from ematwin.models.bldc.reference_step import ReferenceState, all_emf_constants, move_masses
-from ematwin.numerics.compile import loop, step
+from ematwin.models.bldc.reference_step import (
+    all_emf_constants,
+    move_on_bristles,
+    move_sticking,
+)
+from ematwin.numerics.compile import part, step
+from ematwin.numerics.lanes import LANES, columns, lane_loop, wide_vectors
 
 SWITCHED = 1e-4  # rad, by which a sensor of the rotor may switch sooner or later
 _SURELY = 3.0  # standard deviations of an innovation: more is a surprise
 _ROOT_TWO_PI = math.sqrt(2.0 * math.pi)
 _TURNS = 5  # steps with one torque of the currents
+
+
+class Sensed(NamedTuple):
+    """What a candidate makes of the recording, and how well it is known."""
+
+    begin: float  # rad, where both masses are at rest
+    zero: float  # rad, of the recorded output
+    torque_gain: float  # on that of the currents
+    torque_offset: float  # N m
+    load_gain: float
+    load_offset: float  # N m on the motor shaft
+    density: float  # rad^2/s^3, of the noise of the acceleration
+    output: float  # rad, standard deviation of the recorded output
+
+
+class TwoMasses(NamedTuple):
+    """Both masses, on the motor shaft."""
+
+    w_m: float  # rad/s
+    theta_m: float  # rad
+    w_o: float
+    theta_o: float
+    bent_m: float  # rad, of bristles
+    bent_o: float
+
+
+class Trust(NamedTuple):
+    """Covariances of angle and speed: of both masses, and of an output in the gap."""
+
+    angle: float  # rad^2
+    both: float
+    speed: float
+    last: float  # samples, until which they have grown
+    own_angle: float
+    own_both: float
+    own_speed: float
+    own_last: float
+
+
+BRISTLES = Truer._fields.index("presliding_motor_stiffness")
+new_constants, constants_of, _ = columns(Constants)
+new_truer, truer_of, _ = columns(Truer)
+new_fault, fault_of, write_fault = columns(FaultState)
+new_sensed, sensed_of, _ = columns(Sensed)
+new_masses, masses_of, write_masses = columns(TwoMasses)
+new_trust, trust_of, write_trust = columns(Trust)
+
+
+@part
+def torque_of(currents, now, fault, c, truer, sensed, dt):  # type: ignore[no-untyped-def]
+    """Torque on the motor, N m, by currents (3,), or (1,), A, over `_TURNS` steps of ``dt``."""
+    middle = now.theta_m + 0.5 * _TURNS * dt * now.w_m
+    if currents.size == 1:
+        i = gate_signals(hall_sector(c.pole_pairs * middle), currents[0])
+    else:
+        i = currents[0], currents[1], currents[2]
+    torque = sensed.torque_gain * dot(all_emf_constants(middle, fault, c, truer), i)
+    return torque + sensed.torque_offset + torque_of_cogging(middle, truer)
 
 
 @step
@@ -26,128 +91,188 @@ def grown(angle, both, speed, span, density):  # type: ignore[no-untyped-def]
     return angle, both + span * (speed + density * span / 2.0), speed + density * span
 
 
-@loop
+@part
+def gained(angle, both, speed, noise, share):  # type: ignore[no-untyped-def]
+    """Gains on angle and speed, and their covariance after a ``share`` of an observation."""
+    of_angle, of_speed = share * angle / (angle + noise), share * both / (angle + noise)
+    speed -= of_speed * both
+    return of_angle, of_speed, angle * (1.0 - of_angle), both * (1.0 - of_angle), speed
+
+
+@part
+def shown_at(g, angle, now, trust, fault, sensed, spacing, fixed):  # type: ignore[no-untyped-def]
+    """Masses and trust after the recorded ``angle`` (rad) of the output in sample ``g``.
+
+    Then the innovation and its standard deviation, rad; ``fixed`` (4,) takes by what that changed
+    angles and speeds.
+    """
+    touch = abs(now.theta_m - now.theta_o) >= fault.half_gap
+    a, b, s, last = trust.own_angle, trust.own_both, trust.own_speed, trust.own_last
+    if touch:
+        a, b, s, last = trust.angle, trust.both, trust.speed, trust.last
+    a, b, s = grown(a, b, s, (g - last) * spacing, sensed.density)
+    away, noise = angle - sensed.zero - now.theta_o, sensed.output**2
+    deviation = math.sqrt(a + noise)
+    surprise = away**2 / (_SURELY**2 * (a + noise))
+    if surprise > 1.0:
+        a, b, s = surprise * a, surprise * b, surprise * s
+    share, pace, a, b, s = gained(a, b, s, noise, 1.0)
+    turns = pace * away if (now.w_o != 0.0) | (surprise > 1.0) else 0.0
+    fixed[2], fixed[3] = share * away, turns
+    theta_m, w_m = now.theta_m, now.w_m
+    both = trust.angle, trust.both, trust.speed, trust.last
+    if touch:
+        fixed[0], fixed[1] = share * away, turns
+        theta_m, w_m = theta_m + share * away, w_m + turns
+        both = a, b, s, float(g)
+    w_o, theta_o = now.w_o + turns, now.theta_o + share * away
+    now = TwoMasses(w_m, theta_m, w_o, theta_o, now.bent_m, now.bent_o)
+    return now, Trust(both[0], both[1], both[2], both[3], a, b, s, float(g)), away, deviation
+
+
+@part
+def commutated(when, angle, end, now, trust, fault, sensed, known, spacing, fixed):  # type: ignore[no-untyped-def]
+    """As `shown_at` after a commutation ``when`` (samples) the motor stood at an ``angle``, rad.
+
+    ``end`` of the step is a little later.
+    """
+    span = (when - trust.last) * spacing
+    a, b, s = grown(trust.angle, trust.both, trust.speed, span, sensed.density)
+    away = angle - now.theta_m + (end - when) * spacing * now.w_m
+    away -= known[1] * np.floor(away / known[1] + 0.5)
+    noise = SWITCHED**2 + (known[0] * now.w_m) ** 2
+    variance = a + noise
+    # what was seen may be something else, which is as likely anywhere
+    deviation, likely = math.sqrt(variance), math.exp(-0.5 * away**2 / variance)
+    other = known[3] * _ROOT_TWO_PI * deviation
+    true = 1.0 if other == 0.0 else likely / (likely + other)
+    shown, spread = away, deviation / (1.0 + other)
+    if other > 0.0:
+        far = math.sqrt(2.0 * math.log((1.0 + other) / (likely + other)))
+        shown = math.copysign(far * spread, away)
+    # whether friction holds the motor at an instant is a matter of chance: by how much
+    # that is beyond what is likely the filter trusts its state less
+    surprise = away**2 / (_SURELY**2 * variance)
+    if surprise > 1.0:
+        a, b, s = surprise * a, surprise * b, surprise * s
+    share, pace, a, b, s = gained(a, b, s, noise, true)
+    # a mass that friction holds is where it is, and an output in the gap by itself
+    turns = pace * away if (now.w_m != 0.0) | (surprise > 1.0) else 0.0
+    fixed[0], fixed[1] = share * away, turns
+    theta_o, w_o = now.theta_o, now.w_o
+    if abs(now.theta_m + share * away - theta_o) >= fault.half_gap:
+        fixed[2], fixed[3] = share * away, turns
+        theta_o, w_o = theta_o + share * away, w_o + turns
+    w_m, theta_m = now.w_m + turns, now.theta_m + share * away
+    now = TwoMasses(w_m, theta_m, w_o, theta_o, now.bent_m, now.bent_o)
+    own = trust.own_angle, trust.own_both, trust.own_speed, trust.own_last
+    return now, Trust(a, b, s, when, own[0], own[1], own[2], own[3]), shown, spread
+
+
+@lane_loop
 def masses_along(  # type: ignore[no-untyped-def]
-    k, currents, load, spacing, substeps, c, truer, more, seen, near, shown, known, state
-):
-    """Angles and speeds along recorded currents: of both masses, (4, S), and what corrected them.
+    faults, constants, truers, sensors, spread, currents, load, spacing, substeps, seen, near,
+    shown, known,
+):  # fmt: skip
+    """Angles and speeds of B candidates along recorded currents, and what corrected them.
 
     Parameters
     ----------
-    k : (8,) array, fault vector
+    faults : (B, 8) array, fault vectors
+    constants, truers, sensors : (B, C), (B, T) and (B, 8) arrays: `Constants`, `Truer`, `Sensed`
+    spread : rad, standard deviation of where both begin
     currents : (S, 3) array, A, means of the phases since the last sample; (S, 1) of the current
         through the two that conduct
     load : (S,) array, N m on the motor shaft
     spacing, substeps : s, of samples, and steps between them
-    c, truer : as of `batch.reference_trace`
-    more : (2,) array, factor on the torque of the currents, and N m that add to it
     seen : (2, K) array, of commutations: when, in samples, and at which angle of the motor, rad
     near : (S,) array, rad, near which the motor is; NaN where that is unknown
     shown : (S,) array, rad, angle of the output; NaN where that is unknown
-    known : (6,) array: s, standard deviation of when they came; rad, multiples of which angles
-        lack; rad^2/s^3, density of the noise of the acceleration; rad, how far from ``near`` it is;
-        1/rad, density of what is no commutation; rad, standard deviation of what is ``shown``
-    state : (2,) array, rad, where both begin at rest, and how well that is known
+    known : (4,) array: s, standard deviation of when they came; rad, multiples of which angles
+        lack; rad, how far from ``near`` it is; 1/rad, density of what is no commutation
 
     Returns
     -------
-    found : (4, S) array, angle and speed of motor and output, rad and rad/s
-    left : (2, E) array, innovations and their standard deviations, rad, of all that was seen or
+    found : (B, 4, S) array, angle and speed of motor and output, rad and rad/s
+    left : (B, 2, E) array, innovations and their standard deviations, rad, of all that was seen or
         shown
-    fixed : (4, E) array, by which that changed ``found``
+    fixed : (B, 4, E) array, by which that changed ``found``
     when : (E,) array, in samples
     """
-    fault = fault_state(k, c.half_gap)
-    theta_m, w_m, theta_o, w_o = state[0], 0.0, state[0], 0.0
-    of_angle, of_both, of_speed = state[1] ** 2, 0.0, 0.0  # the covariance of both
-    # of an output in the gap
-    own_angle, own_both, own_speed = of_angle, 0.0, 0.0
-    bent_m, bent_o, last, own_last, j, e = 0.0, 0.0, 0.0, 0.0, 0, 0
-    events = seen.shape[1] + np.isfinite(shown).sum()
-    found, fixed, when = np.zeros((4, load.size)), np.zeros((4, events)), np.zeros(events)
-    left, dt, torque = np.zeros((2, events)), spacing / substeps, 0.0
-    for g in range(load.size):
-        found[0, g], found[1, g], found[2, g], found[3, g] = theta_m, w_m, theta_o, w_o
-        if shown[g] == shown[g]:
-            touch = abs(theta_m - theta_o) >= fault.half_gap
-            if touch:
-                own_angle, own_both, own_speed, own_last = of_angle, of_both, of_speed, last
-            own_angle, own_both, own_speed = grown(
-                own_angle, own_both, own_speed, (g - own_last) * spacing, known[2]
-            )
-            away = shown[g] - theta_o
-            variance = own_angle + known[5] ** 2
-            left[0, e], left[1, e] = away, math.sqrt(variance)
-            surprise = away**2 / (_SURELY**2 * variance)
-            if surprise > 1.0:
-                own_angle, own_both = surprise * own_angle, surprise * own_both
-                own_speed, variance = surprise * own_speed, own_angle + known[5] ** 2
-            share, pace = own_angle / variance, own_both / variance
-            own_speed -= pace * own_both
-            own_both, own_angle = own_both * (1.0 - share), own_angle * (1.0 - share)
-            turns = pace * away if (w_o != 0.0) | (surprise > 1.0) else 0.0
-            theta_o, w_o = theta_o + share * away, w_o + turns
-            fixed[2, e], fixed[3, e] = share * away, turns
-            if touch:
-                theta_m, w_m = theta_m + share * away, w_m + turns
-                fixed[0, e], fixed[1, e] = share * away, turns
-                of_angle, of_both, of_speed, last = own_angle, own_both, own_speed, g
-            when[e], own_last, e = g, g, e + 1
-        for n in range(substeps if g < load.size - 1 else 0):
-            now = ReferenceState(
-                0.0, 0.0, 0.0, w_m, theta_m, w_o, theta_o, 1.0, 0.0, 0.0, 0.0, bent_m, bent_o
-            )
-            if n % _TURNS == 0:  # it turns by a few milliradians meanwhile
-                middle = theta_m + 0.5 * _TURNS * dt * w_m
-                kappas = all_emf_constants(middle, fault, c, truer)
-                torque = more[1] + torque_of_cogging(middle, truer)
-                if currents.shape[1] == 1:
-                    i = gate_signals(hall_sector(c.pole_pairs * middle), currents[g + 1, 0])
+    wide_vectors()
+    batch, events = len(faults), seen.shape[1] + np.isfinite(shown).sum()
+    found, fixed = np.zeros((batch, 4, load.size)), np.zeros((batch, 4, events))
+    left, when, dt, e = np.zeros((batch, 2, events)), np.zeros(events), spacing / substeps, 0
+    c, truer, fault, sensed = new_constants(), new_truer(), new_fault(), new_sensed()
+    masses, trust, torque = new_masses(), new_trust(), np.empty(LANES)
+    for first in range(0, batch, LANES):
+        inside, j, e = min(LANES, batch - first), 0, 0
+        # whole vectors of lanes, filled by the last one, or one or two without them
+        lanes = inside if inside < 3 else LANES // 2 if inside <= LANES // 2 else LANES
+        for n in range(lanes):
+            who = first + min(n, inside - 1)
+            c[:, n], truer[:, n], sensed[:, n] = constants[who], truers[who], sensors[who]
+            own = sensed_of(sensed, n)
+            write_fault(fault, n, fault_state(faults[who], constants_of(c, n).half_gap))
+            write_masses(masses, n, TwoMasses(0.0, own.begin, 0.0, own.begin, 0.0, 0.0))
+            write_trust(trust, n, Trust(spread**2, 0.0, 0.0, 0.0, spread**2, 0.0, 0.0, 0.0))
+        for g in range(load.size):
+            for n in range(inside):
+                now = masses_of(masses, n)
+                found[first + n, 0, g], found[first + n, 1, g] = now.theta_m, now.w_m
+                found[first + n, 2, g], found[first + n, 3, g] = now.theta_o, now.w_o
+            if shown[g] == shown[g]:
+                for n in range(inside):
+                    now, of_both, away, deviation = shown_at(
+                        g, shown[g], masses_of(masses, n), trust_of(trust, n), fault_of(fault, n),
+                        sensed_of(sensed, n), spacing, fixed[first + n, :, e],
+                    )  # fmt: skip
+                    write_masses(masses, n, now)
+                    write_trust(trust, n, of_both)
+                    left[first + n, 0, e], left[first + n, 1, e] = away, deviation
+                when[e], e = g, e + 1
+            for m in range(substeps if g < load.size - 1 else 0):
+                if m % _TURNS == 0:  # they turn by a few milliradians meanwhile
+                    for n in range(lanes):
+                        torque[n] = torque_of(
+                            currents[g + 1], masses_of(masses, n), fault_of(fault, n),
+                            constants_of(c, n), truer_of(truer, n), sensed_of(sensed, n), dt,
+                        )  # fmt: skip
+                pushes = load[g] + (m + 0.5) / substeps * (load[g + 1] - load[g])
+                if truer[BRISTLES, 0] == 0.0:
+                    for n in range(lanes):
+                        own = sensed_of(sensed, n)
+                        write_masses(masses, n, move_sticking(
+                            masses_of(masses, n), torque[n],
+                            own.load_gain * pushes + own.load_offset, fault_of(fault, n),
+                            constants_of(c, n), dt,
+                        ))  # fmt: skip
                 else:
-                    i = currents[g + 1, 0], currents[g + 1, 1], currents[g + 1, 2]
-                torque += more[0] * dot(kappas, i)
-            pushes = load[g] + (n + 0.5) / substeps * (load[g + 1] - load[g])
-            w_m, theta_m, w_o, theta_o, bent_m, bent_o = move_masses(
-                now, torque, pushes, fault, c, truer, dt
-            )
-            end = g + (n + 1) / substeps
-            while j < seen.shape[1] and seen[0, j] <= end:
-                of_angle, of_both, of_speed = grown(
-                    of_angle, of_both, of_speed, (seen[0, j] - last) * spacing, known[2]
-                )
-                away = seen[1, j] - theta_m + (end - seen[0, j]) * spacing * w_m
-                away -= known[1] * np.floor(away / known[1] + 0.5)
-                noise = SWITCHED**2 + (known[0] * w_m) ** 2
-                variance = of_angle + noise
-                # what was seen may be something else, which is as likely anywhere
-                deviation, likely = math.sqrt(variance), math.exp(-0.5 * away**2 / variance)
-                other = known[4] * _ROOT_TWO_PI * deviation
-                true = 1.0 if other == 0.0 else likely / (likely + other)
-                left[0, e], left[1, e] = away, deviation / (1.0 + other)
-                if other > 0.0:
-                    far = math.sqrt(2.0 * math.log((1.0 + other) / (likely + other)))
-                    left[0, e] = math.copysign(far * left[1, e], away)
-                # whether friction holds the motor at an instant is a matter of chance: by how much
-                # that is beyond what is likely the filter trusts its state less
-                surprise = away**2 / (_SURELY**2 * variance)
-                if surprise > 1.0:
-                    of_angle, of_both = surprise * of_angle, surprise * of_both
-                    of_speed, variance = surprise * of_speed, of_angle + noise
-                share, pace = true * of_angle / variance, true * of_both / variance
-                of_speed -= pace * of_both
-                of_both, of_angle = of_both * (1.0 - share), of_angle * (1.0 - share)
-                # a mass that friction holds is where it is, and an output in the gap by itself
-                turns = pace * away if (w_m != 0.0) | (surprise > 1.0) else 0.0
-                theta_m, w_m = theta_m + share * away, w_m + turns
-                fixed[0, e], fixed[1, e] = share * away, turns
-                if abs(theta_m - theta_o) >= fault.half_gap:
-                    theta_o, w_o = theta_o + share * away, w_o + turns
-                    fixed[2, e], fixed[3, e] = share * away, turns
-                when[e], last, j, e = seen[0, j], seen[0, j], j + 1, e + 1
-        if g < load.size - 1 and near[g + 1] == near[g + 1]:
-            away = near[g + 1] - theta_m
-            away -= known[1] * np.floor(away / known[1] + 0.5)
-            # further off it is lost
-            beyond = min(away + known[3], 0.0) + max(away - known[3], 0.0)
-            theta_m, theta_o = theta_m + beyond, theta_o + beyond
-    return found, left[:, :e], fixed[:, :e], when[:e]
+                    for n in range(lanes):
+                        own = sensed_of(sensed, n)
+                        write_masses(masses, n, move_on_bristles(
+                            masses_of(masses, n), torque[n],
+                            own.load_gain * pushes + own.load_offset, fault_of(fault, n),
+                            constants_of(c, n), truer_of(truer, n), dt,
+                        ))  # fmt: skip
+                end = g + (m + 1) / substeps
+                while j < seen.shape[1] and seen[0, j] <= end:
+                    for n in range(inside):
+                        now, of_both, away, deviation = commutated(
+                            seen[0, j], seen[1, j], end, masses_of(masses, n), trust_of(trust, n),
+                            fault_of(fault, n), sensed_of(sensed, n), known, spacing,
+                            fixed[first + n, :, e],
+                        )  # fmt: skip
+                        write_masses(masses, n, now)
+                        write_trust(trust, n, of_both)
+                        left[first + n, 0, e], left[first + n, 1, e] = away, deviation
+                    when[e], j, e = seen[0, j], j + 1, e + 1
+            if g < load.size - 1 and near[g + 1] == near[g + 1]:
+                for n in range(inside):
+                    now = masses_of(masses, n)
+                    away = near[g + 1] - now.theta_m
+                    away -= known[1] * np.floor(away / known[1] + 0.5)
+                    # further off it is lost
+                    beyond = min(away + known[2], 0.0) + max(away - known[2], 0.0)
+                    masses[1, n], masses[3, n] = now.theta_m + beyond, now.theta_o + beyond
+    return found, left[..., :e], fixed[..., :e], when[:e]

@@ -25,7 +25,7 @@ from ematwin.models.bldc.faults import ZERO, fault_vector
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import balanced
 from ematwin.models.bldc.reference_step import ReferenceState, move_masses
-from ematwin.models.bldc.simulate import INPUT_INTERVAL, reference_answer
+from ematwin.models.bldc.simulate import INPUT_INTERVAL, TimeGrid, reference_answer
 from ematwin.models.bldc.stretches import initial_state
 from ematwin.models.bldc.zeros import counted
 from ematwin.models.optional import Values, with_values
@@ -214,21 +214,22 @@ class Motion:
         )  # fmt: skip
         return np.asarray(found[:, ::inner])
 
-    def states(self, time: np.ndarray, actuator: Any, values: Values) -> np.ndarray:
-        """Angle and speed of the motor and angle of the output (3, T) at uniform times, s.
+    def states(self, grid: TimeGrid, actuator: Any, values: Values) -> np.ndarray:
+        """Angle and speed of the motor and angle of the output (3, T) at times of its samples.
 
         What was not recorded moves as at these values.
         """
-        if self.follows:
-            output = self.followed(time, actuator, values)[0]
-            return np.array([self.motor(time), self.motor(time, 1), output])
+        every = grid.samples, grid.decimation
         motor, output = self.motor, self.output
+        if self.follows:
+            followed = self.followed(grid.time, actuator, values)[0]
+            return np.array([motor.finely(*every), motor.finely(*every, 1), followed])
         if self.masses is not None:
             moved = self.masses.moved(actuator, values)
             motor = SmoothingSpline(self.time, moved.motor)
             if self._output is None:
                 output = SmoothingSpline(self.time, moved.output)
-        return np.array([motor(time), motor(time, 1), output(time)])
+        return np.array([motor.finely(*every), motor.finely(*every, 1), output.finely(*every)])
 
     def twist(self) -> np.ndarray:
         """Angle (S,) by which the motor is ahead of the output."""

@@ -36,7 +36,7 @@ from ematwin.models.bldc.motor import (
     truer_emf_constants,
 )
 from ematwin.numerics.backlash import contact_torque, stop_at_ends
-from ematwin.numerics.compile import part, plain
+from ematwin.numerics.compile import part, plain, step
 from ematwin.numerics.friction import (
     advance_mobile,
     advance_on_bristles,
@@ -235,6 +235,42 @@ def drive(state, more, command, kappas, fault, c, truer, dt):
 @part
 def move_masses(state, torque, load, fault, c, truer, dt):
     """Speeds and positions after a torque on the motor, and how far bristles are bent, rad."""
+    if truer.presliding_motor_stiffness == 0.0:
+        return move_sticking(state, torque, load, fault, c, dt)
+    return move_on_bristles(state, torque, load, fault, c, truer, dt)
+
+
+@step
+def move_sticking(state, torque, load, fault, c, dt):
+    """As `move_masses`, with friction that sticks without giving."""
+    act_m, act_o, td_m, td_o = _pushed(state, torque, load, fault, c)
+    w_m = advance_mobile(state.w_m, act_m, c.mobility_m, c.static_ratio * td_m, td_m, dt)
+    w_o = advance_mobile(state.w_o, act_o, c.mobility_o, c.static_ratio * td_o, td_o, dt)
+    theta_o, w_o = stop_at_ends(state.theta_o + dt * w_o, w_o, c.travel_low, c.travel_high)
+    return w_m, state.theta_m + dt * w_m, w_o, theta_o, 0.0, 0.0
+
+
+@step
+def move_on_bristles(state, torque, load, fault, c, truer, dt):
+    """As `move_masses`, with friction that gives before it slides."""
+    act_m, act_o, td_m, td_o = _pushed(state, torque, load, fault, c)
+    fade_m = fading(state.w_m, truer.presliding_stribeck_speed)
+    fade_o = fading(state.w_o, truer.presliding_stribeck_speed)
+    w_m, bent_m = advance_on_bristles(
+        state.w_m, state.bent_m, act_m, c.mobility_m, sliding_torque(td_m, c.static_ratio, fade_m),
+        truer.presliding_motor_stiffness, fade_m * truer.presliding_damping, dt,
+    )  # fmt: skip
+    w_o, bent_o = advance_on_bristles(
+        state.w_o, state.bent_o, act_o, c.mobility_o, sliding_torque(td_o, c.static_ratio, fade_o),
+        truer.presliding_output_stiffness, fade_o * truer.presliding_damping, dt,
+    )  # fmt: skip
+    theta_o, w_o = stop_at_ends(state.theta_o + dt * w_o, w_o, c.travel_low, c.travel_high)
+    return w_m, state.theta_m + dt * w_m, w_o, theta_o, bent_m, bent_o
+
+
+@step
+def _pushed(state, torque, load, fault, c):
+    """Torques on motor and output without friction, and the dynamic friction of both, N m."""
     contact = contact_torque(
         state.theta_m, state.w_m, state.theta_o, state.w_o, fault.half_gap,
         c.contact_stiffness, c.contact_damping,
@@ -244,25 +280,7 @@ def move_masses(state, torque, load, fault, c, truer, dt):
     direction = state.w_o if state.w_o != 0.0 else act_o
     td_m = fault.friction * c.t_m
     td_o = fault.friction * loaded_friction(direction, -load, c.t_o, c.c_opposing, c.c_aiding)
-    if truer.presliding_motor_stiffness == 0.0:  # friction sticks without giving
-        bent_m, bent_o = 0.0, 0.0
-        w_m = advance_mobile(state.w_m, act_m, c.mobility_m, c.static_ratio * td_m, td_m, dt)
-        w_o = advance_mobile(state.w_o, act_o, c.mobility_o, c.static_ratio * td_o, td_o, dt)
-    else:
-        fade_m = fading(state.w_m, truer.presliding_stribeck_speed)
-        fade_o = fading(state.w_o, truer.presliding_stribeck_speed)
-        w_m, bent_m = advance_on_bristles(
-            state.w_m, state.bent_m, act_m, c.mobility_m,
-            sliding_torque(td_m, c.static_ratio, fade_m), truer.presliding_motor_stiffness,
-            fade_m * truer.presliding_damping, dt,
-        )  # fmt: skip
-        w_o, bent_o = advance_on_bristles(
-            state.w_o, state.bent_o, act_o, c.mobility_o,
-            sliding_torque(td_o, c.static_ratio, fade_o), truer.presliding_output_stiffness,
-            fade_o * truer.presliding_damping, dt,
-        )  # fmt: skip
-    theta_o, w_o = stop_at_ends(state.theta_o + dt * w_o, w_o, c.travel_low, c.travel_high)
-    return w_m, state.theta_m + dt * w_m, w_o, theta_o, bent_m, bent_o
+    return act_m, act_o, td_m, td_o
 
 
 @part

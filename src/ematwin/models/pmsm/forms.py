@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ematwin.models.optional import Equation, Form, Values
+from ematwin.models.optional import Candidate, Equation, Form, Values
 from ematwin.models.pmsm.comparison import REFERENCE_ERROR, PmsmComparison
 from ematwin.models.servo import load_nuisances, possible_coggings
 from ematwin.numerics.signals import white_noise
@@ -111,12 +111,12 @@ class Response:
 
     def left(self, actuator: Any, values: Values) -> np.ndarray:
         """Residual (K,), one part of the recording after the other."""
-        return self.each([actuator])[0]
+        return self.each([(actuator, values)])[0]
 
-    def each(self, actuators: Sequence[Any]) -> list[np.ndarray]:
+    def each(self, candidates: Sequence[Candidate]) -> list[np.ndarray]:
         """The same of several actuators, side by side in the lanes of the twin."""
         found = []
-        for rows in self._rows(actuators):
+        for rows in self._rows([actuator for actuator, _ in candidates]):
             parts = np.array_split(rows, 60, axis=1)  # within a part channels follow each other
             found.append(np.concatenate([part.ravel() for part in parts]))
         return found

@@ -19,7 +19,7 @@ from ematwin.models.bldc.channels import (
 from ematwin.models.bldc.commutations import commutations, divided
 from ematwin.models.bldc.constants import TruerState, kernel_constants, truer_constants
 from ematwin.models.bldc.faults import Faults
-from ematwin.models.bldc.masses_filter import masses_along
+from ematwin.models.bldc.masses_filter import Sensed, masses_along
 from ematwin.models.bldc.motion import Motion, has_motion, output_along
 from ematwin.models.bldc.motor import SIXTH_TURN
 from ematwin.models.bldc.parameters import BldcActuator
@@ -84,36 +84,47 @@ def test_masses_along_currents_are_the_naive_ones(phases, others, output):
     time = every * dt * np.arange(count)
     size = 1.5 * np.sin(250.0 * time)
     currents = np.array([size, -size, 0.0 * time])[:phases].T
-    load, faults = np.where(time > 0.01, 0.02, 0.0), Faults.of({"friction": 0.1, "backlash": 0.05})
+    load = np.where(time > 0.01, 0.02, 0.0)
+    every_faults = [Faults.of({"friction": x, "backlash": 0.5 * x}) for x in (0.1, 0.12)]
+    faults = every_faults[0]
     seen = [(0.0041, 0.2), (0.0078, 0.31), (0.0123, 0.11), (0.0161, -0.4)]
     known, begin = (8e-6, 0.5, 40.0), (0.3, 0.005)
     angles, noise = {}, 2e-3
 
-    def by_hand():
+    def by_hand(faults=faults):
         return naive.masses(
             PLAIN, faults, currents, load, dt, every, seen, (*known, others), begin, angles, noise
         )
 
-    slow, away = by_hand()
+    slow, _ = by_hand()
     if output:
         angles |= {n: slow[1, n] + 0.003 * math.sin(n / 40.0) for n in range(0, 399, output)}
-        slow, away = by_hand()
+        slow, _ = by_hand()
     shown = np.full(count, np.nan)
     shown[list(angles)] = list(angles.values())
     other = others / (SIXTH_TURN / PLAIN.motor.pole_pairs)
     when, angle = np.array(seen).T
-    fast, left, fixed, at = masses_along(
-        faults.vector, currents, load, every * dt, every, kernel_constants(PLAIN),
-        truer_constants(PLAIN), np.array([1.0, 0.0]), np.array([when / (every * dt), angle]),
-        np.full(count, np.nan), shown, np.array([*known, math.inf, other, noise]), np.array(begin),
-    )  # fmt: skip
-    assert fixed.shape == (4, at.size) == (4, len(seen) + len(angles))
-    assert (np.diff(at) > 0.0).all()
-    assert np.ptp(slow[0]) > 0.3  # rad
-    assert np.ptp(slow[0] - slow[1]) > (0.0149 if output else 0.02)  # half the gap is 14.9 mrad
-    # the torque of the currents is the same for some steps
-    np.testing.assert_allclose(fast[[0, 2]], slow, atol=5e-5)
-    np.testing.assert_allclose(left.T, away, atol=5e-5)
+    sensed = Sensed(begin[0], 0.0, 1.0, 0.0, 1.0, 0.0, known[2], noise)
+    constants = kernel_constants(PLAIN), truer_constants(PLAIN), sensed
+    for many in (1, 6, 19):  # alone, in some lanes, in more than there are
+        rows = (np.tile(np.array(one, dtype=float), (many, 1)) for one in constants)
+        own = [every_faults[n % 2].vector for n in range(many)]
+        fast, left, fixed, at = masses_along(
+            np.array(own), *rows, begin[1], currents, load, every * dt, every,
+            np.array([when / (every * dt), angle]), np.full(count, np.nan), shown,
+            np.array([*known[:2], math.inf, other]),
+        )  # fmt: skip
+        assert fixed.shape == (many, 4, at.size) == (many, 4, len(seen) + len(angles))
+        assert (np.diff(at) > 0.0).all()
+        assert np.ptp(slow[0]) > 0.3  # rad
+        assert np.ptp(slow[0] - slow[1]) > (0.0149 if output else 0.02)  # half the gap is 14.9 mrad
+        for n in range(min(many, 2)):
+            expected, innovations = by_hand(every_faults[n])
+            # the torque of the currents is the same for some steps
+            np.testing.assert_allclose(fast[n, [0, 2]], expected, atol=5e-5)
+            np.testing.assert_allclose(left[n].T, innovations, atol=5e-5)
+        for n in range(2, many):
+            np.testing.assert_allclose(fast[n], fast[n % 2], rtol=1e-9, atol=1e-12)
 
 
 def recorded(structure, actuator, duration=0.4, faults=None, noise=0.0):
@@ -276,6 +287,14 @@ def test_a_motor_that_was_not_recorded_moves_as_currents_say(lines, faults, sing
         assert share < 2.0 * one.least(actuator)
         # beside one current much counts as no commutation
         assert other > (1.5 if single else 2.0) * share
+    candidates = [(actuator, {**faults, "friction": 0.001 * n}) for n in range(3)]
+    for one in (motion.masses, controller):
+        expected = [one.left(*each) for each in candidates]
+        again = Motion(without, actuator, faults)
+        fresh = again.masses if one is motion.masses else along_motion.Controller(again, LowPass())
+        for side_by_side, alone in zip(fresh.each(candidates), expected, strict=True):
+            # lanes round otherwise, and friction holds a mass a step sooner
+            assert np.linalg.norm(side_by_side - alone) < 0.01 * np.linalg.norm(alone)
 
 
 def test_commutations_of_one_current_are_placed_by_where_the_motor_is():

@@ -42,9 +42,13 @@ def test_a_smoothing_spline_is_that_of_scipy():
     noisy = ANGLE + 1e-3 * np.random.default_rng(2).standard_normal(ANGLE.size)
     theirs = make_smoothing_spline(TIME, noisy, lam=20_000.0 / (2.0 * np.pi * 700.0) ** 4)
     ours = SmoothingSpline(TIME, noisy, 700.0)
+    fine = np.arange(3 * 5_000 + 1) / 60_000.0
     for order in (0, 1, 2):
         scale = np.abs(theirs(TIME, order)).max()
         np.testing.assert_allclose(ours(TIME, order), theirs(TIME, order), atol=1e-8 * scale)
+        found = ours.finely(5_001, 3, order)
+        np.testing.assert_allclose(found, theirs(fine, order), atol=1e-8 * scale)
+        np.testing.assert_allclose(found, ours(fine, order), atol=1e-9 * scale)
 
 
 def test_a_drive_records_its_counts_and_is_told_so():
