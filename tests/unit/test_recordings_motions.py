@@ -176,6 +176,13 @@ def test_a_motion_of_few_samples_is_refused(tmp_path):
     assert len(read_motions(saved(tmp_path / "bench.parquet", columns))) == 2
 
 
+def test_it_is_said_where_only_time_that_falls_back_tells_motions_apart(tmp_path):
+    said = f"a new motion begins wherever time falls back, first at sample {SAMPLES}"
+    for label, told in ((["a"] * 2 * SAMPLES, True), (["a"] * SAMPLES + ["b"] * SAMPLES, False)):
+        motions = read_motions(saved(tmp_path / "bench.parquet", table(run=label)))
+        assert [said in one.provenance["assumed"] for one in motions] == [told, told]
+
+
 def test_times_that_fall_are_no_motions_of_one_sample(tmp_path):
     columns = table()
     columns["time"] = np.asarray(columns["time"])[::-1]

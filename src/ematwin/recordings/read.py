@@ -217,6 +217,11 @@ def _motions(found: Collected) -> list[Collected]:
     for name in measured:
         if np.any(_changes(labels[name]) & ~starts[1:]):
             del labels[name]
+    labelled = [_changes(text) for text in labels.values()]
+    falls = np.flatnonzero((np.diff(time) < 0.0) & ~np.any([0.0 * time[1:], *labelled], axis=0)) + 1
+    if falls.size:  # a table of motions, or a clock that was set?
+        said = f"a new motion begins wherever time falls back, first at sample {falls[0]}"
+        found.assumed.append(said)
     parts = []
     for first, end in pairwise(np.r_[np.flatnonzero(starts), time.size].tolist()):
         own = {name: str(text[first]) for name, text in labels.items()}
