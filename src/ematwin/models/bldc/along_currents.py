@@ -23,11 +23,12 @@ from ematwin.models.bldc.constants import kernel_constants, truer_constants
 from ematwin.models.bldc.faults import UNKNOWNS, ZERO, fault_vector
 from ematwin.models.bldc.masses_filter import SWITCHED, Sensed, masses_along
 from ematwin.models.optional import Candidate, Values
+from ematwin.numerics.lanes import LANES
+from ematwin.numerics.side_by_side import cores
 from ematwin.numerics.signals import white_noise
 
 LEAST = 0.001  # of the recorded current: what simulators of other make differ by
 RECENT = 32  # answers that are kept: many of the next differ by a sensor or a mass alone
-_REGRESSED = 200  # motions that are kept: those of all points of a regression
 _STEP = 2.5e-6  # s, at most: steps of 1 us change angles by 0.15 mrad, of 5 us by 0.4
 _LATE = 0.5  # of the deviation of when they came: so far all commutations were off in the mean
 _APART = 5e-4  # s, between angles of the output that count
@@ -199,12 +200,14 @@ class Masses:
         pairs = zip(candidates, noises or [self.noise] * len(candidates), strict=True)
         keys = [self._key(actuator, values, noise) for (actuator, values), noise in pairs]
         found = {key: moved for key in keys if (moved := self._recent.get(key))}
-        if new := [key for key in dict.fromkeys(keys) if key not in found]:
-            fresh = dict(zip(new, self._filtered(new), strict=True))
-            found |= fresh
+        new = [key for key in dict.fromkeys(keys) if key not in found]
+        for first in range(0, len(new), LANES):
+            some = new[first : first + LANES]
+            found |= (fresh := dict(zip(some, self._filtered(some), strict=True)))
             self._recent |= fresh
-            for key in list(self._recent)[:-_REGRESSED]:
-                self._recent.pop(key, None)
+        # each thread has those of two equations at hand
+        for key in list(self._recent)[: -2 * LANES * cores()]:
+            self._recent.pop(key, None)
         return [found[key] for key in keys]
 
     def _key(self, actuator: Any, values: Values, noise: Noise) -> _Key:
