@@ -133,10 +133,11 @@ def masses(actuator, faults, currents, load, dt, every, seen, known, begin, show
                 x_m, w_m, covariance, last = x_m + gain[0] * away, w_m + turns, own, own_last
         share = (part + 0.5) / every
         pushes = load[sample] * (1 - share) + load[sample + 1] * share
-        current = currents[sample + 1]
-        if len(current) == 1:
-            current = current * np.array(pairs[math.floor(x_m / sector - 0.5) % 6])
-        made = float(np.dot(windings.kappa(x_m), current))
+        current, pair = currents[sample + 1], np.array(pairs[math.floor(x_m / sector - 0.5) % 6])
+        made = float(np.dot(windings.kappa(x_m), current * pair if len(current) == 1 else current))
+        # the comparator's current is half a band above and below its mean, but behind a loop
+        band = 0.0 if actuator.current_loop else actuator.drive.hysteresis_band
+        ripple = band / 2 * abs(float(np.dot(windings.kappa(x_m), pair)))
         contact = mechanics.contact_torque(
             x_m, w_m, x_o, w_o, half_gap, gear.contact_stiffness, gear.contact_damping
         )
@@ -148,7 +149,7 @@ def masses(actuator, faults, currents, load, dt, every, seen, known, begin, show
         motor_friction = worn * actuator.motor.friction_torque
         w_m = mechanics.next_speed(
             w_m, made - actuator.motor.viscous_damping * w_m - contact, actuator.motor.inertia,
-            gear.static_ratio * motor_friction, motor_friction, dt,
+            max(motor_friction, gear.static_ratio * motor_friction - ripple), motor_friction, dt,
         )  # fmt: skip
         w_o = mechanics.next_speed(
             w_o, active, gear.output_inertia, gear.static_ratio * output, output, dt

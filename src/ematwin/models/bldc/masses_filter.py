@@ -74,14 +74,19 @@ new_trust, trust_of, write_trust = columns(Trust)
 
 @part
 def torque_of(currents, now, fault, c, truer, sensed, dt):  # type: ignore[no-untyped-def]
-    """Torque on the motor, N m, by currents (3,), or (1,), A, over `_TURNS` steps of ``dt``."""
+    """Torque on the motor by currents (3,), or (1,), A, over `_TURNS` steps of ``dt``.
+
+    Then its ripple by a comparator; both in N m.
+    """
     middle = now.theta_m + 0.5 * _TURNS * dt * now.w_m
+    pair = gate_signals(hall_sector(c.pole_pairs * middle), 1.0)
     if currents.size == 1:
-        i = gate_signals(hall_sector(c.pole_pairs * middle), currents[0])
+        i = pair[0] * currents[0], pair[1] * currents[0], pair[2] * currents[0]
     else:
         i = currents[0], currents[1], currents[2]
-    torque = sensed.torque_gain * dot(all_emf_constants(middle, fault, c, truer), i)
-    return torque + sensed.torque_offset + torque_of_cogging(middle, truer)
+    kappas = all_emf_constants(middle, fault, c, truer)
+    torque = sensed.torque_gain * dot(kappas, i) + sensed.torque_offset
+    return torque + torque_of_cogging(middle, truer), c.half_band * abs(dot(kappas, pair))
 
 
 @step
@@ -204,7 +209,8 @@ def masses_along(  # type: ignore[no-untyped-def]
     found, fixed = np.zeros((batch, 4, load.size)), np.zeros((batch, 4, events))
     left, when, dt, e = np.zeros((batch, 2, events)), np.zeros(events), spacing / substeps, 0
     c, truer, fault, sensed = new_constants(), new_truer(), new_fault(), new_sensed()
-    masses, trust, torque = new_masses(), new_trust(), np.empty(LANES)
+    masses, trust = new_masses(), new_trust()
+    torque, ripple = np.empty(LANES), np.empty(LANES)
     for first in range(0, batch, LANES):
         inside, j, e = min(LANES, batch - first), 0, 0
         # whole vectors of lanes, filled by the last one, or one or two without them
@@ -234,7 +240,7 @@ def masses_along(  # type: ignore[no-untyped-def]
             for m in range(substeps if g < load.size - 1 else 0):
                 if m % _TURNS == 0:  # they turn by a few milliradians meanwhile
                     for n in range(lanes):
-                        torque[n] = torque_of(
+                        torque[n], ripple[n] = torque_of(
                             currents[g + 1], masses_of(masses, n), fault_of(fault, n),
                             constants_of(c, n), truer_of(truer, n), sensed_of(sensed, n), dt,
                         )  # fmt: skip
@@ -243,7 +249,7 @@ def masses_along(  # type: ignore[no-untyped-def]
                     for n in range(lanes):
                         own = sensed_of(sensed, n)
                         write_masses(masses, n, move_sticking(
-                            masses_of(masses, n), torque[n],
+                            masses_of(masses, n), torque[n], ripple[n],
                             own.load_gain * pushes + own.load_offset, fault_of(fault, n),
                             constants_of(c, n), dt,
                         ))  # fmt: skip

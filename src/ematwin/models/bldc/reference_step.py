@@ -40,6 +40,7 @@ from ematwin.numerics.compile import part, plain, step
 from ematwin.numerics.friction import (
     advance_mobile,
     advance_on_bristles,
+    dithered_static,
     fading,
     loaded_friction,
     sliding_torque,
@@ -236,15 +237,16 @@ def drive(state, more, command, kappas, fault, c, truer, dt):
 def move_masses(state, torque, load, fault, c, truer, dt):
     """Speeds and positions after a torque on the motor, and how far bristles are bent, rad."""
     if truer.presliding_motor_stiffness == 0.0:
-        return move_sticking(state, torque, load, fault, c, dt)
+        return move_sticking(state, torque, 0.0, load, fault, c, dt)
     return move_on_bristles(state, torque, load, fault, c, truer, dt)
 
 
 @step
-def move_sticking(state, torque, load, fault, c, dt):
-    """As `move_masses`, with friction that sticks without giving."""
+def move_sticking(state, torque, ripple, load, fault, c, dt):
+    """As `move_masses`, with friction that sticks without giving; a mean torque has a ripple."""
     act_m, act_o, td_m, td_o = _pushed(state, torque, load, fault, c)
-    w_m = advance_mobile(state.w_m, act_m, c.mobility_m, c.static_ratio * td_m, td_m, dt)
+    ts_m = dithered_static(c.static_ratio * td_m, td_m, ripple)
+    w_m = advance_mobile(state.w_m, act_m, c.mobility_m, ts_m, td_m, dt)
     w_o = advance_mobile(state.w_o, act_o, c.mobility_o, c.static_ratio * td_o, td_o, dt)
     theta_o, w_o = stop_at_ends(state.theta_o + dt * w_o, w_o, c.travel_low, c.travel_high)
     return w_m, state.theta_m + dt * w_m, w_o, theta_o, 0.0, 0.0
