@@ -107,6 +107,7 @@ def masses(actuator, faults, currents, load, dt, every, seen, known, begin, show
     x_m, w_m, x_o, w_o = begin[0], 0.0, begin[0], 0.0
     covariance, last, waiting = np.diag([begin[1] ** 2, 0.0]), 0.0, list(seen)
     found, innovations = [(x_m, x_o)], []
+    rested, comparator = 0.0, not actuator.current_loop
     own, own_last = covariance, 0.0
 
     def grown(covariance, span):
@@ -136,7 +137,7 @@ def masses(actuator, faults, currents, load, dt, every, seen, known, begin, show
         current, pair = currents[sample + 1], np.array(pairs[math.floor(x_m / sector - 0.5) % 6])
         made = float(np.dot(windings.kappa(x_m), current * pair if len(current) == 1 else current))
         # the comparator's current is half a band above and below its mean, but behind a loop
-        band = 0.0 if actuator.current_loop else actuator.drive.hysteresis_band
+        band = actuator.drive.hysteresis_band if comparator else 0.0
         ripple = band / 2 * abs(float(np.dot(windings.kappa(x_m), pair)))
         contact = mechanics.contact_torque(
             x_m, w_m, x_o, w_o, half_gap, gear.contact_stiffness, gear.contact_damping
@@ -155,9 +156,14 @@ def masses(actuator, faults, currents, load, dt, every, seen, known, begin, show
             w_o, active, gear.output_inertia, gear.static_ratio * output, output, dt
         )
         x_m, x_o = x_m + dt * w_m, x_o + dt * w_o
+        rested = (step + 1) * dt if w_m == 0 else rested
         while waiting and waiting[0][0] <= (step + 1) * dt:
             time, angle = waiting.pop(0)
-            covariance, last = grown(covariance, time - last), time
+            covariance, began = grown(covariance, time - last), last
+            last = time
+            if comparator and rested >= began:  # its peaks end a rest by chance
+                gained = 0.5 * w_m * np.array([time - rested, 1.0])
+                covariance = covariance + np.diag(gained**2)
             away = math.remainder(angle - (x_m - ((step + 1) * dt - time) * w_m), turn)
             noise = 1e-4**2 + (jitter * w_m) ** 2
             deviation = math.sqrt(covariance[0, 0] + noise)
@@ -165,12 +171,14 @@ def masses(actuator, faults, currents, load, dt, every, seen, known, begin, show
             dense = math.exp(-0.5 * (away / deviation) ** 2) / (math.sqrt(2 * math.pi) * deviation)
             peak = 1.0 / (math.sqrt(2 * math.pi) * deviation)
             # minus twice the logarithm of the likelihood, over that of an angle as expected
-            far = math.sqrt(2 * math.log((peak + seldom) / (dense + seldom)))
+            far, probable = abs(away) / deviation, 1.0
+            if seldom > 0.0:
+                far = math.sqrt(2 * math.log((peak + seldom) / (dense + seldom)))
+                probable = dense / (dense + seldom)
             spread = 1.0 / (math.sqrt(2 * math.pi) * (peak + seldom))
             innovations.append((math.copysign(far, away) * spread, spread))
             surprise = max(1.0, (away / (3 * deviation)) ** 2)
             covariance = covariance * surprise
-            probable = dense / (dense + seldom)
             gain = probable * covariance[:, 0] / (covariance[0, 0] + noise)
             covariance = covariance - np.outer(gain, covariance[0])
             turns = gain[1] * away if w_m != 0 or surprise > 1 else 0.0

@@ -23,6 +23,7 @@ from ematwin.numerics.lanes import LANES, columns, lane_loop, wide_vectors
 SWITCHED = 1e-4  # rad, by which a sensor of the rotor may switch sooner or later
 _SURELY = 3.0  # standard deviations of an innovation: more is a surprise
 _ROOT_TWO_PI = math.sqrt(2.0 * math.pi)
+_CHANCE = 0.5  # of what a motor has gained since a rest
 _TURNS = 5  # steps with one torque of the currents
 
 
@@ -61,9 +62,11 @@ class Trust(NamedTuple):
     own_both: float
     own_speed: float
     own_last: float
+    rested: float  # samples, when the motor was last at rest
 
 
-BRISTLES = Truer._fields.index("presliding_motor_stiffness")
+_RESTED = Trust._fields.index("rested")
+_BRISTLES = Truer._fields.index("presliding_motor_stiffness")
 new_constants, constants_of, _ = columns(Constants)
 new_truer, truer_of, _ = columns(Truer)
 new_fault, fault_of, write_fault = columns(FaultState)
@@ -132,17 +135,22 @@ def shown_at(g, angle, now, trust, fault, sensed, spacing, fixed):  # type: igno
         both = a, b, s, float(g)
     w_o, theta_o = now.w_o + turns, now.theta_o + share * away
     now = TwoMasses(w_m, theta_m, w_o, theta_o, now.bent_m, now.bent_o)
-    return now, Trust(both[0], both[1], both[2], both[3], a, b, s, float(g)), away, deviation
+    trust = Trust(both[0], both[1], both[2], both[3], a, b, s, float(g), trust.rested)
+    return now, trust, away, deviation
 
 
 @part
-def commutated(when, angle, end, now, trust, fault, sensed, known, spacing, fixed):  # type: ignore[no-untyped-def]
+def commutated(when, angle, end, now, trust, fault, c, sensed, known, spacing, fixed):  # type: ignore[no-untyped-def]
     """As `shown_at` after a commutation ``when`` (samples) the motor stood at an ``angle``, rad.
 
     ``end`` of the step is a little later.
     """
     span = (when - trust.last) * spacing
     a, b, s = grown(trust.angle, trust.both, trust.speed, span, sensed.density)
+    if (c.half_band > 0.0) & (trust.rested >= trust.last):
+        # peaks of the comparator's ripple end a rest by chance, sooner or later
+        a += (_CHANCE * (when - trust.rested) * spacing * now.w_m) ** 2
+        s += (_CHANCE * now.w_m) ** 2
     away = angle - now.theta_m + (end - when) * spacing * now.w_m
     away -= known[1] * np.floor(away / known[1] + 0.5)
     noise = SWITCHED**2 + (known[0] * now.w_m) ** 2
@@ -171,7 +179,8 @@ def commutated(when, angle, end, now, trust, fault, sensed, known, spacing, fixe
     w_m, theta_m = now.w_m + turns, now.theta_m + share * away
     now = TwoMasses(w_m, theta_m, w_o, theta_o, now.bent_m, now.bent_o)
     own = trust.own_angle, trust.own_both, trust.own_speed, trust.own_last
-    return now, Trust(a, b, s, when, own[0], own[1], own[2], own[3]), shown, spread
+    trust = Trust(a, b, s, when, own[0], own[1], own[2], own[3], trust.rested)
+    return now, trust, shown, spread
 
 
 @lane_loop
@@ -221,7 +230,7 @@ def masses_along(  # type: ignore[no-untyped-def]
             own = sensed_of(sensed, n)
             write_fault(fault, n, fault_state(faults[who], constants_of(c, n).half_gap))
             write_masses(masses, n, TwoMasses(0.0, own.begin, 0.0, own.begin, 0.0, 0.0))
-            write_trust(trust, n, Trust(spread**2, 0.0, 0.0, 0.0, spread**2, 0.0, 0.0, 0.0))
+            write_trust(trust, n, Trust(spread**2, 0.0, 0.0, 0.0, spread**2, 0.0, 0.0, 0.0, 0.0))
         for g in range(load.size):
             for n in range(inside):
                 now = masses_of(masses, n)
@@ -245,7 +254,7 @@ def masses_along(  # type: ignore[no-untyped-def]
                             constants_of(c, n), truer_of(truer, n), sensed_of(sensed, n), dt,
                         )  # fmt: skip
                 pushes = load[g] + (m + 0.5) / substeps * (load[g + 1] - load[g])
-                if truer[BRISTLES, 0] == 0.0:
+                if truer[_BRISTLES, 0] == 0.0:
                     for n in range(lanes):
                         own = sensed_of(sensed, n)
                         write_masses(masses, n, move_sticking(
@@ -262,12 +271,14 @@ def masses_along(  # type: ignore[no-untyped-def]
                             constants_of(c, n), truer_of(truer, n), dt,
                         ))  # fmt: skip
                 end = g + (m + 1) / substeps
+                for n in range(lanes):
+                    trust[_RESTED, n] = end if masses[0, n] == 0.0 else trust[_RESTED, n]
                 while j < seen.shape[1] and seen[0, j] <= end:
                     for n in range(inside):
                         now, of_both, away, deviation = commutated(
                             seen[0, j], seen[1, j], end, masses_of(masses, n), trust_of(trust, n),
-                            fault_of(fault, n), sensed_of(sensed, n), known, spacing,
-                            fixed[first + n, :, e],
+                            fault_of(fault, n), constants_of(c, n), sensed_of(sensed, n), known,
+                            spacing, fixed[first + n, :, e],
                         )  # fmt: skip
                         write_masses(masses, n, now)
                         write_trust(trust, n, of_both)
