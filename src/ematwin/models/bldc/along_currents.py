@@ -201,10 +201,12 @@ class Masses:
         keys = [self._key(actuator, values, noise) for (actuator, values), noise in pairs]
         found = {key: moved for key in keys if (moved := self._recent.get(key))}
         new = [key for key in dict.fromkeys(keys) if key not in found]
-        for first in range(0, len(new), LANES):
-            some = new[first : first + LANES]
-            found |= (fresh := dict(zip(some, self._filtered(some), strict=True)))
-            self._recent |= fresh
+        stiff = [key for key in new if dict(key[0])["presliding"] is None]
+        for alike in (stiff, [key for key in new if key not in stiff]):
+            for first in range(0, len(alike), LANES):
+                some = alike[first : first + LANES]
+                found |= (fresh := dict(zip(some, self._filtered(some), strict=True)))
+                self._recent |= fresh
         # each thread has those of two equations at hand
         for key in list(self._recent)[: -2 * LANES * cores()]:
             self._recent.pop(key, None)

@@ -190,6 +190,8 @@ def masses_along(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     """Angles and speeds of B candidates along recorded currents, and what corrected them.
 
+    All of them have bristles, or none has.
+
     Parameters
     ----------
     faults : (B, 8) array, fault vectors

@@ -288,6 +288,7 @@ def test_a_motor_that_was_not_recorded_moves_as_currents_say(lines, faults, sing
         # beside one current much counts as no commutation
         assert other > (1.5 if single else 2.0) * share
     candidates = [(actuator, {**faults, "friction": 0.001 * n}) for n in range(3)]
+    candidates.insert(1, (actuator.model_copy(update={"presliding": None}), faults))
     for one in (motion.masses, controller):
         expected = [one.left(*each) for each in candidates]
         again = Motion(without, actuator, faults)
