@@ -99,26 +99,21 @@ class EquationFit:
         return bool(gain.mean() > TWO_SIGMA * gain.std(ddof=1) / math.sqrt(gain.size))
 
 
-def lefts_of(
-    equation: Equation, actuator: ParameterSet, tries: Sequence[Values]
-) -> list[np.ndarray | None]:
-    """What an equation leaves, (K,), with each of some values by place and by name.
+def candidate(actuator: ParameterSet, values: Values) -> Candidate | None:
+    """An actuator with values by place, and those by name; None where a loop would be unstable."""
+    beside = {name: value for name, value in values.items() if "." not in name}
+    try:
+        return with_values(actuator, values), beside
+    except EmatwinError:
+        return None
 
-    None of those with which a loop would be unstable.
-    """
 
-    def candidate(values: Values) -> Candidate | None:
-        beside = {name: value for name, value in values.items() if "." not in name}
-        try:
-            return with_values(actuator, values), beside
-        except EmatwinError:
-            return None
-
-    every = [candidate(values) for values in tries]
-    stable = [one for one in every if one is not None]
+def lefts_of(equation: Equation, candidates: Sequence[Candidate | None]) -> list[np.ndarray | None]:
+    """What an equation leaves of the recording, (K,), with each of some candidates."""
+    stable = [one for one in candidates if one is not None]
     each = equation.each or (lambda some: [equation.left(*one) for one in some])
     lefts = iter(each(stable))
-    return [None if one is None else next(lefts) for one in every]
+    return [None if one is None else next(lefts) for one in candidates]
 
 
 def _least(curvature: np.ndarray, gradient: np.ndarray) -> np.ndarray:
@@ -185,15 +180,11 @@ class Equations:
         some = [one for one in enumerate(self.each) if only in (None, one[0])]
 
         def of(block: Sequence[Values]) -> list[np.ndarray | None]:
-            first = [{FIRST_SAMPLE: self.first_samples[n]} for n, _ in some]
-            found = [
-                lefts_of(one, actuator, [{**when, **values} for values in block])
-                for (_, one), when in zip(some, first, strict=True)
-            ]
-            shares = [
-                [None if left is None else self._share(n, left) for left in lefts]
-                for (n, _), lefts in zip(some, found, strict=True)
-            ]
+            tried, shares = [candidate(actuator, values) for values in block], []
+            for n, one in some:
+                first = {FIRST_SAMPLE: self.first_samples[n]}
+                lefts = lefts_of(one, [x and (x[0], {**first, **x[1]}) for x in tried])
+                shares.append([None if left is None else self._share(n, left) for left in lefts])
             return [None if x[0] is None else np.concatenate(x) for x in zip(*shares, strict=True)]
 
         return in_blocks(of, tries, LANES if all(one.each for _, one in some) else 1)

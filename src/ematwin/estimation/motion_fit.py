@@ -16,7 +16,7 @@ import numpy as np
 from ematwin.estimation.aliases import Aliases, Direction, directions
 from ematwin.estimation.constants import DECIDES, WORSE
 from ematwin.estimation.descent import TooFarError
-from ematwin.estimation.equations import found_first_sample, lefts_of, with_secant
+from ematwin.estimation.equations import candidate, found_first_sample, lefts_of, with_secant
 from ematwin.estimation.laplace import principal
 from ematwin.estimation.levenberg_marquardt import NOTHING
 from ematwin.estimation.prior import Information, Remainder
@@ -385,7 +385,8 @@ class MotionFit:
         return self._tried(n, [{FIRST_SAMPLE: first, **one} for one in values])
 
     def _tried(self, n: int, tries: Sequence[Values]) -> list[np.ndarray | None]:
-        lefts = lefts_of(self.every[n].equation, self._actuator, tries)
+        candidates = [candidate(self._actuator, values) for values in tries]
+        lefts = lefts_of(self.every[n].equation, candidates)
         return [None if left is None else self._scales[n] * left for left in lefts]
 
 

@@ -217,8 +217,8 @@ def _motions(found: Collected) -> list[Collected]:
     for name in measured:
         if np.any(_changes(labels[name]) & ~starts[1:]):
             del labels[name]
-    labelled = [_changes(text) for text in labels.values()]
-    falls = np.flatnonzero((np.diff(time) < 0.0) & ~np.any([0.0 * time[1:], *labelled], axis=0)) + 1
+    labelled = np.any([_changes(text) for text in labels.values()], axis=0)
+    falls = np.flatnonzero((np.diff(time) < 0.0) & ~labelled) + 1
     if falls.size:  # a table of motions, or a clock that was set?
         said = f"a new motion begins wherever time falls back, first at sample {falls[0]}"
         found.assumed.append(said)

@@ -153,7 +153,6 @@ class Masses:
         other.__dict__.pop("size", None)
         other.__dict__ |= changed
         if not changed.keys() <= {"noise", "begins"}:
-            other.__dict__.pop("_shown", None)
             other._recent = {}
         other._beside = lru_cache(maxsize=RECENT)(other._at)
         return other
@@ -201,8 +200,8 @@ class Masses:
         keys = [self._key(actuator, values, noise) for (actuator, values), noise in pairs]
         found = {key: moved for key in keys if (moved := self._recent.get(key))}
         new = [key for key in dict.fromkeys(keys) if key not in found]
-        stiff = [key for key in new if dict(key[0])["presliding"] is None]
-        for alike in (stiff, [key for key in new if key not in stiff]):
+        for stiff in (True, False):
+            alike = [key for key in new if (dict(key[0])["presliding"] is None) == stiff]
             for first in range(0, len(alike), LANES):
                 some = alike[first : first + LANES]
                 found |= (fresh := dict(zip(some, self._filtered(some), strict=True)))
@@ -233,13 +232,12 @@ class Masses:
             row = fault_vector(given), kernel_constants(actuator), truer_constants(actuator), sensed
             for every, one in zip(rows, row, strict=True):
                 every.append(one)
-        nothing = math.isinf(keys[0][2].output)
         found, left, fixed, when = masses_along(
             *(np.array(every, dtype=float) for every in rows),
             self._sheet.transmission.backlash,  # they stand somewhere in the gap
             self._currents, self._load, 1.0 / self._rate,
             math.ceil(1.0 / (self._rate * _STEP) - 1e-9), np.array(seen[:2]), seen.near,
-            self._shown + (math.nan if nothing else 0.0),
+            self._shown_by(keys[0][2]),
             np.array([seen.jitter, seen.turn, seen.within, seen.other]),
         )  # fmt: skip
         moved = []
@@ -273,18 +271,16 @@ class Masses:
         """The same of several candidates."""
         return [one.left for one in self.moved_each(candidates)]
 
-    @cached_property
-    def _shown(self) -> np.ndarray:
-        """Angles (S,) of the output that may count, rad; NaN where none does."""
+    def _shown_by(self, noise: Noise) -> np.ndarray:
+        """Angles (S,) of the output that count beside a noise, rad; NaN where none does."""
         found, every = np.full(len(self._load), math.nan), math.ceil(_APART * self._rate)
-        if self._output is not None:
+        if self._output is not None and math.isfinite(noise.output):
             found[::every] = self._output[::every]
         return found
 
     @property
     def _events(self) -> int:
-        shown = np.isfinite(self._shown).sum() if math.isfinite(self.noise.output) else 0
-        return self._seen.when.size + int(shown)
+        return self._seen.when.size + int(np.isfinite(self._shown_by(self.noise)).sum())
 
     def least(self, actuator: Any) -> float:
         """Share of the innovations without any torque that noise leaves."""

@@ -164,8 +164,8 @@ class Controller:
         self, candidates: Sequence[Candidate], windings: Values | None = None
     ) -> list[np.ndarray]:
         """The same of several candidates, whose masses move side by side."""
-        if self.motion.masses is not None:
-            self.motion.masses.moved_each(candidates)
+        assert self.motion.masses is not None
+        self.motion.masses.moved_each(candidates)
         return [self.left(actuator, values, windings) for actuator, values in candidates]
 
     def _simulated(
