@@ -69,6 +69,8 @@ class FoundForms:
         if not self.found:
             return ""
         listed = "; ".join(self.found)
+        if self.before == 0.0:  # only how likely the motion is shows them
+            return f"{listed[:1].upper()}{listed[1:]}."
         share = min(100.0 * (1.0 - self.after / self.before), 99.9)
         does = "Together these explain" if len(self.found) > 1 else "This explains"
         told = f"{listed[:1].upper()}{listed[1:]}. {does} {share:.3g} %"
@@ -159,6 +161,11 @@ def _selected(known: FoundForms, equations: Equations) -> tuple[FoundForms, Equa
         if not new:
             absent += rest
             break
+        if not _matters(more, fit):  # two may explain together what neither does alone
+            others = [form for form in rest if form not in new]
+            both, second = _with_more(more, [*found, *new], others, len(others))
+            if second and _matters(both, fit) and _matters(both, more):
+                more, new = both, [*new, *second]
         if found and _matters(more, fit):  # or is it other choices of those found before?
             fit = _chosen(fit, found)
         rest = [form for form in rest if form not in new]

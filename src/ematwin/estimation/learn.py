@@ -36,6 +36,7 @@ from ematwin.estimation.healthy_fit import (
     lacking_load,
     refuse_odd,
 )
+from ematwin.estimation.likely_forms import with_likely_form
 from ematwin.estimation.prior import Prior, coordinate
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.random_effects import learn_effects
@@ -78,7 +79,9 @@ def learn(
     if not uncertain(model, template):
         baseline = Baseline.of_template(model, template)
         return Learnt(template, replace(baseline, recordings=len(comparisons)), [], [], [])
-    forms = find_forms(model, template, comparisons, lambda share: progress(0.2 * share))
+    forms = find_forms(model, template, comparisons, lambda share: progress(0.15 * share))
+    forms = with_likely_form(model, template, [one.recording for one in comparisons], forms)
+    progress(0.2)
     if not (forms.found or any(forms.first_samples.values())):
         return _learnt(model, template, comparisons, forms, progress)
     recordings = [one.recording for one in comparisons]

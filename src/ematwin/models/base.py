@@ -25,6 +25,7 @@ from ematwin.models.optional import (
     Demand,
     Equation,
     Form,
+    Likelihood,
     Monitoring,
     OtherForm,
     Reported,
@@ -52,8 +53,8 @@ from ematwin.showing.text import capital
 
 # authors have all of these from here
 __all__ = (
-    "Candidates", "Demand", "Equation", "Form", "Law", "Model", "Monitoring", "OtherForm",
-    "Progress", "Reported", "Signal", "Statistic", "Study", "Values",
+    "Candidates", "Demand", "Equation", "Form", "Law", "Likelihood", "Model", "Monitoring",
+    "OtherForm", "Progress", "Reported", "Signal", "Statistic", "Study", "Values",
 )  # fmt: skip
 
 Progress = Callable[[float], None]
@@ -290,6 +291,10 @@ class Model(ABC):
         there are none.
         """
         return ()
+
+    def likelihood(self, recording: Recording, actuator: Any) -> Likelihood | None:
+        """How likely the motion of a healthy recording is, for a form that no equation shows."""
+        return None
 
     def excitation(self, recording: Recording, actuator: Any) -> list[str]:
         """Sentences on why a recording moves too little to tell faults; each forbids a verdict."""

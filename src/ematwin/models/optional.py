@@ -163,6 +163,15 @@ class Equation(NamedTuple):
     near: "Callable[[ParameterSet], Equation] | None" = None  # it, corrected by the reference there
 
 
+class Likelihood(NamedTuple):
+    """How likely a recorded motion is, for a form that its equations do not show."""
+
+    form: Form
+    # log density of what was seen with each of some actuators, by the noise that is likeliest
+    log_densities: Callable[[Sequence[ParameterSet]], Sequence[float]]
+    samples: int  # that were seen
+
+
 # What a healthy population uses: `calibrate` learns the scatter of features between healthy runs of
 # kinds such as the ball screw, and `detect` compares a run with them.
 

@@ -7,10 +7,12 @@ import pytest
 
 from ematwin import Noise, Scenario, simulate
 from ematwin.estimation.baseline import uncertain
-from ematwin.estimation.forms import find_forms
+from ematwin.estimation.forms import FoundForms, find_forms
 from ematwin.estimation.healthy_fit import HealthyFit
+from ematwin.estimation.likely_forms import with_likely_form
 from ematwin.models.bldc.model import MODEL
 from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.models.optional import Form, Likelihood
 from naive import another_actuator as other
 
 SHEET = BldcActuator.load().changed(
@@ -33,7 +35,7 @@ def compared(structure, without=(), duration=0.4, recordings=2, built=BUILT):
     time = np.arange(0.0, duration, 5e-5)
     load = np.where(time > 0.2, 10.0, 0.0)
     found = []
-    for n, f in enumerate((5.0 + 12.0 * time, 4.0 + 0.0 * time)[:recordings]):
+    for n, f in enumerate((5.0 + 12.0 * time, 4.0 + 0.0 * time, 8.0 + 4.0 * time)[:recordings]):
         record = other.simulate(
             other.parameters_of(built), time, 0.005 * np.sin(2.0 * np.pi * f * time), load, {},
             structure, seed=n,
@@ -201,3 +203,100 @@ def test_friction_that_falls_with_speed_is_found():
     assert found.values["transmission.static_ratio"] == pytest.approx(
         BUILT.transmission.static_ratio, rel=0.1
     )
+
+
+BRISTLES = other.Structure(bristle_stiffness=150.0, stribeck_speed=1.2)
+
+
+def likely(structure, recordings=2, **settings):
+    """Forms with those that the likelihood of the motion shows."""
+    beside = compared(structure, recordings=recordings, **settings)
+    found = find_forms(MODEL, SHEET, beside)
+    return found, with_likely_form(MODEL, SHEET, [one.recording for one in beside], found)
+
+
+def test_bristles_show_in_the_motion_where_sliding_friction_does_not_show_them():
+    before, found = likely(BRISTLES, recordings=3)
+    assert before.actuator.presliding is None
+    own = found.actuator.presliding
+    assert own.stribeck_speed == pytest.approx(1.2, rel=0.5)
+    assert 75.0 < own.motor_stiffness < 300.0
+    assert found.said.startswith("Friction that falls with speed (Stribeck, 1")
+    assert found.explained[-1].equation == "motion"
+    assert 0.0 < found.explained[-1].share < 1.0
+    assert "friction that falls with speed" not in found.absent
+
+
+def test_dry_friction_is_not_taken_for_bristles(of_drive, drive):
+    found = with_likely_form(MODEL, SHEET, [one.recording for one in of_drive], drive)
+    assert found.actuator == drive.actuator
+    assert "friction that falls with speed" in found.absent
+
+
+def test_one_recording_does_not_show_bristles():
+    _, found = likely(BRISTLES, recordings=1)
+    assert found.actuator.presliding is None
+
+
+def test_bristles_that_equations_have_found_are_as_stiff_as_the_motion_says():
+    structure = other.Structure(bristle_stiffness=150.0, stribeck_speed=4.0)
+    before, found = likely(structure)
+    assert before.actuator.presliding is not None
+    assert found.actuator.presliding.motor_stiffness == pytest.approx(150.0, rel=0.5)
+    assert len(found.found) == len(before.found)
+
+
+def test_forms_that_a_file_states_stay_as_stated(of_drive):
+    stated = SHEET.changed({
+        "presliding.motor_stiffness": 80.0, "presliding.output_stiffness": 80.0,
+        "presliding.damping": 0.01, "presliding.stribeck_speed": 2.0,
+    })  # fmt: skip
+    known = FoundForms(stated)
+    recordings = [one.recording for one in of_drive]
+    assert with_likely_form(MODEL, stated, recordings, known) is known
+
+
+def test_cogging_and_a_rounded_emf_are_found_where_neither_explains_the_torques_alone():
+    structure = other.Structure(cogging=0.0013, cogging_phase=1.47, emf_rounding=0.27)
+    found = find_forms(MODEL, SHEET, compared(structure, recordings=3)).actuator
+    assert found.cogging.torque == pytest.approx(0.0013, rel=0.1)
+    assert found.emf.rounding == pytest.approx(0.27, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("gains", "shown"),
+    [
+        ((100.0, -20.0, 500.0), True),
+        ((-100.0, -50.0, 4000.0), False),  # of one recording alone, late in a long one
+        ((50.0, -20.0), False),
+        ((5.0, 3.0), False),  # no more than noise
+        ((5000.0,), False),
+    ],
+)
+def test_most_recordings_have_to_be_likelier(gains, shown):
+    form = Form(
+        "bristles", lambda a: a.presliding is not None, ("presliding.stribeck_speed",),
+        lambda a: [
+            {
+                "presliding.motor_stiffness": stiffness, "presliding.output_stiffness": 100.0,
+                "presliding.damping": 0.01, "presliding.stribeck_speed": 2.0,
+            }
+            for stiffness in (50.0, 100.0, -1.0)
+        ],
+        lambda a: "bristles", ("presliding.motor_stiffness",),
+    )  # fmt: skip
+    stiffest = 100.0
+
+    class Told:
+        def likelihood(self, recording, actuator):
+            def log_densities(actuators):
+                own = [one.presliding and one.presliding.motor_stiffness for one in actuators]
+                return [gains[recording] if one == stiffest else 0.0 for one in own]
+
+            return Likelihood(form, log_densities, 200)
+
+    found = with_likely_form(Told(), SHEET, range(len(gains)), FoundForms(SHEET))
+    assert (found.found == ("bristles",)) == shown
+    assert (found.absent == ("bristles",)) != shown
+    if shown:
+        assert found.actuator.presliding.motor_stiffness == stiffest

@@ -24,7 +24,7 @@ from ematwin.models.bldc.faults import UNKNOWNS, ZERO, fault_vector
 from ematwin.models.bldc.masses_filter import SWITCHED, Sensed, masses_along
 from ematwin.models.optional import Candidate, Values
 from ematwin.numerics.lanes import LANES
-from ematwin.numerics.side_by_side import cores
+from ematwin.numerics.side_by_side import cores, in_blocks
 from ematwin.numerics.signals import white_noise
 
 LEAST = 0.001  # of the recorded current: what simulators of other make differ by
@@ -211,6 +211,19 @@ class Masses:
             self._recent.pop(key, None)
         return [found[key] for key in keys]
 
+    def log_densities(self, actuators: Sequence[Any]) -> list[float]:
+        """Of what was seen with each of some actuators, by the likeliest of some noises."""
+        usual = self._usual
+        noises = [usual._replace(density=x * usual.density) for x in _TRUST[1:5]]
+
+        def of(some: Sequence[Any]) -> list[float]:
+            candidates: list[Candidate] = [(actuator, {}) for actuator in some for _ in noises]
+            moved = self.moved_each(candidates, noises * len(some))
+            each = np.reshape([one.log_density for one in moved], (len(some), -1))
+            return list(each.max(axis=1).tolist())
+
+        return in_blocks(of, actuators, max(1, LANES // len(noises)))
+
     def _key(self, actuator: Any, values: Values, noise: Noise) -> _Key:
         sections = {name: getattr(actuator, name) for name in (*OF_GEAR, *OF_MOTOR)}
         resistance = self._sheet.motor.resistance  # of which currents are known
@@ -279,12 +292,13 @@ class Masses:
         return found
 
     @property
-    def _events(self) -> int:
+    def events(self) -> int:
+        """How often it was seen where they are."""
         return self._seen.when.size + int(np.isfinite(self._shown_by(self.noise)).sum())
 
     def least(self, actuator: Any) -> float:
         """Share of the innovations without any torque that noise leaves."""
-        return math.hypot(self.alike(actuator), math.sqrt(self._events) / self.size)
+        return math.hypot(self.alike(actuator), math.sqrt(self.events) / self.size)
 
     def alike(self, actuator: Any) -> float:
         """The same that commutations which all come late leave, and simulators of other make."""

@@ -11,6 +11,7 @@ from ematwin.models.bldc import faults as table
 from ematwin.models.bldc.faults import Faults, PaperStudy
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.plausibility import check_phases, check_plausible
+from ematwin.models.optional import Likelihood
 from ematwin.models.unknown import Contrast, Unknown
 from ematwin.recordings.recording import Recording
 
@@ -76,6 +77,12 @@ class BldcModel(servo.ServoModel):
         from ematwin.models.bldc.forms import equations
 
         return equations(recording, actuator, values)
+
+    def likelihood(self, recording: Recording, actuator: Any) -> Likelihood | None:
+        """Of friction near rest."""
+        from ematwin.models.bldc.near_rest import likelihood
+
+        return likelihood(recording, actuator)
 
     def laws(self, recording: Recording, actuator: Any) -> list[Law]:
         """Phases of a star, sides of the gear, and speeds beside positions."""
