@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from bldc_inputs import with_one_current
 from ematwin import Noise, Scenario, simulate
 from ematwin.estimation.baseline import uncertain
 from ematwin.estimation.forms import FoundForms, find_forms
@@ -208,15 +209,18 @@ def test_friction_that_falls_with_speed_is_found():
 BRISTLES = other.Structure(bristle_stiffness=150.0, stribeck_speed=1.2)
 
 
-def likely(structure, recordings=2, **settings):
+def likely(structure, recordings=2, one_current=False):
     """Forms with those that the likelihood of the motion shows."""
-    beside = compared(structure, recordings=recordings, **settings)
+    beside = compared(structure, recordings=recordings)
+    if one_current:
+        beside = [MODEL.compare(with_one_current(one.recording), SHEET) for one in beside]
     found = find_forms(MODEL, SHEET, beside)
     return found, with_likely_form(MODEL, SHEET, [one.recording for one in beside], found)
 
 
-def test_bristles_show_in_the_motion_where_sliding_friction_does_not_show_them():
-    before, found = likely(BRISTLES, recordings=3)
+@pytest.mark.parametrize("one_current", [False, True])
+def test_bristles_show_in_the_motion_where_sliding_friction_does_not_show_them(one_current):
+    before, found = likely(BRISTLES, 3, one_current)
     assert before.actuator.presliding is None
     own = found.actuator.presliding
     assert own.stribeck_speed == pytest.approx(1.2, rel=0.5)

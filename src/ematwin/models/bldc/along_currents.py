@@ -291,14 +291,17 @@ class Masses:
             found[::every] = self._output[::every]
         return found
 
+    def _events(self, noise: Noise) -> int:
+        return self._seen.when.size + int(np.isfinite(self._shown_by(noise)).sum())
+
     @property
-    def events(self) -> int:
-        """How often it was seen where they are."""
-        return self._seen.when.size + int(np.isfinite(self._shown_by(self.noise)).sum())
+    def samples(self) -> int:
+        """How many angles were seen, of which `log_densities` are."""
+        return self._events(self._usual)
 
     def least(self, actuator: Any) -> float:
         """Share of the innovations without any torque that noise leaves."""
-        return math.hypot(self.alike(actuator), math.sqrt(self.events) / self.size)
+        return math.hypot(self.alike(actuator), math.sqrt(self._events(self.noise)) / self.size)
 
     def alike(self, actuator: Any) -> float:
         """The same that commutations which all come late leave, and simulators of other make."""

@@ -124,14 +124,8 @@ class Motion:
         # steps of encoders, rad, 0 without; and of counts as noisy as the positions
         self.counts = steps_of(recording, actuator)
         if motor is None:
-            begin = float(self.command[0])
-            near = None if self._current is None else self._near(recording, begin)
-            step = 0.0 if self._output is None else self.counts[1] or step_by_noise(self._output)
-            masses = Masses(
-                currents, self.load, self.rate, begin, actuator, near, self._output,
-                step / math.sqrt(12.0),
-            )  # fmt: skip
-            self.masses = masses.at(actuator, self.values)
+            near = None if self._current is None else self._near(recording)
+            self.masses = self.driven(near).at(actuator, self.values)
         if self.follows:
             self.counts = self.counts[0], self.counts[0]
         positions = self._completed(motor)
@@ -143,10 +137,18 @@ class Motion:
         )
         self._move(*positions, CUTOFF)
 
-    def _near(self, recording: Recording, begin: float) -> np.ndarray:
+    def driven(self, near: np.ndarray | None = None) -> Masses:
+        """Both masses as the currents drive them, whether or not the motor's angle was recorded."""
+        step = 0.0 if self._output is None else self.counts[1] or step_by_noise(self._output)
+        return Masses(
+            self.currents, self.load, self.rate, float(self.command[0]), self.sheet, near,
+            self._output, step / math.sqrt(12.0),
+        )  # fmt: skip
+
+    def _near(self, recording: Recording) -> np.ndarray:
         """Angle (S,) near which the motor is: the output's, or else that of the closed loop."""
         if self._output is not None:
-            return begin + self._output - self._output[0]
+            return np.asarray(self.command[0] + self._output - self._output[0])
         start = initial_state(recording, self.sheet, None)[:5]
         answer = reference_answer(recording, self.sheet, self.values, start)
         assert answer.motor_position is not None

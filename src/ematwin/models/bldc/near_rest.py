@@ -22,14 +22,17 @@ _BENT = tuple(1e-3 * 2.0 ** (-0.5 * n) for n in range(8))  # rad of the motor, b
 
 
 def likelihood(recording: Recording, actuator: Any) -> Likelihood | None:
-    """Of bristles, by the currents of the phases; None without them."""
+    """Of bristles, by the currents of the phases; None without them.
+
+    One current is that of the phases where the motor's angle was recorded.
+    """
     begin = float(recording.time[0])
-    alone = recording.between(begin, begin + _LONG).changed(motor_position=None)
-    if phase_currents(alone) is None or not has_motion(alone, actuator):
+    part = recording.between(begin, begin + _LONG)
+    signed = phase_currents(part) is not None or part.motor_position is not None
+    if not (signed and has_motion(part, actuator)):
         return None
-    masses = Motion(alone, actuator).masses
-    assert masses is not None
-    return Likelihood(FADING._replace(starts=_starts), masses.log_densities, masses.events)
+    masses = Motion(part, actuator).driven()
+    return Likelihood(FADING._replace(starts=_starts), masses.log_densities, masses.samples)
 
 
 def _starts(actuator: Any) -> Sequence[Values]:
