@@ -26,7 +26,7 @@ from ematwin.recordings.recording import Recording
 def with_likely_form(
     model: Model, template: ParameterSet, recordings: Sequence[Recording], known: FoundForms
 ) -> FoundForms:
-    """Forms found so far, and the one that the likelihood of the motion tells, with its values."""
+    """Add the form that the likelihood of the motion shows, with its values, to forms found."""
     try:
         actuator = with_values(known.actuator, known.values)
     except EmatwinError:  # values of several equations may make a loop unstable together
@@ -44,7 +44,7 @@ def with_likely_form(
         return replace(known, absent=tuple(dict.fromkeys((*known.absent, form.name))))
     if not own:  # else equations have found it, and not all of its values
         samples = sum(one.samples for one in each)
-        share = -math.expm1(-2.0 * float(_gains(each, actuator, [other]).sum()) / samples)
+        share = -math.expm1(-2.0 * float(gains[starts.index(other)].sum()) / samples)
         known = replace(
             known,
             found=(*known.found, form.said(other)),

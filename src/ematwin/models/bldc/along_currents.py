@@ -212,7 +212,7 @@ class Masses:
         return [found[key] for key in keys]
 
     def log_densities(self, actuators: Sequence[Any]) -> list[float]:
-        """Of what was seen with each of some actuators, by the likeliest of some noises."""
+        """Log density of all angles with each of some actuators, by its likeliest noise."""
         usual = self._usual
         noises = [usual._replace(density=x * usual.density) for x in _TRUST[1:5]]
 
@@ -296,7 +296,7 @@ class Masses:
 
     @property
     def samples(self) -> int:
-        """How many angles were seen, of which `log_densities` are."""
+        """Number of angles that count in `log_densities`."""
         return self._events(self._usual)
 
     def least(self, actuator: Any) -> float:

@@ -3,7 +3,7 @@
 Bristles bend before a mass slides (docs/models.md, "Truer forms"): at a reversal a motor is
 elsewhere than with dry friction, by less than a count of most encoders. Equations along the
 recorded motion leave such times out. The filter along the currents does not: each commutation, and
-the angle of the output, tells of all that was before.
+the angle of the output, shows all motion before.
 """
 
 from collections.abc import Sequence
