@@ -35,6 +35,7 @@ from ematwin.models.base import Model
 from ematwin.models.comparison import Comparison
 from ematwin.models.optional import Choices, Equation, Form, Values, with_values
 from ematwin.models.parameter_set import ParameterSet
+from ematwin.showing.text import capital
 
 SURE = 0.004  # least standard error: simulators of other make differ by so much of a parameter
 
@@ -68,13 +69,12 @@ class FoundForms:
         """A sentence on the forms found; "" if there are none."""
         if not self.found:
             return ""
-        listed = "; ".join(self.found)
+        listed = capital("; ".join(self.found))
         if self.before == 0.0:  # only how likely the motion is shows them
-            return f"{listed[:1].upper()}{listed[1:]}."
+            return f"{listed}."
         share = min(100.0 * (1.0 - self.after / self.before), 99.9)
         does = "Together these explain" if len(self.found) > 1 else "This explains"
-        told = f"{listed[:1].upper()}{listed[1:]}. {does} {share:.3g} %"
-        return f"{told} of the simple twin's residual."
+        return f"{listed}. {does} {share:.3g} % of the simple twin's residual."
 
 
 def find_forms(
@@ -161,15 +161,17 @@ def _selected(known: FoundForms, equations: Equations) -> tuple[FoundForms, Equa
         if not new:
             absent += rest
             break
-        if not _matters(more, fit):  # two may explain together what neither does alone
+        matters = _matters(more, fit)
+        if not matters:  # two may explain together what neither does alone
             others = [form for form in rest if form not in new]
             both, second = _with_more(more, [*found, *new], others, len(others))
             if second and _matters(both, fit) and _matters(both, more):
-                more, new = both, [*new, *second]
-        if found and _matters(more, fit):  # or is it other choices of those found before?
+                more, new, matters = both, [*new, *second], True
+        if found and matters:  # or is it other choices of those found before?
             fit = _chosen(fit, found)
+            matters = _matters(more, fit)
         rest = [form for form in rest if form not in new]
-        if _matters(more, fit) and all(form.is_sound(more.actuator) for form in new):
+        if matters and all(form.is_sound(more.actuator) for form in new):
             gained(more, new)
             rest, absent = [*rest, *absent], []
         else:

@@ -7,18 +7,17 @@ recording is a matter of chance, and may count for more than all else.
 """
 
 import math
-from collections.abc import Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from ematwin.errors import EmatwinError
 from ematwin.estimation.constants import DECIDES
+from ematwin.estimation.equations import candidate
 from ematwin.estimation.forms import Explained, FoundForms
 from ematwin.models.base import Model
-from ematwin.models.optional import Likelihood, Values, with_values
+from ematwin.models.optional import Likelihood
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.recordings.recording import Recording
 
@@ -27,17 +26,16 @@ def with_likely_form(
     model: Model, template: ParameterSet, recordings: Sequence[Recording], known: FoundForms
 ) -> FoundForms:
     """Add the form that the likelihood of the motion shows, with its values, to forms found."""
-    try:
-        actuator = with_values(known.actuator, known.values)
-    except EmatwinError:  # values of several equations may make a loop unstable together
-        actuator = known.actuator
+    # values of several equations may make a loop unstable together
+    actuator, _ = candidate(known.actuator, known.values) or (known.actuator, {})
     seen = [model.likelihood(one, actuator) for one in recordings]
     each = [one for one in seen if one is not None]
     if not each or each[0].form.is_stated(template):
         return known
     form = each[0].form
     own = {place: known.actuator.value(place) for place in form.places if form.is_stated(actuator)}
-    starts = _changed(actuator, ({**values, **own} for values in form.starts(actuator)))
+    tried = (candidate(actuator, {**values, **own}) for values in form.starts(actuator))
+    starts = list(dict.fromkeys(one[0] for one in tried if one is not None))
     gains = _gains(each, actuator, starts)
     other = _best(actuator, starts, gains)
     if not own and (other is actuator or not _is_shown(gains)):
@@ -97,13 +95,3 @@ def _best(
         return actuator
     row = _row(gains)
     return others[row] if gains[row].sum() > 0.0 and _for_it(gains[row]) else actuator
-
-
-def _changed(actuator: ParameterSet, tried: Iterable[Values]) -> list[ParameterSet]:
-    """The actuator with each of some values by place that a file may hold."""
-    found = []
-    for values in tried:
-        with suppress(EmatwinError):
-            if (one := with_values(actuator, values)) not in found:
-                found.append(one)
-    return found

@@ -134,15 +134,23 @@ def _has_margin(loop: Any, motor: Any) -> bool:
     return bool(1.25 * gain < 2.0 / (1.0 + loop.delay / loop.sample_time))
 
 
-def _fadings(actuator: Any) -> list[Values]:
-    """Stribeck speeds; sliding friction does not show how far bristles bend."""
-    gear, bent = actuator.transmission, 5e-4  # rad of the motor
-    stiffness = {
-        "presliding.motor_stiffness": gear.static_ratio * actuator.motor.friction_torque / bent,
-        "presliding.output_stiffness": gear.static_ratio * gear.friction_torque / bent,
-        "presliding.damping": 0.01,
-    }
-    return [{**stiffness, "presliding.stribeck_speed": speed} for speed in (1.0, 3.0, 10.0)]
+def fadings(
+    actuator: Any, speeds: Sequence[float] = (1.0, 3.0, 10.0), bent: Sequence[float] = (5e-4,)
+) -> list[Values]:
+    """Stribeck speeds (rad/s), and bristles ``bent`` (rad of the motor) by static friction.
+
+    Sliding friction does not show how far they bend.
+    """
+    gear = actuator.transmission
+    return [
+        {
+            "presliding.motor_stiffness": gear.static_ratio * actuator.motor.friction_torque / far,
+            "presliding.output_stiffness": gear.static_ratio * gear.friction_torque / far,
+            "presliding.damping": 0.01,
+            "presliding.stribeck_speed": speed,
+        }
+        for speed, far in product(speeds, bent)
+    ]
 
 
 def _softer(actuator: Any) -> list[Values]:
@@ -188,7 +196,7 @@ ROUNDED = Form(
 )  # fmt: skip
 FADING = Form(
     "friction that falls with speed", lambda a: a.presliding is not None,
-    ("presliding.stribeck_speed",), _fadings,
+    ("presliding.stribeck_speed",), fadings,
     lambda a: f"friction that falls with speed (Stribeck, {a.presliding.stribeck_speed:.2g} rad/s)",
     ("presliding.stribeck_speed", "transmission.static_ratio"),
 )  # fmt: skip

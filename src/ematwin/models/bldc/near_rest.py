@@ -6,14 +6,13 @@ recorded motion leave such times out. The filter along the currents does not: ea
 the angle of the output, shows all motion before.
 """
 
-from collections.abc import Sequence
-from itertools import product
+from functools import partial
 from typing import Any
 
 from ematwin.models.bldc.channels import phase_currents
-from ematwin.models.bldc.forms import FADING
+from ematwin.models.bldc.forms import FADING, fadings
 from ematwin.models.bldc.motion import Motion, has_motion
-from ematwin.models.optional import Likelihood, Values
+from ematwin.models.optional import Likelihood
 from ematwin.recordings.recording import Recording
 
 _LONG = 2.0  # s of a recording
@@ -32,17 +31,5 @@ def likelihood(recording: Recording, actuator: Any) -> Likelihood | None:
     if not (signed and has_motion(part, actuator)):
         return None
     masses = Motion(part, actuator).driven()
-    return Likelihood(FADING._replace(starts=_starts), masses.log_densities, masses.samples)
-
-
-def _starts(actuator: Any) -> Sequence[Values]:
-    motor, gear = actuator.motor, actuator.transmission
-    return [
-        {
-            "presliding.motor_stiffness": gear.static_ratio * motor.friction_torque / bent,
-            "presliding.output_stiffness": gear.static_ratio * gear.friction_torque / bent,
-            "presliding.damping": 0.01,
-            "presliding.stribeck_speed": speed,
-        }
-        for speed, bent in product(_SPEEDS, _BENT)
-    ]
+    starts = partial(fadings, speeds=_SPEEDS, bent=_BENT)
+    return Likelihood(FADING._replace(starts=starts), masses.log_densities, masses.samples)
