@@ -244,7 +244,9 @@ def of_unstated(
     for n in range(mixtures):
         values = mixture(seed + n)
         judged = record("default", values, 100 + n)
+        begun = time.process_time()
         seen = identify(judged, report.calibration, threads=1)
+        took = time.process_time() - begun
         err = MODEL.study.error_percent(MODEL.faults(truth), seen.values, values, wrapped=True)
         outside = {
             one: max(
@@ -257,9 +259,10 @@ def of_unstated(
             abs(seen.values[one] - values[one]) > 0.01 and outside[one] > 0.5 for one in MAGNITUDES
         )
         held = float(np.mean([x <= 1e-9 for x in outside.values()]))
+        there = [outside[one] <= 1e-9 for one in MAGNITUDES if values[one] != HEALTHY[one]]
         large = {one for one in MAGNITUDES if abs(values[one] - HEALTHY[one]) >= LARGE}
         named = large <= set(seen.verdict.faults)
-        found["judged"].append([err, seen.verdict.grade, wrong, held, named])
+        found["judged"].append([err, seen.verdict.grade, wrong, held, named, there, took])
     return found
 
 
@@ -270,14 +273,17 @@ def row_of_unstated(name: str, results: list[dict[str, Any]]) -> str:
     false = sum(len(set(one["has"]) - there) for one in known)
     judged = [one for each in known for one in each["judged"]]
     errs = [one[0] for one in judged] or [math.nan]
+    there_held = [held for one in judged if one[1] != "none" for held in one[5]]
     return (
         f"| {name} | {right} of {len(there) * len(known)} | {false} | "
         f"{len(results) - len(known)} of {len(results)} | "
         f"{sum(one[1] != 'none' for one in judged)} of {len(judged)} | "
         f"{sum(one[4] for one in judged)} | {sum(one[2] for one in judged)} | "
         f"{np.median(errs):.2f} / {np.quantile(errs, 0.9):.2f} | "
-        f"{100.0 * np.mean([one[3] for one in judged]) if judged else math.nan:.0f} | "
-        f"{np.median([one['seconds'] for one in results]):.0f} |"
+        f"{100.0 * np.mean([one[3] for one in judged]) if judged else math.nan:.0f} / "
+        f"{100.0 * np.mean(there_held) if there_held else math.nan:.0f} | "
+        f"{np.median([one['seconds'] for one in results]):.0f} / "
+        f"{np.median([one[6] for one in judged]) if judged else math.nan:.1f} |"
     )
 
 
@@ -307,8 +313,9 @@ def main() -> None:
         without = tuple(filter(None, asked.without.split(",")))
         print(
             "| the drive has | forms found | not there | calibration refused | verdicts "
-            "| all named | silently wrong | Err%, median / P90 | intervals that hold, % "
-            "| calibration, CPU s |"
+            "| all named | silently wrong | Err%, median / P90 "
+            "| intervals that hold, all / of verdicts on faults that are there, % "
+            "| CPU s, calibration / answer |"
         )
         print(f"|---|{'--:|' * 9}")
         for name in UNSTATED:

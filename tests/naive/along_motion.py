@@ -11,51 +11,75 @@ import numpy as np
 from . import mechanics, motor, reference, truer
 
 
-def currents(actuator, faults, command, motion, dt):
-    """Mean phase currents (S, 3) of each step; command (S,), motion (3, S) on the motor shaft.
+def _waits(theta, speed, pole_pairs, dt):
+    """The parts of a step before and after a commutation, s; one without."""
+    place = pole_pairs * theta * 3 / math.pi - 0.5
+    ahead = math.floor(place) + 1 - place if speed > 0 else place - math.ceil(place) + 1
+    wait = ahead * math.pi / 3 / (pole_pairs * abs(speed)) + 1e-10  # so that it is over
+    return [dt] if wait >= dt else [wait, dt - wait]
 
-    ``motion`` holds angle and speed of the motor and the angle of the output.
+
+def currents(actuator, faults, command, motion, dt):
+    """Mean phase currents (S, 3) of each step; command (S + 1,), motion (3, S + 1).
+
+    All on the motor shaft. ``motion`` holds angle and speed of the motor and the angle of the
+    output. A step in which the motor commutates is two, and straight lines lead from one to the
+    next.
     """
-    drive = actuator.drive
+    drive, pole_pairs = actuator.drive, actuator.motor.pole_pairs
     windings = truer.Windings(actuator, faults)
     speed_loop = truer.SpeedLoop(actuator, faults, dt)
     modulated = actuator.current_loop is not None
     current_loop = truer.CurrentLoop(actuator, dt) if modulated else None
     now, sign, rows = np.zeros(3), 1, []
-    for asked, theta, speed, output in zip(command, *motion, strict=True):
-        emf = [k * speed for k in windings.kappa(theta)]
-        sector = motor.sector(actuator.motor.pole_pairs * theta)
-        pair = motor.gates(sector, 1)
-        limit = drive.current_limit
-        wanted = max(-limit, min(limit, speed_loop.demand(asked, output, speed, theta)))
-        along = float(np.dot(pair, now))
-        if modulated:
-            volts = current_loop.answer(wanted, along / 2)
-            volts -= actuator.current_loop.lost_voltage * max(-1, min(1, along / 2 / 0.1))
-        else:
-            seen = math.copysign(max(abs(now)), along)
-            if seen > wanted + drive.hysteresis_band / 2:
-                sign = -1
-            elif seen < wanted - drive.hysteresis_band / 2:
-                sign = 1
-            volts = sign * drive.supply_voltage
-        charge, left = np.zeros(3), dt
-        while left > 0:
-            legs = reference.leg_voltages(
-                pair, now, emf, windings.resistance, windings.inductance, drive
+    kappas = [np.array(windings.kappa(theta)) for theta in motion[0]]
+    for n in range(len(command) - 1):
+        charge, done = np.zeros(3), 0.0
+        for wait in _waits(motion[0, n], motion[1, n], pole_pairs, dt):
+            share = done / dt
+            asked, theta, speed, output = (
+                (1 - share) * x[n] + share * x[n + 1] for x in (command, *motion)
             )
-            for leg in range(3):
-                if pair[leg] != 0:
-                    legs[leg] = (drive.supply_voltage + pair[leg] * volts) / 2
-            slope, _ = reference.slopes(legs, now, emf, windings.resistance, windings.inductance)
-            blocked = [
-                k for k in range(3) if pair[k] == 0 and now[k] * (now[k] + left * slope[k]) < 0
-            ]
-            part = -now[blocked[0]] / slope[blocked[0]] if blocked else left
-            after = now + part * slope
-            after[blocked] = 0.0
-            charge += part * (now + after) / 2
-            now, left = after, left - part if blocked else 0
+            emf = ((1 - share) * kappas[n] + share * kappas[n + 1]) * speed
+            pair = motor.gates(motor.sector(pole_pairs * theta), 1)
+            limit = drive.current_limit
+            if done == 0.0 or not speed_loop.sampled:
+                demand = speed_loop.demand(asked, output, speed, theta)
+            wanted = max(-limit, min(limit, demand))
+            along = float(np.dot(pair, now))
+            if modulated:
+                if done == 0.0:
+                    answer = current_loop.answer(wanted, along / 2)
+                volts = answer - actuator.current_loop.lost_voltage * max(
+                    -1, min(1, along / 2 / 0.1)
+                )
+            else:
+                seen = math.copysign(max(abs(now)), along)
+                if seen > wanted + drive.hysteresis_band / 2:
+                    sign = -1
+                elif seen < wanted - drive.hysteresis_band / 2:
+                    sign = 1
+                volts = sign * drive.supply_voltage
+            left = wait
+            while left > 0:
+                legs = reference.leg_voltages(
+                    pair, now, emf, windings.resistance, windings.inductance, drive
+                )
+                for leg in range(3):
+                    if pair[leg] != 0:
+                        legs[leg] = (drive.supply_voltage + pair[leg] * volts) / 2
+                slope, _ = reference.slopes(
+                    legs, now, emf, windings.resistance, windings.inductance
+                )
+                blocked = [
+                    k for k in range(3) if pair[k] == 0 and now[k] * (now[k] + left * slope[k]) < 0
+                ]
+                part = -now[blocked[0]] / slope[blocked[0]] if blocked else left
+                after = now + part * slope
+                after[blocked] = 0.0
+                charge += part * (now + after) / 2
+                now, left = after, left - part if blocked else 0
+            done += wait
         rows.append(charge / dt)
     return np.array(rows)
 

@@ -23,9 +23,10 @@ from ematwin.numerics.lanes import LANES
 from ematwin.numerics.linear_algebra import bounded_squares
 from ematwin.numerics.side_by_side import in_blocks
 
-_REGRESSIONS = 10  # at most; mostly seven
+_REGRESSIONS = 15  # at most; mostly seven
 _FIRST = 0.3  # of what is known beforehand: as far as the first one looks
 _SHARES = (0.0, 1.0, 0.5, 0.25, 0.1)  # of a step to what a regression promises
+_TELLS = 0.7  # of an equation, mean square weight: where jumps leave less, no fit ends
 _STAYS = 0.5  # standard errors, root mean square of unknowns: adds 12 % to an error
 _SHORTEST, _LONGEST = 1e-4, 0.2  # of a coordinate: within less, jumps and ripple decide
 
@@ -40,8 +41,9 @@ class Regression(MotionFit):
         points around, as far as the unknowns are known (statistical linear regression; Lefebvre,
         Bruyninckx and De Schutter 2002, IEEE Trans. Autom. Control 47(8), 1406-1408). Each point
         changes all of them, by an orthogonal design and its mirror image, so that jumps average
-        over all points (Plackett and Burman 1946, Biometrika 33, 305-325), and what stays of them
-        counts as noise. `TooFarError` as of `descended`.
+        over all points (Plackett and Burman 1946, Biometrika 33, 305-325). How far a residual is
+        from its regression counts as its noise: where one jumps it tells little. `TooFarError` as
+        of `descended`.
         """
         chart, free = self._problem.chart, self._free
         lower, upper = chart.lower[free], chart.upper[free]
@@ -50,6 +52,7 @@ class Regression(MotionFit):
         points, moved = chart.to_values(beside), (beside - z)[:, free]
         lefts = self._lefts(points)
         slopes = np.zeros((free.size, here.size))
+        scatters: list[np.ndarray | float] = [0.0] * len(self.every)
         for n, (part, mine, some) in enumerate(zip(self._parts, same, asked, strict=True)):
             changed = moved.copy()
             for pivot, one in mine.items():
@@ -62,17 +65,20 @@ class Regression(MotionFit):
             found = np.linalg.lstsq(factors, left, rcond=1e-12)[0]
             here[part], slopes[some, part] = found[0], found[1:]
             freedom = max(1, len(stable) - len(found))
-            rough = float(np.linalg.norm(left - factors @ found)) / math.sqrt(freedom)
-            self._scatters[n] = rough / self._scales[n]
+            rough = np.sum((left - factors @ found) ** 2, axis=0) / freedom
+            scatters[n] = rough / self._scales[n] ** 2
         self._last = here, self._with_known(slopes, z, here, same)
         self._weigh()
         here, slopes = self._last
         weights = np.ones(here.size)
         for n, part in enumerate(self._parts):
-            rough = self._scales[n] * self._scatters[n]
-            weights[part] = 1.0 / math.hypot(
-                1.0, rough / math.sqrt(self._remainders[n].independent)
-            )
+            alike = self._counts[n] / self._remainders[n].independent
+            weights[part] = 1.0 / np.sqrt(1.0 + alike * self._scales[n] ** 2 * scatters[n])
+            if self._known[n] is None:  # else residuals are compared by those of another fit
+                self._weights[n] = self._weights[n] * weights[part]
+                here[part] *= weights[part]
+                slopes[:, part] *= weights[part]
+                weights[part] = 1.0
         self._learn(weights * slopes)
         step = np.zeros(z.shape[1])
         step[free] = bounded_squares(
@@ -86,10 +92,11 @@ class Regression(MotionFit):
         points = chart.to_values(np.vstack(tried))
         found = zip(self._lefts(points), self._priors(points), strict=True)
         best = int(np.argmin([sum(_squares(x) for x in (*lefts, own)) for lefts, own in found]))
+        jumps = min(float(np.mean(np.square(one))) for one in self._weights) < _TELLS
         if best == 0:  # slopes do not hold so far: the next look half as far
             self._learn(weights * slopes / _SHARES[2])
         self._last = here + _SHARES[best] * change, slopes
-        return tried[best], float(change @ change)
+        return tried[best], math.inf if jumps else float(change @ change)
 
     def _lefts(self, points: np.ndarray) -> list[tuple[np.ndarray | None, ...]]:
         """What each equation leaves, in standard deviations, at each of some points (B, d)."""

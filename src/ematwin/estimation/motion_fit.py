@@ -9,7 +9,7 @@ equation leaves beyond noise at the end is a discrepancy (`Remainder`).
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -107,7 +107,8 @@ class MotionFit:
         self._free = np.array(sorted({matters[name] for name in self.free}), dtype=int)
         self._last: tuple[np.ndarray, np.ndarray] | None = None
         self._fresh = False
-        self._scatters = [0.0] * len(every)  # norms of residuals about a regression
+        # of residuals in standard deviations: less where they jump
+        self._weights: list[Any] = [one.weights for one in self._remainders]
 
     def descended(self, z: np.ndarray, most: float = math.inf, rough: bool = False) -> np.ndarray:
         """Coordinates (1, d) of least squares next to others, within bounds.
@@ -180,14 +181,13 @@ class MotionFit:
         moved = rotation.T @ here
         rest = math.sqrt(max(0.0, float(here @ here - moved @ moved)))
         # of recorded currents: in the gap few samples of small angles count
-        at = values_at(self._problem, z)
+        point = self._problem.chart.to_values(z)[0]
+        at = [self._valued(n, point) for n in range(len(self.every))]
         unexplained = max(
             left.norm / one.equation.size
             if left.norm > WORSE * left.least and one.equation.judged
-            else one.equation.unexplained(
-                with_values(self._actuator, at[one.recording]), at[one.recording]
-            )
-            for left, one in zip(self._remainders, self.every, strict=True)
+            else one.equation.unexplained(with_values(self._actuator, values), values)
+            for left, one, values in zip(self._remainders, self.every, at, strict=True)
         )
         # what no sensor makes is alike throughout, as errors of the model are
         share = max(one.equation.discrepancy for one in self.every)
@@ -206,8 +206,8 @@ class MotionFit:
         more = False
         for n, (known, part) in enumerate(zip(self._known, self._parts, strict=True)):
             norm = float(np.linalg.norm(self._last[0][part])) / self._scales[n]
-            norm = math.hypot(norm, self._scatters[n])
-            self._remainders[n] = left = self._remainders[n]._replace(norm=norm)
+            weights = self._weights[n]
+            self._remainders[n] = left = self._remainders[n]._replace(norm=norm, weights=weights)
             self._rescale(n, left.deviation(norm if known is None else min(norm, known.norm)))
             more |= known is not None and norm < known.norm
         return more
@@ -228,7 +228,8 @@ class MotionFit:
         assert self._last is not None
         here, slopes = self._last
         basis, found = np.linalg.qr(slopes.T)[0], False
-        for m, values in enumerate(values_at(self._problem, z)):
+        point = self._problem.chart.to_values(z)[0]
+        for m in range(len(self.first_samples)):
             sampled = [
                 n for n, one in enumerate(self.every)
                 if one.recording == m and one.equation.first_samples(self._actuator)
@@ -236,13 +237,10 @@ class MotionFit:
             if self.first_samples[m] or not sampled:
                 continue
 
-            def costs(
-                instants: Sequence[float], own: Sequence[int] = sampled, at: Values = values
-            ) -> list[float]:
+            def costs(instants: Sequence[float], own: Sequence[int] = sampled) -> list[float]:
                 lefts = np.tile(here, (len(instants), 1))
                 for n in own:
-                    known = {name: at[name] for name in self._matters[n]}
-                    tries = [{**known, FIRST_SAMPLE: one} for one in instants]
+                    tries = [{**self._valued(n, point), FIRST_SAMPLE: one} for one in instants]
                     lefts[:, self._parts[n]] = in_blocks(partial(self._tried, n), tries, 1)
                 return (np.sum(lefts**2, axis=1) - np.sum((lefts @ basis) ** 2, axis=1)).tolist()
 
@@ -380,14 +378,18 @@ class MotionFit:
 
         None where a loop is unstable.
         """
-        places, first = self._matters[n], self.first_samples[self.every[n].recording]
-        values = ({name: float(one[m]) for name, m in places.items()} for one in points)
-        return self._tried(n, [{FIRST_SAMPLE: first, **one} for one in values])
+        first = self.first_samples[self.every[n].recording]
+        return self._tried(n, [{FIRST_SAMPLE: first, **self._valued(n, one)} for one in points])
+
+    def _valued(self, n: int, point: np.ndarray) -> dict[str, float]:
+        """The values at a point (d,) on which the nth equation depends."""
+        return {name: float(point[m]) for name, m in self._matters[n].items()}
 
     def _tried(self, n: int, tries: Sequence[Values]) -> list[np.ndarray | None]:
         candidates = [candidate(self._actuator, values) for values in tries]
         lefts = lefts_of(self.every[n].equation, candidates)
-        return [None if left is None else self._scales[n] * left for left in lefts]
+        scales = self._scales[n] * self._weights[n]
+        return [None if left is None else scales * left for left in lefts]
 
 
 def _matters(along: Along, actuator: ParameterSet, problem: Problem) -> dict[str, int]:

@@ -86,6 +86,7 @@ class Remainder(NamedTuple):
     alike : the same of those of its errors that are alike throughout
     independent : samples of the noise
     noise : of the motion, as of `Equation.noise`
+    weights : (K,) array, or 1, of residuals in standard deviations: less where they jump
     """
 
     norm: float
@@ -93,6 +94,7 @@ class Remainder(NamedTuple):
     alike: float
     independent: float
     noise: Any = None
+    weights: Any = 1.0
 
     def deviation(self, norm: float) -> float:
         """Standard deviation of its residuals where so much is left; independent ones count.

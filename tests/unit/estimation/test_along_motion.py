@@ -1,6 +1,7 @@
 """What equations along a recorded motion say of faults, beside the truth of a simulation."""
 
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,11 +9,13 @@ import pytest
 
 from bldc_inputs import HALF, with_one_current
 from ematwin import Calibration, Noise, identify, simulate
+from ematwin.errors import ParameterError
 from ematwin.estimation.along_motion import informed
 from ematwin.estimation.assess import unassessed
 from ematwin.estimation.baseline import Baseline, with_all_free
 from ematwin.estimation.closed_loop import closed_loop
 from ematwin.estimation.findings import obstacles_to
+from ematwin.estimation.motion_fit import Along, MotionFit
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
 from ematwin.models.bldc.channels import PHASES
@@ -121,6 +124,25 @@ def test_what_equations_leave_tells_a_recording_that_they_do_not_explain(recordi
     problem = everything_free(recording.changed(current_a=stuck))
     known, _ = informed(MODEL, DRIVE, problem, problem.healthy)
     assert known.information.unexplained > 0.1
+
+
+def test_evidence_is_told_where_the_loops_would_be_unstable(recording):
+    """The controller along a recorded motion does not depend on inertias, by which loops settle."""
+    problem = everything_free(recording)
+    chart = problem.chart
+    every = [Along(0, one) for one in MODEL.equations(recording, DRIVE, {})]
+    fit = MotionFit(DRIVE, problem, every, {}, partial(MODEL.aliases, DRIVE))
+    point = chart.to_values(fit.descended(chart.from_values(problem.healthy[None])))
+    each = {
+        "motor.inertia": 0.3 * DRIVE.motor.inertia,
+        "controller.speed_gain": 3.0 * DRIVE.controller.speed_gain,
+    }
+    for place, value in each.items():
+        DRIVE.changed({place: value})
+        point[0, problem.names.index(place)] = value
+    with pytest.raises(ParameterError, match="unstable"):
+        DRIVE.changed(each)
+    assert fit.evidence(chart.from_values(point)).unexplained < 0.1
 
 
 def test_ripple_of_a_comparator_is_no_evidence_of_shorts():

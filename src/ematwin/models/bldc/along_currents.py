@@ -21,7 +21,7 @@ import numpy as np
 from ematwin.models.bldc.commutations import commutations
 from ematwin.models.bldc.constants import kernel_constants, truer_constants
 from ematwin.models.bldc.faults import UNKNOWNS, ZERO, fault_vector
-from ematwin.models.bldc.masses_filter import SWITCHED, Sensed, masses_along
+from ematwin.models.bldc.masses_filter import SWITCHED, Sensed, evened, masses_along
 from ematwin.models.optional import Candidate, Values
 from ematwin.numerics.lanes import LANES
 from ematwin.numerics.side_by_side import cores, in_blocks
@@ -29,7 +29,8 @@ from ematwin.numerics.signals import white_noise
 
 LEAST = 0.001  # of the recorded current: what simulators of other make differ by
 RECENT = 32  # answers that are kept: many of the next differ by a sensor or a mass alone
-_STEP = 2.5e-6  # s, at most: steps of 1 us change angles by 0.15 mrad, of 5 us by 0.4
+_STEP = 5e-6  # s, at most: steps of 0.5 us change innovations by 0.03 of their deviations
+_SHORT = 2.5e-6  # s: where friction near rest is looked for
 _LATE = 0.5  # of the deviation of when they came: so far all commutations were off in the mean
 _APART = 5e-4  # s, between angles of the output that count
 _TRUST = tuple(10.0**n for n in range(-1, 8))  # times the density of what noise of currents makes
@@ -70,7 +71,8 @@ class Moved(NamedTuple):
     """How both masses moved, on the motor shaft."""
 
     motor: np.ndarray  # (S,), rad
-    output: np.ndarray
+    speed: np.ndarray  # rad/s
+    output: np.ndarray  # rad
     left: np.ndarray  # (K,), innovations in standard deviations
     log_density: float  # of what was seen
 
@@ -92,6 +94,7 @@ class Masses:
         self._seen = self._every if near is None else self._every.placed(near, near)
         self._currents = currents = currents.reshape(len(currents), -1)
         self._load, self._rate, self._begin, self._sheet = load, rate, begin, sheet
+        self._step = _STEP
         inertia = sheet.motor.inertia + sheet.transmission.output_inertia
         unit = sheet.motor.emf_constant / inertia
         # each phase makes half of the torque constant, the open one less
@@ -213,12 +216,12 @@ class Masses:
 
     def log_densities(self, actuators: Sequence[Any]) -> list[float]:
         """Log density of all angles with each of some actuators, by its likeliest noise."""
-        usual = self._usual
+        usual, shortly = self._usual, self._with(_step=_SHORT)
         noises = [usual._replace(density=x * usual.density) for x in _TRUST[1:5]]
 
         def of(some: Sequence[Any]) -> list[float]:
             candidates: list[Candidate] = [(actuator, {}) for actuator in some for _ in noises]
-            moved = self.moved_each(candidates, noises * len(some))
+            moved = shortly.moved_each(candidates, noises * len(some))
             each = np.reshape([one.log_density for one in moved], (len(some), -1))
             return list(each.max(axis=1).tolist())
 
@@ -249,32 +252,15 @@ class Masses:
             *(np.array(every, dtype=float) for every in rows),
             self._sheet.transmission.backlash,  # they stand somewhere in the gap
             self._currents, self._load, 1.0 / self._rate,
-            math.ceil(1.0 / (self._rate * _STEP) - 1e-9), np.array(seen[:2]), seen.near,
+            math.ceil(1.0 / (self._rate * self._step) - 1e-9), np.array(seen[:2]), seen.near,
             self._shown_by(keys[0][2]),
             np.array([seen.jitter, seen.turn, seen.within, seen.other]),
         )  # fmt: skip
-        moved = []
-        for motion, (away, spreads), steps in zip(found, left, fixed, strict=True):
-            each = away / spreads
-            log_density = -float(0.5 * each @ each + np.log(spreads).sum())
-            moved.append(Moved(*self._smoothed(motion, steps, when), each, log_density))
-        return moved
-
-    def _smoothed(
-        self, found: np.ndarray, fixed: np.ndarray, seen: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Angles (S,) of motor and output, rad, without the steps of corrections."""
-        # each belongs to the time since the last one: a cubic that ends with its angle and speed
-        sample = np.arange(found.shape[1])
-        n = np.minimum(np.searchsorted(seen, sample), seen.size - 1)
-        begins = np.r_[0.0, seen][n]
-        samples = np.maximum(seen[n] - begins, 1e-9)
-        s = (sample - begins) / samples
-        s, span = np.where(s > 1.0, 0.0, s), samples / self._rate
-        for side in (0, 2):
-            angle, speed = fixed[side, n], fixed[side + 1, n]
-            found[side] += angle * (3.0 - 2.0 * s) * s * s + speed * span * (s - 1.0) * s * s
-        return found[0], found[2]
+        evened(found, fixed, when, self._rate)
+        each, spreads = left[:, 0] / left[:, 1], left[:, 1]
+        log_densities = -0.5 * np.sum(each**2, axis=1) - np.log(spreads).sum(axis=1)
+        moved = zip(found, each, log_densities.tolist(), strict=True)
+        return [Moved(*motion[:3], *more) for motion, *more in moved]
 
     def left(self, actuator: Any, values: Values | None = None) -> np.ndarray:
         """Innovations (K,), in standard deviations."""

@@ -18,13 +18,14 @@ from ematwin.models.bldc.along_currents import LEAST, RECENT
 from ematwin.models.bldc.constants import TruerState, fault_state, kernel_constants, truer_constants
 from ematwin.models.bldc.faults import HELD, ZERO, fault_vector
 from ematwin.models.bldc.motion import Motion, between
+from ematwin.models.bldc.motor import SIXTH_TURN
 from ematwin.models.bldc.reference_step import (
     ReferenceState,
     all_emf_constants,
     drive,
     started,
 )
-from ematwin.models.bldc.simulate import INPUT_INTERVAL, TimeGrid, phases_of
+from ematwin.models.bldc.simulate import phases_of
 from ematwin.models.optional import FIRST_SAMPLE, Candidate, Values
 from ematwin.numerics.compile import loop, step
 from ematwin.numerics.lanes import columns
@@ -32,6 +33,7 @@ from ematwin.numerics.side_by_side import side_by_side
 from ematwin.numerics.signals import LowPass, white_noise
 
 _INSTANT = 1e-10  # s: what is so near is now
+_STEP = 1.25e-5  # s, at most, behind a current loop: leaves less than `LEAST`
 _, read_more, _ = columns(TruerState)
 
 
@@ -53,6 +55,15 @@ def until_event(wait, late, span, delay, dt):  # type: ignore[no-untyped-def]
     sample, answer = wait + span if due else wait, delay if due else late
     dt = min(dt, sample) if span > 0.0 else dt
     return min(dt, answer) if (span > 0.0) & (answer > _INSTANT) else dt
+
+
+@step
+def until_commutation(theta_e, w_e, dt):  # type: ignore[no-untyped-def]
+    """A step ``dt`` (s) that ends at the next commutation, if that is sooner; angles electrical."""
+    sectors = theta_e / SIXTH_TURN - 0.5
+    ahead = math.floor(sectors + 1.0) - sectors if w_e > 0.0 else math.ceil(sectors - 1.0) - sectors
+    wait = ahead * SIXTH_TURN / w_e if w_e != 0.0 else dt
+    return min(dt, wait + _INSTANT)
 
 
 @loop
@@ -90,6 +101,7 @@ def currents_along(k, command, motion, spacing, interval, c, longest, samples, t
         g = min(int(at), last)
         s = at - g
         theta_m, w_m = between(motion[0], g, s), between(motion[1], g, s)
+        dt = until_commutation(c.pole_pairs * theta_m, c.pole_pairs * w_m, dt)
         now = ReferenceState(
             i_a, i_b, i_c, w_m, theta_m, 0.0, between(motion[2], g, s), pair_sign,
             0.0, 0.0, 0.0, 0.0, 0.0,
@@ -119,7 +131,7 @@ class Controller:
         self._known: tuple[Any, np.ndarray] | None = None  # EMF along the motion
         rate = motion.rate
         count = min(len(motion.time), int(0.4 * rate) + 1)  # 0.4 s are simulated
-        self._grid = TimeGrid(INPUT_INTERVAL, (count - 0.5) / rate, rate)
+        self._grid = motion.grid(count)
         signed = 0.5 * np.einsum("sk,sk->s", motion.currents, motion.trapezoids)[:count]
         self._fixed = motion.states(self._grid, motion.sheet, motion.values)
         self._begins, self._signed = float(signed[0]), signed[1:]
@@ -177,8 +189,8 @@ class Controller:
         command = np.interp(grid.time + skew, motion.time, motion.command)
         if actuator.current_loop is None:  # a comparator overshoots by the change in a step
             dt = grid.step / max(1, round(faster * grid.step / actuator.steps.reference))
-        else:  # steps of 6.3 us at most leave less than `LEAST`
-            dt = 1.0 / motion.rate / math.ceil(faster / motion.rate / 6.3e-6)
+        else:
+            dt = 1.0 / motion.rate / math.ceil(faster / motion.rate / _STEP)
         truer = truer_constants(actuator)
         if truer.motor_step > 0.0 and not counts:
             # rad: counts of such an encoder do not show

@@ -17,7 +17,7 @@ from ematwin.models.bldc.reference_step import (
     move_on_bristles,
     move_sticking,
 )
-from ematwin.numerics.compile import part, step
+from ematwin.numerics.compile import loop, part, step
 from ematwin.numerics.lanes import LANES, columns, lane_loop, wide_vectors
 
 SWITCHED = 1e-4  # rad, by which a sensor of the rotor may switch sooner or later
@@ -295,3 +295,25 @@ def masses_along(  # type: ignore[no-untyped-def]
                     beyond = min(away + known[2], 0.0) + max(away - known[2], 0.0)
                     masses[1, n], masses[3, n] = now.theta_m + beyond, now.theta_o + beyond
     return found, left[..., :e], fixed[..., :e], when[:e]
+
+
+@loop
+def evened(found, fixed, when, rate):  # type: ignore[no-untyped-def]
+    """Change motions of `masses_along` at a ``rate`` (Hz) to some without steps of corrections.
+
+    Each belongs to the time since the last one: a cubic that ends with its angle and speed.
+    """
+    for n in range(len(found)):
+        begin, e = 0.0, 0
+        for g in range(found.shape[2]):
+            while e < when.size and when[e] < g:
+                begin, e = when[e], e + 1
+            if e == when.size:
+                break
+            samples = max(when[e] - begin, 1e-9)
+            s, span = (g - begin) / samples, samples / rate
+            for side in (0, 2):
+                angle, speed = fixed[n, side, e], fixed[n, side + 1, e]
+                found[n, side, g] += (angle * (3.0 - 2.0 * s) + speed * span * (s - 1.0)) * s * s
+                turned = 6.0 * angle / span * (1.0 - s) * s + speed * (3.0 * s - 2.0) * s
+                found[n, side + 1, g] += turned

@@ -216,21 +216,25 @@ class Motion:
         )  # fmt: skip
         return np.asarray(found[:, ::inner])
 
+    def grid(self, samples: int) -> TimeGrid:
+        """Times of so many samples, and between them where the motor's angle was recorded."""
+        step = INPUT_INTERVAL if self.masses is None else 1.0 / self.rate
+        return TimeGrid(step, (samples - 0.5) / self.rate, self.rate)
+
     def states(self, grid: TimeGrid, actuator: Any, values: Values) -> np.ndarray:
-        """Angle and speed of the motor and angle of the output (3, T) at times of its samples.
+        """Angle and speed of the motor and angle of the output (3, T) at times of a `grid`.
 
         What was not recorded moves as at these values.
         """
+        if self.masses is not None:
+            moved = self.masses.moved(actuator, values)
+            seen = moved.output if self._output is None else self.output.values
+            return np.array([moved.motor, moved.speed, seen])[:, : grid.samples]
         every = grid.samples, grid.decimation
         motor, output = self.motor, self.output
         if self.follows:
             followed = self.followed(grid.time, actuator, values)[0]
             return np.array([motor.finely(*every), motor.finely(*every, 1), followed])
-        if self.masses is not None:
-            moved = self.masses.moved(actuator, values)
-            motor = SmoothingSpline(self.time, moved.motor)
-            if self._output is None:
-                output = SmoothingSpline(self.time, moved.output)
         return np.array([motor.finely(*every), motor.finely(*every, 1), output.finely(*every)])
 
     def twist(self) -> np.ndarray:

@@ -19,7 +19,7 @@ from ematwin.models.bldc.channels import (
 from ematwin.models.bldc.commutations import commutations, divided
 from ematwin.models.bldc.constants import TruerState, kernel_constants, truer_constants
 from ematwin.models.bldc.faults import Faults
-from ematwin.models.bldc.masses_filter import Sensed, masses_along
+from ematwin.models.bldc.masses_filter import Sensed, evened, masses_along
 from ematwin.models.bldc.motion import Motion, has_motion, output_along
 from ematwin.models.bldc.motor import SIXTH_TURN
 from ematwin.models.bldc.parameters import BldcActuator
@@ -59,8 +59,7 @@ def test_currents_along_a_motion_are_those_of_the_naive_loop(actuator):
         faults.vector, command, np.array([angle, speed, output, *emf]), dt, dt, c, dt, count,
         more, np.zeros(3), np.array(TruerState()),
     )  # fmt: skip
-    motion = np.array([angle, speed, output])[:, :-1]
-    slow = naive.currents(actuator, faults, command[:-1], motion, dt)
+    slow = naive.currents(actuator, faults, command, np.array([angle, speed, output]), dt)
     np.testing.assert_allclose(fast, slow, atol=1e-8)
 
 
@@ -125,6 +124,27 @@ def test_masses_along_currents_are_the_naive_ones(phases, others, output):
             np.testing.assert_allclose(left[n].T, innovations, atol=5e-5)
         for n in range(2, many):
             np.testing.assert_allclose(fast[n], fast[n % 2], rtol=1e-9, atol=1e-12)
+
+
+def test_motions_are_even_between_corrections():
+    """Steps of angle and speed at two instants belong to the time before them."""
+    rate, when = 1000.0, np.array([100.5, 250.25])
+    fixed = np.zeros((1, 4, 2))
+    fixed[0, :2] = [[0.02, -0.03], [0.4, 0.3]]  # rad and rad/s, of the motor
+    n = np.arange(400.0)
+    found = np.zeros((1, 4, 400))
+    found[0, 0], found[0, 1] = 5.0 * n / rate, 5.0
+    for at, angle, speed in zip(when, *fixed[0, :2], strict=True):
+        found[0, 0] += np.where(n > at, angle + speed * (n - at) / rate, 0.0)
+        found[0, 1] += np.where(n > at, speed, 0.0)
+    stepped = found.copy()
+    evened(found, fixed, when, rate)
+    angle, speed = found[0, :2]
+    after = n > when[1]
+    np.testing.assert_array_equal(angle[after], stepped[0, 0, after])
+    np.testing.assert_allclose(np.gradient(angle)[1:-1] * rate, speed[1:-1], atol=0.01)
+    assert np.abs(np.diff(speed)).max() < 0.02
+    assert not found[0, 2:].any()
 
 
 def recorded(structure, actuator, duration=0.4, faults=None, noise=0.0):
