@@ -37,13 +37,13 @@ class Regression(MotionFit):
     def regressed(self, z: np.ndarray, most: float = math.inf) -> tuple[np.ndarray, float]:
         """Coordinates (1, d) nearer to least squares, and how far those are.
 
-        The latter in squared standard deviations. Residuals and their slopes are regressed on
-        points around, as far as the unknowns are known (statistical linear regression; Lefebvre,
-        Bruyninckx and De Schutter 2002, IEEE Trans. Autom. Control 47(8), 1406-1408). Each point
-        changes all of them, by an orthogonal design and its mirror image, so that jumps average
-        over all points (Plackett and Burman 1946, Biometrika 33, 305-325). How far a residual is
-        from its regression counts as its noise: where one jumps it tells little. `TooFarError` as
-        of `descended`.
+        The latter in squared standard deviations; infinite where jumps hide much of an equation.
+        Residuals and their slopes are regressed on points around, as far as the unknowns are known
+        (statistical linear regression; Lefebvre, Bruyninckx and De Schutter 2002, IEEE Trans.
+        Autom. Control 47(8), 1406-1408). Each point changes all of them, by an orthogonal design
+        and its mirror image, so that jumps average over all points (Plackett and Burman 1946,
+        Biometrika 33, 305-325). How far a residual is from its regression counts as its noise:
+        where one jumps it tells little. `TooFarError` as of `descended`.
         """
         chart, free = self._problem.chart, self._free
         lower, upper = chart.lower[free], chart.upper[free]
