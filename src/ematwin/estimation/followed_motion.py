@@ -92,10 +92,10 @@ class Regression(MotionFit):
         points = chart.to_values(np.vstack(tried))
         found = zip(self._lefts(points), self._priors(points), strict=True)
         best = int(np.argmin([sum(_squares(x) for x in (*lefts, own)) for lefts, own in found]))
-        jumps = min(float(np.mean(np.square(one))) for one in self._weights) < _TELLS
         if best == 0:  # slopes do not hold so far: the next look half as far
             self._learn(weights * slopes / _SHARES[2])
         self._last = here + _SHARES[best] * change, slopes
+        jumps = min(float(np.mean(np.square(one))) for one in self._weights) < _TELLS
         return tried[best], math.inf if jumps else float(change @ change)
 
     def _lefts(self, points: np.ndarray) -> list[tuple[np.ndarray | None, ...]]:
