@@ -28,8 +28,6 @@ from ematwin.numerics.linear_algebra import bounded_squares
 from ematwin.numerics.side_by_side import in_blocks, side_by_side
 
 _STEP = 1e-3  # of a coordinate: priors are smooth
-# shares of a step and its dampings that are tried, one after the other
-_TRIES = ((1.0, 0.0), (0.3, 0.0), (1.0, 1e-3), (1.0, 0.1))
 _SLOWER = 0.5  # of the gain before: by less than that secants no longer agree with the equations
 
 
@@ -114,9 +112,8 @@ class MotionFit:
         """Coordinates (1, d) of least squares next to others, within bounds.
 
         A descent begins with the slopes of the one before, and ends with fresh ones; a ``rough``
-        one, from which another sets out, where secants promise no more. `TooFarError` if more than
-        ``most`` squared standard deviations would be left by twice the gain that fresh slopes
-        promise.
+        one where secants promise no more. `TooFarError` if more than ``most`` squared standard
+        deviations would be left by twice the gain that fresh slopes promise.
         """
         chart, free = self._problem.chart, self._free
         here, fresh = self.residuals(z), self._fresh
@@ -125,22 +122,23 @@ class MotionFit:
             self._weigh()
             here = self._last[0]
         slopes = self._last[1]
-        tries, before = list(_TRIES), math.inf
+        before = math.inf
         for _ in range(30):  # at most; mostly ten, as the equations are nearly linear
-            low, high = chart.lower - z[0], chart.upper - z[0]
-            share, damping = tries.pop(0)
-            held = math.sqrt(damping) * np.diag(np.linalg.norm(slopes, axis=1))
-            rows, target = np.vstack([slopes.T, held]), np.r_[-here, np.zeros(free.size)]
-            step = np.zeros(z.shape[1])
-            step[free] = bounded_squares(rows, target, low[free], high[free])
+            step = self._least(z, here, slopes)
             least, cost = here + step[free] @ slopes, float(here @ here)
             promised = cost - float(least @ least)
             if fresh and cost - 2.0 * promised > most:
                 raise TooFarError
             gained, moves = 0.0, fresh or promised > NOTHING
             if moves:
-                tried = chart.project(z + share * step)
-                left = self.residuals(tried)
+                tried = chart.project(z + step)
+                left, height = self.residuals(tried), math.inf
+                while cost <= left @ left < height:
+                    # a valley that bends: back to its ground (second-order correction; Fletcher
+                    # 1982, in Numerical Analysis, Lect. Notes Math. 912, 85-114)
+                    height = _SLOWER * float(left @ left)
+                    tried = chart.project(tried + self._least(tried, left, slopes))
+                    left = self.residuals(tried)
                 gained = cost - float(left @ left)
             if gained > 0.0:
                 moved, change = (tried - z)[0, free], left - here
@@ -148,21 +146,23 @@ class MotionFit:
             if gained > NOTHING:
                 slopes = with_secant(slopes, moved, change)
                 slow, fresh, before = gained > _SLOWER * before, False, gained
-            elif fresh and promised > NOTHING and tries and gained <= 0.0:
-                continue
             elif fresh or (rough and (gained > 0.0 or not moves)):
                 break  # slopes of so short a step would be those of ripple
             else:
                 slow = True
-            # what had to be damped goes on damped until slopes are fresh
-            tries = [(share, damping)] if damping > 0.0 else list(_TRIES)
             if slow:
                 slopes, fresh, before = self._slopes(z, here), True, math.inf
-                tries = list(_TRIES)
         if not fresh and not rough:
             slopes, fresh = self._slopes(z, here), True
         self._last, self._fresh = (here, slopes), fresh
         return z
+
+    def _least(self, z: np.ndarray, here: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+        """Step (d,) from coordinates (1, d) with residuals (K,) to their least squares."""
+        chart, free, step = self._problem.chart, self._free, np.zeros(z.shape[1])
+        low, high = (chart.lower - z[0])[free], (chart.upper - z[0])[free]
+        step[free] = bounded_squares(slopes.T, -here, low, high)
+        return step
 
     @property
     def cost(self) -> float:

@@ -19,6 +19,7 @@ from ematwin.estimation.motion_fit import Along, MotionFit
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
 from ematwin.models.bldc.channels import PHASES
+from ematwin.models.optional import Equation
 from ematwin.models.registry import load_actuator, model_of
 
 DRIVE = load_actuator("servo48").changed({
@@ -115,6 +116,27 @@ def test_a_fit_does_not_end_where_a_whole_step_is_too_long():
     problem = everything_free(recording, twin)
     away, errors = away_from(faults, (problem, *informed(MODEL, twin, problem, problem.healthy)))
     assert (away < 4.0 * errors + 1e-3).all()
+
+
+def test_a_fit_follows_a_valley_that_bends(recording):
+    """Both frictions are known by their sum, and the sheet alone tells them apart."""
+    places = ("motor.friction_torque", "transmission.friction_torque")
+    noise, shape = np.random.default_rng(1).standard_normal((2, 200))
+    size = 1e4 * np.linalg.norm(shape)
+
+    def left(actuator, values):
+        return 1e4 * (sum(actuator.value(place) for place in places) / 0.03 - 1.0) * shape + noise
+
+    equation = Equation("balance", left, size, lambda _: np.linalg.norm(noise) / size, places, ())
+    problem = everything_free(recording)
+    own = [problem.names.index(place) for place in places]
+    start = problem.healthy.copy()
+    start[own] = 0.009, 0.021
+    fit = MotionFit(DRIVE, problem, [Along(0, equation)], {}, partial(MODEL.aliases, DRIVE))
+    end = fit.descended(problem.chart.from_values(start[None]))
+    found = problem.chart.to_values(end)[0, own]
+    assert found.sum() == pytest.approx(0.03, rel=1e-5)
+    assert found == pytest.approx([0.015, 0.015], rel=0.01)
 
 
 def test_what_equations_leave_tells_a_recording_that_they_do_not_explain(recording, found):
