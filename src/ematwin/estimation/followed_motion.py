@@ -20,7 +20,6 @@ from ematwin.estimation.problem import Problem
 from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.numerics.lanes import LANES
-from ematwin.numerics.linear_algebra import bounded_squares
 from ematwin.numerics.side_by_side import in_blocks
 
 _REGRESSIONS = 15  # at most; mostly seven
@@ -46,7 +45,6 @@ class Regression(MotionFit):
         where one jumps it tells little. `TooFarError` as of `descended`.
         """
         chart, free = self._problem.chart, self._free
-        lower, upper = chart.lower[free], chart.upper[free]
         here, (same, asked) = self.residuals(z), self._known_slopes(z)
         beside = self._around(z)
         points, moved = chart.to_values(beside), (beside - z)[:, free]
@@ -80,10 +78,7 @@ class Regression(MotionFit):
                 slopes[:, part] *= weights[part]
                 weights[part] = 1.0
         self._learn(weights * slopes)
-        step = np.zeros(z.shape[1])
-        step[free] = bounded_squares(
-            (weights * slopes).T, -weights * here, lower - z[0, free], upper - z[0, free]
-        )
+        step = self._least(z, weights * here, weights * slopes)
         change = step[free] @ slopes
         cost, least = float(here @ here), float(np.sum((here + change) ** 2))
         if cost - 2.0 * (cost - least) > most:

@@ -28,6 +28,7 @@ from ematwin.numerics.linear_algebra import bounded_squares
 from ematwin.numerics.side_by_side import in_blocks, side_by_side
 
 _STEP = 1e-3  # of a coordinate: priors are smooth
+_SHARES = (1.0, 0.3, 0.1)  # of a step that are tried where it promises much
 _SLOWER = 0.5  # of the gain before: by less than that secants no longer agree with the equations
 
 
@@ -75,8 +76,7 @@ class MotionFit:
         held: Collection[str] = (),
         information: np.ndarray | None = None,
     ) -> None:
-        self._actuator, self._problem, self.every = actuator, problem, every
-        self._aliases = aliases
+        self._actuator, self._problem, self.every, self._aliases = actuator, problem, every, aliases
         self.information = information  # (d, d), as is known so far
         # of the loops in each recording, s; 0 if unknown
         self.first_samples = [one.recording.first_sample for one in problem.comparisons]
@@ -97,16 +97,13 @@ class MotionFit:
         ]
         self._scales = [1.0 / one.deviation(one.norm) for one in self._remainders]
         # of a coordinate: ripple is another at each value, and slopes have to stand out from it
-        self._steps = [
-            max(one.equation.step, 3.0 * share) for one, share in zip(every, alike, strict=True)
-        ]
+        self._steps = [max(one.equation.step, 3.0 * x) for one, x in zip(every, alike, strict=True)]
         matters = {name: n for places in self._matters for name, n in places.items()}
         self.free = matters.keys() - {*held}
         self._free = np.array(sorted({matters[name] for name in self.free}), dtype=int)
         self._last: tuple[np.ndarray, np.ndarray] | None = None
         self._fresh = False
-        # of residuals in standard deviations: less where they jump
-        self._weights: list[Any] = [one.weights for one in self._remainders]
+        self._weights: list[Any] = [one.weights for one in self._remainders]  # of residuals
 
     def descended(self, z: np.ndarray, most: float = math.inf, rough: bool = False) -> np.ndarray:
         """Coordinates (1, d) of least squares next to others, within bounds.
@@ -121,8 +118,7 @@ class MotionFit:
             self._last, fresh = (here, self._slopes(z, here)), True
             self._weigh()
             here = self._last[0]
-        slopes = self._last[1]
-        before = math.inf
+        slopes, before = self._last[1], math.inf
         for _ in range(30):  # at most; mostly ten, as the equations are nearly linear
             step = self._least(z, here, slopes)
             least, cost = here + step[free] @ slopes, float(here @ here)
@@ -130,32 +126,39 @@ class MotionFit:
             if fresh and cost - 2.0 * promised > most:
                 raise TooFarError
             gained, moves = 0.0, fresh or promised > NOTHING
-            if moves:
-                tried = chart.project(z + step)
-                left, height = self.residuals(tried), math.inf
-                while cost <= left @ left < height:
-                    # a valley that bends: back to its ground (second-order correction; Fletcher
-                    # 1982, in Numerical Analysis, Lect. Notes Math. 912, 85-114)
-                    height = _SLOWER * float(left @ left)
-                    tried = chart.project(tried + self._least(tried, left, slopes))
-                    left = self.residuals(tried)
+            for share in _SHARES if moves else ():
+                tried, left = self._ground(chart.project(z + share * step), slopes, cost)
                 gained = cost - float(left @ left)
+                if gained > 0.0 or promised < DECIDES:
+                    break
             if gained > 0.0:
                 moved, change = (tried - z)[0, free], left - here
                 z, here = tried, left
             if gained > NOTHING:
-                slopes = with_secant(slopes, moved, change)
-                slow, fresh, before = gained > _SLOWER * before, False, gained
+                slopes, fresh = with_secant(slopes, moved, change), False
+                slower, before = gained > _SLOWER * before, gained
+                if not slower:
+                    continue
             elif fresh or (rough and (gained > 0.0 or not moves)):
                 break  # slopes of so short a step would be those of ripple
-            else:
-                slow = True
-            if slow:
-                slopes, fresh, before = self._slopes(z, here), True, math.inf
+            slopes, fresh, before = self._slopes(z, here), True, math.inf
         if not fresh and not rough:
             slopes, fresh = self._slopes(z, here), True
         self._last, self._fresh = (here, slopes), fresh
         return z
+
+    def _ground(self, z: np.ndarray, slopes: np.ndarray, cost: float) -> tuple[Any, Any]:
+        """Coordinates (1, d) after a step, and their residuals (K,).
+
+        A straight step leaves the ground of a valley that bends: where it costs more than before,
+        it is led back (second-order correction; Fletcher 1982, Lect. Notes Math. 912, 85-114).
+        """
+        left, height = self.residuals(z), math.inf
+        while cost <= left @ left < height:
+            height = _SLOWER * float(left @ left)
+            z = self._problem.chart.project(z + self._least(z, left, slopes))
+            left = self.residuals(z)
+        return z, left
 
     def _least(self, z: np.ndarray, here: np.ndarray, slopes: np.ndarray) -> np.ndarray:
         """Step (d,) from coordinates (1, d) with residuals (K,) to their least squares."""
@@ -193,8 +196,7 @@ class MotionFit:
         share = max(one.equation.discrepancy for one in self.every)
         wider = math.sqrt(1.0 + share * (self._problem.model_error**2 - 1.0))
         chart, every, left = self._problem.chart, every / wider, np.append(moved, rest) / wider
-        names = (one.name for one in self.every)
-        remainders = dict(zip(names, self._remainders, strict=True))
+        remainders = {one.name: x for one, x in zip(self.every, self._remainders, strict=True)}
         return Information(chart, z[0], every, left, remainders, unexplained, wider)
 
     def counts_more(self) -> bool:
@@ -321,9 +323,8 @@ class MotionFit:
 
     def _learn(self, slopes: np.ndarray) -> None:
         """Take the information (d, d) from slopes (f, K)."""
-        chart, free = self._problem.chart, self._free
-        self.information = np.zeros((chart.lower.size, chart.lower.size))
-        self.information[np.ix_(free, free)] = slopes @ slopes.T
+        self.information = np.zeros((self._problem.chart.lower.size,) * 2)
+        self.information[np.ix_(self._free, self._free)] = slopes @ slopes.T
 
     def _ways(self, n: int, some: np.ndarray, z: np.ndarray) -> np.ndarray:
         """(m, d) steps along which the nth equation is differenced, by some of the free unknowns.
@@ -359,10 +360,7 @@ class MotionFit:
                 self._rescale(n, one.deviation(one.norm))
 
     def residuals(self, z: np.ndarray) -> np.ndarray:
-        """(K,), in standard deviations, at coordinates (1, d); the priors' come last.
-
-        Infinite where a loop is unstable.
-        """
+        """(K,), in standard deviations, at (1, d), priors last; infinite if a loop is unstable."""
         points = self._problem.chart.to_values(z)
         lefts = side_by_side(lambda n: self.scaled(n, points)[0], range(len(self.every)))
         sizes = zip(self._counts, lefts, strict=True)

@@ -139,6 +139,28 @@ def test_a_fit_follows_a_valley_that_bends(recording):
     assert found == pytest.approx([0.015, 0.015], rel=0.01)
 
 
+def test_a_step_beyond_a_minimum_is_made_shorter(recording):
+    places = ("controller.speed_gain",)
+    noise, shape = np.random.default_rng(1).standard_normal((2, 200))
+    size = 1e3 * np.linalg.norm(shape)
+    gain = DRIVE.controller.speed_gain
+
+    def left(actuator, values):
+        # far from the gain it is flat: the tangent leads beyond
+        return 1e3 * np.tanh(3.0 * np.log(actuator.controller.speed_gain / gain)) * shape + noise
+
+    equation = Equation(
+        "controller", left, size, lambda _: np.linalg.norm(noise) / size, places, ()
+    )
+    problem = everything_free(recording)
+    [own] = (problem.names.index(place) for place in places)
+    start = problem.healthy.copy()
+    start[own] = 0.6 * gain
+    fit = MotionFit(DRIVE, problem, [Along(0, equation)], {}, partial(MODEL.aliases, DRIVE))
+    end = fit.descended(problem.chart.from_values(start[None]))
+    assert problem.chart.to_values(end)[0, own] == pytest.approx(gain, rel=0.001)
+
+
 def test_what_equations_leave_tells_a_recording_that_they_do_not_explain(recording, found):
     assert found[1].information.unexplained < 0.01
     stuck = recording.channels["current_a"].copy()
