@@ -112,12 +112,12 @@ def obstacles_to(
         misfit = found.problem.relative_misfit(assessed.cost)
     known = None if assessed.joint is None else assessed.joint.peaks[0].problem.information
     if known is not None and known.whole and baseline.recordings:
-        # errors of the equations count in the intervals; loops that leave so much of healthy
-        # recordings too are near instability, and check nothing
-        loops = 0.0 if baseline.misfit > WORST else misfit
-        if known.unexplained > loops:
+        # errors of the equations count in the intervals; loops near instability leave much of
+        # healthy recordings too
+        limit = max(WORST, WORSE * baseline.misfit)
+        if known.unexplained > WORST:
             beside = f" along its motion (in closed loop {100.0 * misfit:.2g} %)"
-        misfit, limit = max(known.unexplained, loops), WORST
+            misfit, limit = known.unexplained, WORST
     elif has_reference and baseline.misfit > most_of_healthy(
         baseline.expected_misfit, problem.lacks_forms
     ):
@@ -129,7 +129,7 @@ def obstacles_to(
     if misfit > max(limit, WORSE * problem.expected_misfit):
         usual = (
             f"healthy recordings left {100.0 * baseline.misfit:.2f} %"
-            if baseline.misfit <= WORST and limit < WORST
+            if baseline.recordings and limit != WORST
             else f"a good fit leaves less than {100.0 * limit:.2g} %"
         )
         told += [unexplained(misfit, usual, beside), *late_channel(problem, assessed.values)]

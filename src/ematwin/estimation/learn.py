@@ -257,7 +257,7 @@ def _notes(misfit: float, floor: float, told: bool, problem: Problem) -> list[st
     if misfit > most:
         return [
             f"{left} once its loops are closed, as near instability. Recordings are judged by the "
-            "equations along their motion alone."
+            f"equations along their motion, and loops may leave {WORSE:g} times as much."
             if told
             else f"{left}, and {judges}: this actuator has something that the twin has "
             "not, such as loops near instability. Record the load and all currents and positions, "
