@@ -127,7 +127,7 @@ class MotionFit:
                 raise TooFarError
             gained, moves = 0.0, fresh or promised > NOTHING
             for share in _SHARES if moves else ():
-                tried, left = self._ground(chart.project(z + share * step), slopes, cost)
+                tried, left = self._corrected(chart.project(z + share * step), slopes, cost)
                 gained = cost - float(left @ left)
                 if gained > 0.0 or promised < DECIDES:
                     break
@@ -147,11 +147,12 @@ class MotionFit:
         self._last, self._fresh = (here, slopes), fresh
         return z
 
-    def _ground(self, z: np.ndarray, slopes: np.ndarray, cost: float) -> tuple[Any, Any]:
+    def _corrected(self, z: np.ndarray, slopes: np.ndarray, cost: float) -> tuple[Any, Any]:
         """Coordinates (1, d) after a step, and their residuals (K,).
 
-        A straight step leaves the ground of a valley that bends: where it costs more than before,
-        it is led back (second-order correction; Fletcher 1982, Lect. Notes Math. 912, 85-114).
+        A straight step leaves a minimum that is narrow and curved: where it costs more than before,
+        its residuals correct it (second-order correction; Fletcher 1982, Lecture Notes in
+        Mathematics 912, 85-114).
         """
         left, height = self.residuals(z), math.inf
         while cost <= left @ left < height:

@@ -118,7 +118,7 @@ def test_a_fit_does_not_end_where_a_whole_step_is_too_long():
     assert (away < 4.0 * errors + 1e-3).all()
 
 
-def test_a_fit_follows_a_valley_that_bends(recording):
+def test_a_fit_follows_a_narrow_curved_minimum(recording):
     """Both frictions are known by their sum, and the sheet alone tells them apart."""
     places = ("motor.friction_torque", "transmission.friction_torque")
     noise, shape = np.random.default_rng(1).standard_normal((2, 200))
