@@ -38,6 +38,9 @@ from ematwin.models.parameter_set import ParameterSet
 from ematwin.showing.text import capital
 
 SURE = 0.004  # least standard error: simulators of other make differ by so much of a parameter
+# the same of gains and filters that were fitted beside a sample time from a list: it may be another
+# one, which recordings hardly tell, and they with it; tuned on drives of another simulator
+CHOSEN = 0.2
 
 
 class Explained(NamedTuple):
@@ -56,6 +59,8 @@ class FoundForms:
     found: tuple[str, ...] = ()  # a phrase on each
     explained: tuple[Explained, ...] = ()  # how much of the residual they explain, in their order
     absent: tuple[str, ...] = ()  # names of those that were tried and explain nothing
+    # places of what was fitted beside values from a list, such as gains beside a sample time
+    chosen: tuple[str, ...] = ()
     # share of the recordings' energy that the equations leave without and with them
     before: float = 0.0
     after: float = 0.0
@@ -196,6 +201,10 @@ def _selected(known: FoundForms, equations: Equations) -> tuple[FoundForms, Equa
             told,
             actuator=_with_sections(known.actuator, fit, found),
             found=(*known.found, *(form.said(fit.actuator) for form in found)),
+            chosen=(
+                *known.chosen,
+                *(one for form in found if form.alternatives(fit.actuator) for one in form.fitted),
+            ),
             explained=(*known.explained, *gains),
             before=known.before + plain.cost,
             after=known.after + fit.cost,

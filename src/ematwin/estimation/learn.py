@@ -27,7 +27,7 @@ from ematwin.estimation.baseline import (
 from ematwin.estimation.closed_loop import closed_loop
 from ematwin.estimation.constants import EXPLAINED, IMPLAUSIBLE, SEARCHED, TWO_SIGMA, WORSE, WORST
 from ematwin.estimation.correction import Corrected
-from ematwin.estimation.forms import SURE, FoundForms, find_forms
+from ematwin.estimation.forms import CHOSEN, SURE, FoundForms, find_forms
 from ematwin.estimation.healthy_fit import (
     HealthyFit,
     Progress,
@@ -143,7 +143,7 @@ def _learnt(
         )
     values = found.values
     actuator = forms.actuator.changed({place: values[place] for place in places})
-    prior = _prior(end, places)
+    prior = _prior(end, places, forms.chosen)
     baseline = Baseline(
         prior=prior,
         misfit=misfit,
@@ -185,19 +185,22 @@ def _learnt(
     )  # fmt: skip
 
 
-def _prior(end: Corrected, places: Sequence[str]) -> Prior:
+def _prior(end: Corrected, places: Sequence[str], chosen: Sequence[str]) -> Prior:
     """The distribution of the parameters afterwards, as `Prior` counts them.
+
+    ``chosen`` is as of `FoundForms`.
 
     The curvature takes the residual for noise. The error of the twin biases all samples alike,
     so the data of a twin without a reference count less (`Problem.model_error`).
     """
     peak, problem = end.peak, end.peak.problem
-    chosen = [problem.names.index(place) for place in places]
-    widths = problem.chart.widths[chosen]
-    covariance = end.covariance[np.ix_(chosen, chosen)]
+    own = [problem.names.index(place) for place in places]
+    widths = problem.chart.widths[own]
+    covariance = end.covariance[np.ix_(own, own)]
     if problem.is_informed:
-        covariance = covariance + np.diag(np.full(len(chosen), SURE) / widths) ** 2
-    found = [coordinate(problem.unknowns[n], peak.point[n]) for n in chosen]
+        least = [CHOSEN if place in chosen else SURE for place in places]
+        covariance = covariance + np.diag(np.array(least) / widths) ** 2
+    found = [coordinate(problem.unknowns[n], peak.point[n]) for n in own]
     return Prior(tuple(places), np.array(found), covariance * np.outer(widths, widths))
 
 

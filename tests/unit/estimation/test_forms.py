@@ -10,6 +10,7 @@ from ematwin import Noise, Scenario, simulate
 from ematwin.estimation.baseline import uncertain
 from ematwin.estimation.forms import FoundForms, find_forms
 from ematwin.estimation.healthy_fit import HealthyFit
+from ematwin.estimation.learn import learn
 from ematwin.estimation.likely_forms import with_likely_form
 from ematwin.models.bldc.model import MODEL
 from ematwin.models.bldc.parameters import BldcActuator
@@ -130,6 +131,14 @@ def test_equations_together_say_where_the_parameters_are_and_how_surely(of_drive
     for place in ("motor.friction_torque", "transmission.friction_torque", "motor.inertia"):
         assert errors[place] < 0.0205  # what the integral term held at first is unknown
     assert fit.misfit < 0.02  # the closed loop, which is only checked, agrees
+
+
+def test_gains_beside_a_sample_time_from_a_list_are_hardly_known(of_drive):
+    """At another sample time others explain the recordings as well."""
+    prior = learn(MODEL, SHEET, of_drive).baseline.prior
+    spreads = dict(zip(prior.names, np.sqrt(np.diag(prior.covariance)), strict=True))
+    assert min(x for name, x in spreads.items() if name.startswith("current_loop.")) >= 0.2
+    assert spreads["controller.position_gain"] < 0.02
 
 
 def test_what_a_file_states_of_its_loops_is_told_along_the_motion_as_well():
