@@ -9,6 +9,7 @@ error of that estimate. Far off it is large, and so is what the regression looks
 import math
 from collections.abc import Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from ematwin.estimation.laplace import principal
 from ematwin.estimation.motion_fit import Along, MotionFit, values_at
 from ematwin.estimation.problem import Problem
 from ematwin.models.base import Model
+from ematwin.models.optional import Candidate
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.numerics.lanes import LANES
 from ematwin.numerics.side_by_side import in_blocks
@@ -60,7 +62,7 @@ class Regression(MotionFit):
                 continue
             factors = np.column_stack([np.ones(len(stable)), changed[stable][:, some]])
             left = np.array([lefts[m][n] for m in stable])
-            found = np.linalg.lstsq(factors, left, rcond=1e-12)[0]
+            found = np.linalg.pinv(factors, rcond=1e-12) @ left
             here[part], slopes[some, part] = found[0], found[1:]
             freedom = max(1, len(stable) - len(found))
             rough = np.sum((left - factors @ found) ** 2, axis=0) / freedom
@@ -97,8 +99,14 @@ class Regression(MotionFit):
         """What each equation leaves, in standard deviations, at each of some points (B, d)."""
 
         def of(some: Sequence[np.ndarray]) -> list[tuple[np.ndarray | None, ...]]:
-            each = [self.scaled(n, some) for n in range(len(self.every))]
-            return list(zip(*each, strict=True))
+            each: dict[Any, list[Candidate | None]] = {}
+            found = []
+            for n, along in enumerate(self.every):
+                alike = along.recording, *self._given[n]
+                if alike not in each:
+                    each[alike] = [self.candidate(n, point) for point in some]
+                found.append(self.scaled(n, each[alike]))
+            return list(zip(*found, strict=True))
 
         return in_blocks(of, points, LANES)
 

@@ -1,13 +1,13 @@
 """The least squares of all equations along recorded motions, with the priors of all unknowns.
 
 By Gauss-Newton steps within bounds, whose slopes follow the residuals between fresh ones (Broyden
-1965). Residuals of a motion that was not recorded jump where friction holds a mass at one point and
-not at the next: they are regressed on points around (`ematwin.estimation.followed_motion`). What an
-equation leaves beyond noise at the end is a discrepancy (`Remainder`).
+1965). Residuals of a motion that was not recorded are regressed on points around instead
+(`ematwin.estimation.followed_motion`). What an equation leaves beyond noise at the end is a
+discrepancy (`Remainder`).
 """
 
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -22,7 +22,7 @@ from ematwin.estimation.levenberg_marquardt import NOTHING
 from ematwin.estimation.prior import Information, Remainder
 from ematwin.estimation.problem import Problem
 from ematwin.models.comparison import correlation_time
-from ematwin.models.optional import FIRST_SAMPLE, Equation, Values, with_values
+from ematwin.models.optional import FIRST_SAMPLE, Candidate, Equation, Values
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.numerics.linear_algebra import bounded_squares
 from ematwin.numerics.side_by_side import in_blocks, side_by_side
@@ -58,9 +58,8 @@ class Along(NamedTuple):
         """The same at better values, by noise ``known`` of it, or that for a nearer estimate."""
         at, like = self.equation.at, known.get(self.name)
         found = self.equation if at is None else at(values, None if like is None else like.noise)
-        if ahead and found.at and found.noise:
-            found = found.at(values, found.noise.ahead)
-        return self._replace(equation=found)
+        one = found.at(values, found.noise.ahead) if ahead and found.at and found.noise else found
+        return self._replace(equation=one)
 
 
 class MotionFit:
@@ -78,9 +77,15 @@ class MotionFit:
     ) -> None:
         self._actuator, self._problem, self.every, self._aliases = actuator, problem, every, aliases
         self.information = information  # (d, d), as is known so far
-        # of the loops in each recording, s; 0 if unknown
+        # of loops, s; 0 if unknown
         self.first_samples = [one.recording.first_sample for one in problem.comparisons]
         self._matters = [_matters(one, actuator, problem) for one in every]
+        # equations along one motion that was not recorded take the same candidates
+        self._given = [own.copy() for own in self._matters]
+        for one, given in zip(every, self._given, strict=True):
+            for other, places in zip(every, self._matters, strict=True):
+                if one.equation.noise and one.recording == other.recording:
+                    given |= places
         left = side_by_side(lambda one: one.equation.left(actuator, {}), every)
         self._counts = [each.size for each in left]
         ends = np.cumsum(self._counts).tolist()
@@ -183,20 +188,19 @@ class MotionFit:
         every = np.zeros((self._free.size + 1, z.shape[1]))
         every[:-1, self._free] = root
         moved = rotation.T @ here
-        rest = math.sqrt(max(0.0, float(here @ here - moved @ moved)))
+        beyond = math.sqrt(max(0.0, float(here @ here - moved @ moved)))
         # of recorded currents: in the gap few samples of small angles count
         point = self._problem.chart.to_values(z)[0]
-        at = [self._valued(n, point) for n in range(len(self.every))]
-        unexplained = max(
-            left.norm / one.equation.size
-            if left.norm > WORSE * left.least and one.equation.judged
-            else one.equation.unexplained(with_values(self._actuator, values), values)
-            for left, one, values in zip(self._remainders, self.every, at, strict=True)
-        )
+        unexplained = 0.0
+        for n, (rest, one) in enumerate(zip(self._remainders, self.every, strict=True)):
+            if rest.norm > WORSE * rest.least and one.equation.judged:
+                unexplained = max(unexplained, rest.norm / one.equation.size)
+            elif at := self.candidate(n, point):
+                unexplained = max(unexplained, one.equation.unexplained(*at))
         # what no sensor makes is alike throughout, as errors of the model are
         share = max(one.equation.discrepancy for one in self.every)
         wider = math.sqrt(1.0 + share * (self._problem.model_error**2 - 1.0))
-        chart, every, left = self._problem.chart, every / wider, np.append(moved, rest) / wider
+        chart, every, left = self._problem.chart, every / wider, np.append(moved, beyond) / wider
         remainders = {one.name: x for one, x in zip(self.every, self._remainders, strict=True)}
         return Information(chart, z[0], every, left, remainders, unexplained, wider)
 
@@ -243,8 +247,8 @@ class MotionFit:
             def costs(instants: Sequence[float], own: Sequence[int] = sampled) -> list[float]:
                 lefts = np.tile(here, (len(instants), 1))
                 for n in own:
-                    tries = [{**self._valued(n, point), FIRST_SAMPLE: one} for one in instants]
-                    lefts[:, self._parts[n]] = in_blocks(partial(self._tried, n), tries, 1)
+                    tries = [self.candidate(n, point, one) for one in instants]
+                    lefts[:, self._parts[n]] = in_blocks(partial(self.scaled, n), tries, 1)
                 return (np.sum(lefts**2, axis=1) - np.sum((lefts @ basis) ** 2, axis=1)).tolist()
 
             instants = self.every[sampled[0]].equation.first_samples(self._actuator)
@@ -268,7 +272,7 @@ class MotionFit:
             n, way = one
             for side in (1.0, -1.0):
                 beside = chart.project(z + side * way)
-                (left,) = self.scaled(n, chart.to_values(beside))
+                (left,) = self.scaled(n, [self.candidate(n, chart.to_values(beside)[0])])
                 if left is not None and not np.array_equal(beside, z):
                     return (beside - z)[0, free], left - here[self._parts[n]]
             return None
@@ -362,32 +366,29 @@ class MotionFit:
 
     def residuals(self, z: np.ndarray) -> np.ndarray:
         """(K,), in standard deviations, at (1, d), priors last; infinite if a loop is unstable."""
-        points = self._problem.chart.to_values(z)
-        lefts = side_by_side(lambda n: self.scaled(n, points)[0], range(len(self.every)))
-        sizes = zip(self._counts, lefts, strict=True)
-        parts = [np.full(count, np.inf) if left is None else left for count, left in sizes]
-        return np.concatenate([*parts, self._priors(points)[0]])
+        point = self._problem.chart.to_values(z)[0]
+
+        def left(n: int) -> np.ndarray:
+            (found,) = self.scaled(n, [self.candidate(n, point)])
+            return np.full(self._counts[n], np.inf) if found is None else found
+
+        parts = side_by_side(left, range(len(self.every)))
+        return np.concatenate([*parts, self._priors(point[None])[0]])
 
     def _priors(self, points: np.ndarray) -> np.ndarray:
         """(B, k), in standard deviations, at points (B, d)."""
         return np.asarray(self._problem.prior_distances(points) / self._problem.noise)
 
-    def scaled(self, n: int, points: Iterable[np.ndarray]) -> list[np.ndarray | None]:
-        """Residuals of the nth equation, in standard deviations, at each of some points (d,).
+    def candidate(self, n: int, point: np.ndarray, first: float | None = None) -> Candidate | None:
+        """The nth equation's at a point (d,), with loops that sampled ``first``, s, or as found."""
+        first = self.first_samples[self.every[n].recording] if first is None else first
+        values = {name: float(point[m]) for name, m in self._given[n].items()}
+        return candidate(self._actuator, {FIRST_SAMPLE: first, **values})
 
-        None where a loop is unstable.
-        """
-        first = self.first_samples[self.every[n].recording]
-        return self._tried(n, [{FIRST_SAMPLE: first, **self._valued(n, one)} for one in points])
-
-    def _valued(self, n: int, point: np.ndarray) -> dict[str, float]:
-        """The values at a point (d,) on which the nth equation depends."""
-        return {name: float(point[m]) for name, m in self._matters[n].items()}
-
-    def _tried(self, n: int, tries: Sequence[Values]) -> list[np.ndarray | None]:
-        candidates = [candidate(self._actuator, values) for values in tries]
-        lefts = lefts_of(self.every[n].equation, candidates)
+    def scaled(self, n: int, candidates: Sequence[Candidate | None]) -> list[np.ndarray | None]:
+        """Residuals of the nth equation with each candidate, in standard deviations."""
         scales = self._scales[n] * self._weights[n]
+        lefts = lefts_of(self.every[n].equation, candidates)
         return [None if left is None else scales * left for left in lefts]
 
 

@@ -33,7 +33,7 @@ from ematwin.numerics.side_by_side import side_by_side
 from ematwin.numerics.signals import LowPass, white_noise
 
 _INSTANT = 1e-10  # s: what is so near is now
-_STEP = 1.25e-5  # s, at most, behind a current loop: leaves less than `LEAST`
+_STEP = 2.5e-5  # s, at most, behind a current loop: leaves less than `LEAST`
 _, read_more, _ = columns(TruerState)
 
 

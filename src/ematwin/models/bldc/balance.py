@@ -119,6 +119,7 @@ class TorqueBalance:
         k, c = np.array([0.0, 0.0, *faults, 0.5]), kernel_constants(actuator)._replace(k_e=1.0)
         shapes = emf_along(k, self._angle, c, truer_constants(actuator)).T
         scale = math.sqrt(np.mean(shapes**2) / np.mean(self.motion.trapezoids**2))
+        scale = max(scale, 1e-9)  # with all turns lost
         made = 0.5 * np.einsum("sk,sk->s", self.motion.currents, shapes) / scale
         return made, self.motion.alike(made), scale
 

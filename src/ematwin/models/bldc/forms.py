@@ -200,6 +200,7 @@ FADING = Form(
     lambda a: f"friction that falls with speed (Stribeck, {a.presliding.stribeck_speed:.2g} rad/s)",
     ("presliding.stribeck_speed", "transmission.static_ratio"),
 )  # fmt: skip
+_OF_MASSES = COGGING, ROUNDED, FADING
 COMPLIANT = Form(
     "compliant gear", lambda a: a.compliance is not None,
     ("compliance.stiffness", "compliance.damping"), _softer,
@@ -284,7 +285,9 @@ def _controller(controller: Controller, actuator: Any, values: Values) -> Equati
     if motion.moves:  # through the positions that were not recorded
         places, others = _OF_OUTPUT, ("friction", "backlash", *LOAD, ZERO)
         if motion.masses is not None:
-            places, others = (*_OF_MOTOR, *places, *_bristles(actuator)), (*others, *_WINDINGS)
+            shaped = (one for form in _OF_MASSES if form.is_stated(actuator) for one in form.fitted)
+            places = (*_OF_MOTOR, *places, *_bristles(actuator), *shaped)
+            others = (*others, *_WINDINGS)
             if actuator.encoder is not None:
                 own, ratio = actuator.encoder, actuator.transmission.ratio
                 counts = own.motor_step, own.output_step * ratio
@@ -336,8 +339,7 @@ def _masses(masses: Masses, actuator: Any) -> Equation:
 
     return Equation(
         "mechanics", masses.left, masses.size, masses.least,
-        (*_OF_MOTOR, "transmission.backlash", *_OF_OUTPUT, *_bristles(actuator)),
-        (COGGING, ROUNDED, FADING),
+        (*_OF_MOTOR, "transmission.backlash", *_OF_OUTPUT, *_bristles(actuator)), _OF_MASSES,
         ("friction", "backlash", *_WINDINGS, *LOAD, *_SENSOR, ZERO),
         at=at, noise=masses.noise, begins=masses.begins, step=0.0,
         alike=masses.alike, unexplained=masses.unexplained, discrepancy=masses.discrepancy,
@@ -350,8 +352,7 @@ def _mechanics(balance: TorqueBalance) -> Equation:
     return Equation(
         "mechanics", balance.left, balance.size, balance.least,
         ("motor.emf_constant", "motor.inertia", "transmission.output_inertia",
-         "motor.viscous_damping", "motor.friction_torque", *_FRICTION),
-        (COGGING, ROUNDED, FADING),
+         "motor.viscous_damping", "motor.friction_torque", *_FRICTION), _OF_MASSES,
         ("friction", *_WINDINGS, *LOAD, *_SENSOR),
         at=(lambda values, _: _mechanics(balance.at(values))) if balance.motion.follows else None,
     )  # fmt: skip
