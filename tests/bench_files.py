@@ -1,11 +1,13 @@
-"""Files as test benches write them: MDF, text tables."""
+"""Files as test benches write them: MDF, TDMS, HDF5, text tables."""
 
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 from asammdf import MDF, Signal
+from nptdms import ChannelObject, TdmsWriter
 
 
 def write_mdf(
@@ -30,6 +32,26 @@ def write_mdf(
         if start is not None:
             mdf.start_time = start
         mdf.save(path, overwrite=True)
+    return path
+
+
+def write_tdms(path: Path, *segments: dict[str, Any]) -> Path:
+    """Write channels ``group/name`` in segments: values (S,), or with their properties."""
+    with TdmsWriter(path) as writer:
+        for channels in segments:
+            objects = []
+            for name, given in channels.items():
+                values, properties = given if isinstance(given, tuple) else (given, {})
+                objects.append(ChannelObject(*name.split("/"), values, properties))
+            writer.write_segment(objects)
+    return path
+
+
+def write_hdf5(path: Path, columns: dict[str, Any]) -> Path:
+    """Write datasets by their path."""
+    with h5py.File(path, "w") as file:
+        for name, values in columns.items():
+            file[name] = values
     return path
 
 

@@ -14,9 +14,8 @@ import pyarrow.parquet as pq
 import pytest
 import scipy.io
 from mcap_ros2.writer import Writer as McapWriter
-from nptdms import ChannelObject, TdmsWriter
 
-from bench_files import write_mdf
+from bench_files import write_mdf, write_tdms
 from ematwin.errors import EmatwinError, FileError, InputError
 from ematwin.models.reading import read
 from ematwin.recordings.read import assumptions
@@ -222,13 +221,11 @@ class TestTdms(ReaderContract):
 
     def write(self, path, channels, units):
         wave = {"wf_increment": float(np.diff(channels["time"]).mean()), "wf_start_offset": 0.0}
-        with TdmsWriter(path) as writer:
-            writer.write_segment(
-                [
-                    ChannelObject("bench", name, values, {"unit_string": units[name], **wave})
-                    for name, values in channels.items()
-                ]
-            )
+        named = {
+            f"bench/{name}": (values, {"unit_string": units[name], **wave})
+            for name, values in channels.items()
+        }
+        write_tdms(path, named)
 
 
 class TestHdf5(ReaderContract):

@@ -4,16 +4,14 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from nptdms import ChannelObject, TdmsWriter
 
 import ematwin
-from bench_files import write_mdf
+from bench_files import write_hdf5, write_mdf, write_tdms
 from ematwin import Recording, read, write
 from ematwin.errors import InputError, RecordError
 from ematwin.testing.reader_contract import bench_channels
@@ -192,9 +190,8 @@ def test_labels_stand_in_text_channels_of_other_formats(tmp_path: Path) -> None:
     signals = {"state": np.array([b"dry"] * time.size), **columns}
     del signals["time"]
     write_mdf(tmp_path / "run.mf4", (time, signals), encoding="utf-8")
-    with TdmsWriter(tmp_path / "run.tdms") as writer:
-        texts = ChannelObject("bench", "state", ["dry"] * time.size)
-        writer.write_segment([*(ChannelObject("bench", n, v) for n, v in columns.items()), texts])
+    texts = {"bench/state": ["dry"] * time.size}
+    write_tdms(tmp_path / "run.tdms", {f"bench/{n}": v for n, v in columns.items()} | texts)
     for name, label in (("run.mf4", "state"), ("run.tdms", "bench/state")):
         (found,) = read(tmp_path / name, split=True)
         assert found.labels == {label: "dry"}
@@ -229,16 +226,14 @@ def with_clock(path: Path) -> Path:
     """Channels of a bench with clock times."""
     columns = bench_channels(0.01)
     stamps = np.datetime64(BEGAN, "us") + np.rint(columns["time"] * 1e6).astype("timedelta64[us]")
-    if path.suffix == ".csv":
-        rows = zip(stamps, *(columns[n].tolist() for n in ("command", "current_a")), strict=True)
-        lines = [f"{str(t).replace('T', ' ')};{c!r};{i!r}" for t, c, i in rows]
-        path.write_text("\n".join(["t;cmd;i", *lines, ""]))
-    elif path.suffix == ".parquet":
-        saved(path, {"t": stamps, "cmd": columns["command"], "i": columns["current_a"]})
-    else:
-        with TdmsWriter(path) as writer:
-            objects = {"t": stamps, "cmd": columns["command"], "i": columns["current_a"]}
-            writer.write_segment([ChannelObject("a", n, v) for n, v in objects.items()])
+    named = {"t": stamps, "cmd": columns["command"], "i": columns["current_a"]}
+    if path.suffix == ".parquet":
+        return saved(path, named)
+    if path.suffix == ".tdms":
+        return write_tdms(path, {f"a/{name}": values for name, values in named.items()})
+    rows = zip(stamps, named["cmd"].tolist(), named["i"].tolist(), strict=True)
+    lines = [f"{str(t).replace('T', ' ')};{c!r};{i!r}" for t, c, i in rows]
+    path.write_text("\n".join(["t;cmd;i", *lines, ""]))
     return path
 
 
@@ -280,9 +275,8 @@ def test_formats_with_a_start_state_it(tmp_path: Path) -> None:
         assert found.start is not None
         assert abs(found.start - began) <= timedelta(milliseconds=1)
     wave = {"wf_increment": 5e-5, "wf_start_time": np.datetime64(BEGAN, "us")}
-    with TdmsWriter(tmp_path / "run.tdms") as writer:
-        writer.write_segment([ChannelObject("a", n, columns[v], wave) for n, v in names.items()])
-    assert read(tmp_path / "run.tdms").start == began
+    waves = {f"a/{name}": (columns[n], wave) for name, n in names.items()}
+    assert read(write_tdms(tmp_path / "run.tdms", waves)).start == began
 
 
 def test_a_file_that_does_not_say_when_it_began_leaves_it_open(tmp_path: Path) -> None:
@@ -290,10 +284,7 @@ def test_a_file_that_does_not_say_when_it_began_leaves_it_open(tmp_path: Path) -
     assert read(saved(tmp_path / "run.parquet", columns)).start is None
     numbers = {**columns, "time": 1.7e9 + columns["time"]}  # somebody's calendar, but whose?
     assert read(saved(tmp_path / "epoch.parquet", numbers)).start is None
-    with h5py.File(tmp_path / "run.h5", "w") as file:
-        for name, values in columns.items():
-            file[name] = values
-    assert read(tmp_path / "run.h5").start is None
+    assert read(write_hdf5(tmp_path / "run.h5", columns)).start is None
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 import scipy.io
 from asammdf import MDF
-from nptdms import ChannelObject, TdmsWriter
 
 import ematwin
-from bench_files import write_mdf
+from bench_files import write_hdf5, write_mdf, write_tdms
 from commands import fresh
 from ematwin.errors import EmatwinError, FileError, InputError, MissingExtraError, RecordError
 from ematwin.models.bldc.channels import phase_currents
@@ -86,18 +85,13 @@ def test_mdf_groups_that_share_no_time_are_refused(tmp_path: Path) -> None:
 
 
 def test_tdms_without_waveform_takes_a_time_channel(tmp_path: Path) -> None:
-    path = tmp_path / "run.tdms"
-    stamps = clock_times()
-    with TdmsWriter(path) as writer:
-        for part in (slice(0, 900), slice(900, None)):
-            writer.write_segment(
-                [
-                    ChannelObject("bench", "clock", stamps[part]),
-                    ChannelObject("bench", "cmd", CHANNELS["command"][part]),
-                    ChannelObject("bench", "ia", CHANNELS["current_a"][part].astype(np.float32)),
-                    ChannelObject("bench", "ib", CHANNELS["current_b"][part]),
-                ]
-            )
+    columns = {
+        "bench/clock": clock_times(), "bench/cmd": CHANNELS["command"],
+        "bench/ia": CHANNELS["current_a"].astype(np.float32), "bench/ib": CHANNELS["current_b"],
+    }  # fmt: skip
+    parts = (slice(0, 900), slice(900, None))
+    segments = [{name: values[part] for name, values in columns.items()} for part in parts]
+    path = write_tdms(tmp_path / "run.tdms", *segments)
     record = ematwin.read(path, {**PHASES, "t": "clock"})
     np.testing.assert_allclose(record.time, TIME, atol=1e-7)  # npTDMS cuts clock times to 1 us
     np.testing.assert_allclose(record.current_a, CHANNELS["current_a"], atol=1e-6)
@@ -106,20 +100,13 @@ def test_tdms_without_waveform_takes_a_time_channel(tmp_path: Path) -> None:
 
 
 def test_tdms_waveforms_of_several_rates_and_starts(tmp_path: Path) -> None:
-    path = tmp_path / "run.tdms"
     start = np.datetime64("2026-11-21T08:00:00.000000", "us")
     fast = {"wf_increment": 5e-5, "wf_start_offset": 0.0, "wf_start_time": start}
     late = start + np.timedelta64(10_000, "us")
     slow = {"wf_increment": 5e-4, "wf_start_offset": 0.001, "wf_start_time": late}
     line = np.arange(150) * 5e-4 + 0.011
-    with TdmsWriter(path) as writer:
-        writer.write_segment(
-            [
-                ChannelObject("a", "ia", CHANNELS["current_a"], fast),
-                ChannelObject("a", "ib", CHANNELS["current_b"], fast),
-                ChannelObject("b", "cmd", line, slow),
-            ]
-        )
+    phases = {name: (CHANNELS[f"current_{name[-1]}"], fast) for name in ("a/ia", "a/ib")}
+    path = write_tdms(tmp_path / "run.tdms", {**phases, "b/cmd": (line, slow)})
     record = ematwin.read(path, PHASES)
     assert record.time[0] == pytest.approx(0.011)
     np.testing.assert_allclose(record.command, record.time, atol=1e-9)
@@ -145,15 +132,11 @@ def test_matlab_matrices_and_structures_in_lists(tmp_path: Path) -> None:
 
 
 def test_hdf5_tables_matrices_and_lying_vectors(tmp_path: Path) -> None:
-    path = tmp_path / "run.hdf5"
     table = np.zeros(TIME.size, dtype=[("t", "f8"), ("cmd", "f4")])
     table["t"], table["cmd"] = TIME, CHANNELS["command"]
-    with h5py.File(path, "w") as file:
-        file["table"] = table
-        file["currents"] = np.stack([CHANNELS[f"current_{k}"] for k in "abc"])
-        file["note"] = "text"
-        file["empty"] = h5py.Empty("f8")
-        file["short"] = np.arange(5.0)
+    currents = np.stack([CHANNELS[f"current_{k}"] for k in "abc"])
+    others = {"note": "text", "empty": h5py.Empty("f8"), "short": np.arange(5.0)}
+    path = write_hdf5(tmp_path / "run.hdf5", {"table": table, "currents": currents, **others})
     record = ematwin.read(path, {"i_a": "currents[0]", "i_b": "currents[1]"})
     np.testing.assert_array_equal(record.current_b, CHANNELS["current_b"])
     np.testing.assert_array_equal(record.time, TIME)
@@ -221,10 +204,7 @@ def test_a_plugged_in_reader_is_found(tmp_path: Path, monkeypatch: pytest.Monkey
         "h5x", "ematwin.recordings.formats.binary_files:Hdf5File", group="ematwin.readers"
     )
     monkeypatch.setattr(base, "entry_points", lambda group: [entry])
-    path = tmp_path / "run.h5x"
-    with h5py.File(path, "w") as file:
-        file["time"] = TIME
-    with open_file(path) as opened:
+    with open_file(write_hdf5(tmp_path / "run.h5x", {"time": TIME})) as opened:
         assert opened.names == ("time",)
     assert ".h5x" in known_suffixes()
 
@@ -241,13 +221,10 @@ with open("/proc/self/status") as status:
 
 
 def test_ten_seconds_at_100_khz_stay_well_under_500_mb(tmp_path: Path) -> None:
-    path = tmp_path / "long.h5"
     channels = bench_channels(duration=10.0, sample_rate=100_000.0)
-    with h5py.File(path, "w") as file:
-        for name, values in channels.items():
-            file[name] = values
-        for name in ("motor_position", "motor_speed", "output_position", "output_speed"):
-            file[name] = channels["command"]
+    others = ("motor_position", "motor_speed", "output_position", "output_speed")
+    channels |= dict.fromkeys(others, channels["command"])
+    path = write_hdf5(tmp_path / "long.h5", channels)
     assert float(fresh(PEAK, path).out) < 350.0  # MB
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import ematwin
+from bench_files import write_hdf5
 from ematwin.errors import FileError, InputError, RecordError
 from ematwin.models.bldc.channels import CHANNELS
 from ematwin.recordings.channel import ChannelMap
@@ -39,14 +40,9 @@ def parse(texts: list[str], base: ChannelMap | None = None) -> ChannelMap:
 def bench(tmp_path: Path) -> Path:
     """SI values under names of a bench."""
     channels = bench_channels(0.01)
-    path = tmp_path / "bench.h5"
-    with h5py.File(path, "w") as file:
-        for name, wanted in {
-            "t": "time", "Setpoint": "command", "Phase A": "current_a", "Phase B": "current_b",
-            "Phase C": "current_c",
-        }.items():  # fmt: skip
-            file[f"run/{name}"] = channels[wanted]
-    return path
+    names = ("t", "Setpoint", "Phase A", "Phase B", "Phase C")
+    columns = zip(names, channels.values(), strict=True)
+    return write_hdf5(tmp_path / "bench.h5", {f"run/{name}": values for name, values in columns})
 
 
 PHASES = {"i_a": "Phase A", "i_b": "Phase B", "i_c": "Phase C"}
@@ -214,13 +210,10 @@ def test_a_missing_channel_is_named(bench: Path, columns: dict[str, str], said: 
 def test_a_wrapped_angle_is_counted_on(tmp_path: Path) -> None:
     channels = bench_channels(0.01)
     angle = 300.0 * channels["time"] + 1.0
-    with h5py.File(tmp_path / "wrapped.h5", "w") as file:
-        for name, values in channels.items():
-            file[name] = values
-        file["theta"] = np.degrees(angle) % 360.0
+    path = write_hdf5(tmp_path / "wrapped.h5", {**channels, "theta": np.degrees(angle) % 360.0})
     entry = {"channel": "theta", "unit": "deg", "unwrap": True}
     table = {**{name: name for name in channels}, "theta_m": entry}
-    record = ematwin.read(tmp_path / "wrapped.h5", table)
+    record = ematwin.read(path, table)
     assert record.motor_position is not None
     np.testing.assert_allclose(record.motor_position, angle, atol=1e-9)
 

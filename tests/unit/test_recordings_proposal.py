@@ -21,20 +21,22 @@ LOAD = np.where(TIME > 0.05, 10.0, 0.0)
 DEGREES = np.degrees(COMMAND)
 
 
+def proposed(folder: Path, columns: dict[str, np.ndarray], actuator: str = "servo48") -> Proposal:
+    """The map that is proposed for ``bench.csv`` in a folder, which is written with these."""
+    return propose_map(german_csv(folder / "bench.csv", columns), actuator)
+
+
 def channel_of(proposal: Proposal) -> dict[str, str]:
     return {name: entry.channel for name, entry in proposal.entries.items()}
 
 
 def test_an_ugly_german_file_is_understood_and_its_map_reads_it(tmp_path: Path) -> None:
-    path = german_csv(
-        tmp_path / "bench.csv",
-        {
-            "Zeit [ms]": 1e3 * TIME, "Sollwert Lage [°]": DEGREES, "Strom U [mA]": 1e3 * A,
-            "Strom V [mA]": 1e3 * B, "Strom W [mA]": 1e3 * C, "Lastmoment [Nm]": LOAD,
-            "Temp Motor [°C]": np.full(TIME.size, 23.5), "Sollwert Strom [A]": A,
-        },
-    )  # fmt: skip
-    proposal = propose_map(path)
+    columns = {
+        "Zeit [ms]": 1e3 * TIME, "Sollwert Lage [°]": DEGREES, "Strom U [mA]": 1e3 * A,
+        "Strom V [mA]": 1e3 * B, "Strom W [mA]": 1e3 * C, "Lastmoment [Nm]": LOAD,
+        "Temp Motor [°C]": np.full(TIME.size, 23.5), "Sollwert Strom [A]": A,
+    }  # fmt: skip
+    proposal = proposed(tmp_path, columns)
     assert channel_of(proposal) == {
         "time": "Zeit [ms]", "command": "Sollwert Lage [°]", "load": "Lastmoment [Nm]",
         "current_a": "Strom U [mA]", "current_b": "Strom V [mA]", "current_c": "Strom W [mA]",
@@ -43,17 +45,14 @@ def test_an_ugly_german_file_is_understood_and_its_map_reads_it(tmp_path: Path) 
     assert not proposal.questions
     assert "Temp Motor [°C]" in proposal.unused
     (tmp_path / "map.toml").write_text(proposal.as_toml(), encoding="utf-8")
-    record = ematwin.read(path, tmp_path / "map.toml")
+    record = ematwin.read(tmp_path / "bench.csv", tmp_path / "map.toml")
     np.testing.assert_allclose(record.command, COMMAND, atol=1e-8)
     np.testing.assert_allclose(record.current_b, B, atol=1e-6)
 
 
 def test_units_that_nobody_states_are_told_only_where_one_is_plausible(tmp_path: Path) -> None:
-    path = german_csv(
-        tmp_path / "bench.csv",
-        {"Zeit": 1e3 * TIME, "Sollwert": DEGREES, "Strom U": 1e3 * A, "Strom V": 1e3 * B},
-    )
-    proposal = propose_map(path)
+    columns = {"Zeit": 1e3 * TIME, "Sollwert": DEGREES, "Strom U": 1e3 * A, "Strom V": 1e3 * B}
+    proposal = proposed(tmp_path, columns)
     units = {name: entry.unit for name, entry in proposal.entries.items()}
     assert units == {"time": "ms", "current_a": "mA", "current_b": "mA", "command": ""}
     assert proposal.entries["command"].units == ("rad", "deg")
@@ -67,12 +66,9 @@ def test_units_that_nobody_states_are_told_only_where_one_is_plausible(tmp_path:
 
 
 def test_degrees_beyond_the_end_stops_cannot_be_radians(tmp_path: Path) -> None:
-    wide = 100.0 * COMMAND
-    path = german_csv(
-        tmp_path / "bench.csv",
-        {"Zeit [s]": TIME, "Sollwert": np.degrees(wide), "Strom U [A]": A, "Strom V [A]": B},
-    )
-    entry = propose_map(path).entries["command"]
+    wide = 100.0 * DEGREES
+    columns = {"Zeit [s]": TIME, "Sollwert": wide, "Strom U [A]": A, "Strom V [A]": B}
+    entry = proposed(tmp_path, columns).entries["command"]
     assert (entry.unit, entry.unit_from) == ("deg", "plausibility")
     assert "would be refused" in entry.reasons[-1]
 
@@ -85,11 +81,9 @@ def test_degrees_beyond_the_end_stops_cannot_be_radians(tmp_path: Path) -> None:
     ],
 )
 def test_two_channels_that_are_equally_likely_are_asked_for(tmp_path, names, asked):
-    path = german_csv(
-        tmp_path / "bench.csv",
-        {"Zeit [s]": TIME, **dict.fromkeys(names, DEGREES), "Strom U [A]": A, "Strom V [A]": B},
-    )
-    proposal = propose_map(path)
+    commands = dict.fromkeys(names, DEGREES)
+    columns = {"Zeit [s]": TIME, **commands, "Strom U [A]": A, "Strom V [A]": B}
+    proposal = proposed(tmp_path, columns)
     assert "command" not in proposal.entries
     assert asked in proposal.questions[0].sentence
     assert len(proposal.questions[0].lines) == 2
@@ -99,25 +93,20 @@ def test_two_channels_that_are_equally_likely_are_asked_for(tmp_path, names, ask
 def test_an_angle_without_a_shaft_goes_by_how_far_it_moves(tmp_path: Path) -> None:
     known = {"Zeit [s]": TIME, "Setpoint [deg]": DEGREES, "Phase A [A]": A, "Phase B [A]": B}
     for factor, name in ((0.97, "output_position"), (500.0, "motor_position")):
-        path = german_csv(tmp_path / "bench.csv", {**known, "Position [deg]": factor * DEGREES})
-        proposal = propose_map(path)
+        proposal = proposed(tmp_path, {**known, "Position [deg]": factor * DEGREES})
         assert channel_of(proposal)[name] == "Position [deg]"
         assert "times as far as the command" in proposal.entries[name].reasons[0]
-    path = german_csv(tmp_path / "bench.csv", {**known, "Position [deg]": 3.0 * DEGREES})
-    proposal = propose_map(path)  # of neither shaft
+    proposal = proposed(tmp_path, {**known, "Position [deg]": 3.0 * DEGREES})  # of neither shaft
     assert not {"output_position", "motor_position"} & proposal.entries.keys()
     assert "motor_position or output_position" in proposal.questions[0].sentence
 
 
 def test_other_quantities_are_not_taken_for_what_they_resemble(tmp_path: Path) -> None:
-    path = german_csv(
-        tmp_path / "bench.csv",
-        {
-            "t [s]": TIME, "Speed setpoint [rpm]": A, "Current setpoint [A]": A,
-            "Motor torque [Nm]": B, "Position limit [deg]": C, "U_a [V]": A,
-        },
-    )  # fmt: skip
-    proposal = propose_map(path)
+    columns = {
+        "t [s]": TIME, "Speed setpoint [rpm]": A, "Current setpoint [A]": A,
+        "Motor torque [Nm]": B, "Position limit [deg]": C, "U_a [V]": A,
+    }  # fmt: skip
+    proposal = proposed(tmp_path, columns)
     assert set(proposal.entries) == {"time", "voltage_a"}
     needed = [one.sentence for one in proposal.questions if one.needed]
     assert any("command" in sentence for sentence in needed)
@@ -143,12 +132,11 @@ def test_units_that_a_file_states_are_surveyed_and_mapped(tmp_path: Path) -> Non
 
 def test_another_kind_is_asked_for_its_own_channels(tmp_path: Path) -> None:
     position = 0.1 * np.sin(20.0 * TIME)
-    path = german_csv(
-        tmp_path / "axis.csv",
-        {"t [ms]": 1e3 * TIME, "Demand [mm]": 1e3 * position,
-         "Following error [mm]": 0.01 * position, "Drive current [A]": A},
-    )  # fmt: skip
-    proposal = propose_map(path, "rm1605")
+    columns = {
+        "t [ms]": 1e3 * TIME, "Demand [mm]": 1e3 * position,
+        "Following error [mm]": 0.01 * position, "Drive current [A]": A,
+    }  # fmt: skip
+    proposal = proposed(tmp_path, columns, "rm1605")
     assert channel_of(proposal) == {
         "time": "t [ms]", "set_point": "Demand [mm]", "position_error": "Following error [mm]",
         "current": "Drive current [A]",
@@ -192,15 +180,12 @@ def test_words_of_benches_are_known(actuator: str, name: str, column: str | None
 
 
 def test_what_may_be_something_else_is_no_load_and_no_voltage(tmp_path: Path) -> None:
-    path = german_csv(
-        tmp_path / "bench.csv",
-        {
-            "t [s]": TIME, "Sollwinkel [deg]": DEGREES, "Phase A [mV]": 100.0 * A,
-            "Phase B [mV]": 100.0 * B, "Torque actual value": C, "Load position": COMMAND,
-            "Motordrehzahl [1/min]": A,
-        },
-    )  # fmt: skip
-    proposal = propose_map(path)
+    columns = {
+        "t [s]": TIME, "Sollwinkel [deg]": DEGREES, "Phase A [mV]": 100.0 * A,
+        "Phase B [mV]": 100.0 * B, "Torque actual value": C, "Load position": COMMAND,
+        "Motordrehzahl [1/min]": A,
+    }  # fmt: skip
+    proposal = proposed(tmp_path, columns)
     assert channel_of(proposal) == {
         "time": "t [s]", "command": "Sollwinkel [deg]", "motor_speed": "Motordrehzahl [1/min]",
     }  # fmt: skip
@@ -209,10 +194,9 @@ def test_what_may_be_something_else_is_no_load_and_no_voltage(tmp_path: Path) ->
 
 def test_a_map_takes_what_reading_takes(tmp_path: Path) -> None:
     """The plainest name wins in both, and the map says what would do as well."""
-    names = {"time": TIME, "command_deg": DEGREES, "cmd": COMMAND, "current": A}
-    path = german_csv(tmp_path / "bench.csv", names)
-    proposal = propose_map(path)
-    account = ematwin.read(path).provenance["columns"]
+    columns = {"time": TIME, "command_deg": DEGREES, "cmd": COMMAND, "current": A}
+    proposal = proposed(tmp_path, columns)
+    account = ematwin.read(tmp_path / "bench.csv").provenance["columns"]
     assert channel_of(proposal) == {name: one["channel"] for name, one in account.items()}
     assert "“command_deg” would do as well" in " ".join(proposal.entries["command"].reasons)
 
@@ -230,7 +214,7 @@ def test_a_refusal_names_the_channel_that_is_likely_meant(tmp_path: Path) -> Non
 )  # position stands in for the position error, which the recording holds
 def test_a_position_in_place_of_its_error_is_mapped(tmp_path, unit, is_complete):
     wave = 100.0 * np.sin(20.0 * TIME)
-    names = {"t [s]": TIME, f"demand{unit}": wave, f"position{unit}": 0.9 * wave, "I [A]": A}
-    proposal = propose_map(german_csv(tmp_path / "axis.csv", names), "rm1605")
+    columns = {"t [s]": TIME, f"demand{unit}": wave, f"position{unit}": 0.9 * wave, "I [A]": A}
+    proposal = proposed(tmp_path, columns, "rm1605")
     assert proposal.is_complete == is_complete
     assert set(proposal.entries) == {"time", "set_point", "position", "current"}
