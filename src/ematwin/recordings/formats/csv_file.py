@@ -205,16 +205,16 @@ class TwinCatFile(CsvFile):
             raise FileError(f"Cannot read {path} as {self.kind}: {said}")
         units = next((row for row in block if row[0] == "Unit"), [])
         # older versions end each row with a delimiter
-        width = len(names) + (len(first) == len(names) + 1 and not first[-1])
-        columns = [str(place) for place in range(width)]
+        columns = [*names, ""] if len(first) == len(names) + 1 and not first[-1] else names
         # pyarrow decodes rows that it shows, and any bytes may be there
         self._dialect = CsvDialect(columns, [], self._sign, decimal, "latin-1", start)
+        self._times: dict[str, int] = {}  # places of the columns of times, by channel
         time = 0
         for place, name in enumerate(names):
             if name == "Name":
                 time = place
             elif name.strip():
-                self.channels[name.strip()] = (place, time)  # of its values and of its times
+                self.channels[name.strip()], self._times[name.strip()] = place, time
                 unit = units[place].partition(" (")[0].strip() if place < len(units) else ""
                 self.units[name.strip()] = "" if unit == "(None)" else unit
         ends = (facts.get(key, "").strip() for key in (_START, "Endtime of export"))
@@ -235,9 +235,9 @@ class TwinCatFile(CsvFile):
         return found
 
     def time_base(self, name: str) -> str:  # noqa: D102
-        own = self.channels[name][1]
+        own = self._stamps[self._times[name]]
         # columns with the same times are one base: most exports repeat them for each channel
-        equal = (k for k, v in self._stamps.items() if np.array_equal(v, self._stamps[own], True))
+        equal = (place for place, one in self._stamps.items() if np.array_equal(one, own, True))
         return str(next(equal))
 
     def base_time(self, key: str) -> np.ndarray | None:  # noqa: D102
@@ -259,39 +259,33 @@ class TwinCatFile(CsvFile):
 
     @cached_property
     def _stamps(self) -> dict[int, np.ndarray]:
-        """Each column of times (S,), ms, by its place; NaN where a cell is empty."""
-        return self._read(sorted({time for _, time in self.channels.values()}), self._in_ticks)
-
-    def read(  # noqa: D102
-        self, names: Sequence[str], progress: Progress | None = None
-    ) -> dict[str, np.ndarray]:
-        columns = {name: self.channels[name] for name in names}
-        values = self._read(sorted({place for place, _ in columns.values()}))
-        found = {  # a fast channel has rows in which slow ones are empty
-            name: values[place][np.isfinite(self._stamps[time])]
-            for name, (place, time) in columns.items()
-        }
-        if progress is not None:
-            progress(1.0)
-        return found
-
-    def _read(self, places: Sequence[int], ticks: bool = False) -> dict[int, np.ndarray]:
-        """Columns (S,) by their place; those in ticks become ms since the start of the export."""
+        """Each column of times (S,), ms since the start, by its place; NaN for an empty cell."""
         import pyarrow as pa
         import pyarrow.compute as pc
 
+        places = sorted({*self._times.values()})
+        types = dict.fromkeys(places, pa.int64()) if self._in_ticks else None
         with refusing(self.path, self.kind):
-            with self.path.open("rb") as file:
-                file.seek(max(self.path.stat().st_size - _HEAD, self._dialect.start))
-                if not file.read().rstrip(b"\r\n \0").endswith(b"EOF"):
-                    self._ends_within_a_line()
-            types = dict.fromkeys(places, pa.int64()) if ticks else None
             table = pa.Table.from_batches([batch for batch, _ in self._batches(places, types)])
         found = {}
         for place, chunks in zip(places, table.columns, strict=True):
             column = chunks.combine_chunks()
-            if ticks:
+            if self._in_ticks:
                 since = pc.subtract(column, self._began or column[0])
                 column = pc.multiply(since.cast(pa.float64()), 1e3 * _TICK)
             found[place] = np.array(to_numpy(column))
         return found
+
+    def read(  # noqa: D102
+        self, names: Sequence[str], progress: Progress | None = None
+    ) -> dict[str, np.ndarray]:
+        # a fast channel has rows in which slow ones are empty
+        rows = {name: np.isfinite(self._stamps[self._times[name]]) for name in names}
+        found = super().read(names, progress)
+        return {name: values[rows[name]] for name, values in found.items()}
+
+    def _ends_within_a_line(self) -> bool:
+        with self.path.open("rb") as file:
+            file.seek(max(self.path.stat().st_size - _HEAD, self._dialect.start))
+            is_whole = file.read().rstrip(b"\r\n \0").endswith(b"EOF")
+        return not is_whole and super()._ends_within_a_line()
