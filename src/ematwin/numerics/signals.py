@@ -16,9 +16,6 @@ from ematwin.errors import InputError
 
 Answer = TypeVar("Answer")
 
-_NOISE_BANDWIDTH = (math.pi / 4.0) / math.sin(math.pi / 4.0)  # of the cutoff
-_ORDER = 4  # a trace that is sampled well is a cubic over five samples
-
 
 @dataclass(frozen=True)
 class LowPass:
@@ -54,7 +51,8 @@ class LowPass:
         A Butterworth filter of order two passes as much of it as a sharp edge at
         (pi/4)/sin(pi/4) = 1.11 times the cutoff would.
         """
-        return min(1.0, 2.0 * _NOISE_BANDWIDTH * self.cutoff / sample_rate)
+        bandwidth = (math.pi / 4.0) / math.sin(math.pi / 4.0) * self.cutoff
+        return min(1.0, 2.0 * bandwidth / sample_rate)
 
     def passed_noise(self, signal: np.ndarray, filtered: np.ndarray, sample_rate: float) -> float:
         """Variance of the white noise of a signal (S,) that is left in it as filtered (S,).
@@ -109,10 +107,11 @@ def white_noise(trace: np.ndarray) -> float:
     1941, Ann. Math. Stat. 12, 153-162; Hampel 1974, J. Am. Stat. Assoc. 69, 383-393). 0 for a trace
     of fewer than five samples.
     """
-    if trace.size <= _ORDER:
+    order = 4  # a trace that is sampled well is a cubic over five samples
+    if trace.size <= order:
         return 0.0
-    gain = math.comb(2 * _ORDER, _ORDER)
-    return float(spread_of(np.abs(np.diff(trace, _ORDER)))) / math.sqrt(gain)
+    gain = math.comb(2 * order, order)
+    return float(spread_of(np.abs(np.diff(trace, order)))) / math.sqrt(gain)
 
 
 def spread_of(sizes: np.ndarray, axis: int | None = None) -> np.ndarray:

@@ -56,8 +56,8 @@ def make_sound(found: Collected, policy: Policy, inputs: Collection[str]) -> Non
 
 def runs(flags: np.ndarray) -> list[tuple[int, int]]:
     """Stretches of true values as (first, one past the last)."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    edges = np.flatnonzero(np.diff(np.r_[False, flags, False]))
+    return [(a, b) for a, b in edges.reshape(-1, 2).tolist()]
 
 
 def _refusal(found: Collected, starts: np.ndarray, holes: _Holes) -> str:

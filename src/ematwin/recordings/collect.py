@@ -64,12 +64,9 @@ def match(
     added, warnings = _optional(found, by_name, file, channel_map, needs)
     said = f"beside the map, these were found by their names: {', '.join(added)}"
     found |= added
-    for channel in channels:
-        if channel.stands_in_for in found:
-            found.pop(channel.name, None)
     _check_complete(file, channel_map, needs, found)
-    in_order = {c.name: found[c.name] for c in channels if c.name in found}
-    return in_order, [said] if added else [], warnings
+    used = [c.name for c in channels if c.name in found and c.stands_in_for not in found]
+    return {name: found[name] for name in used}, [said] if added else [], warnings
 
 
 def _by_name(file: RecordedFile, channels: Sequence[Channel]) -> dict[str, list[str]]:

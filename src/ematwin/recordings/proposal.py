@@ -191,8 +191,7 @@ class Draft:
         for name, columns in may_be.items():
             if len(columns) == 1:
                 continue
-            free = [column for column in columns if column not in chosen]
-            shaft = command and self._by_span(name, free, self.found[command.name])
+            shaft = command and self._by_span(name, columns, self.found[command.name])
             if shaft:
                 chosen[shaft[0]] = replace(self.ranked[shaft[0]][0], reason=shaft[1])
             else:
@@ -220,18 +219,20 @@ class Draft:
                 line = _line(own, one.name, unit)
                 self.questions.append(Question(f"{said} {one.unit}: {advice}", (line,)))
 
-    def _by_span(self, name: str, free: Sequence[str], command: Surveyed) -> tuple[str, str] | None:
+    def _by_span(
+        self, name: str, columns: Sequence[str], command: Surveyed
+    ) -> tuple[str, str] | None:
         """Which shaft an angle is of, by how far it moves beside the command; None: not clear."""
         one, own = self.found[name], self.channels[self.command]
-        is_known = one.unit and command.unit and free and own.side
-        if not is_known or self.channels[free[0]].unit != own.unit:
+        is_known = one.unit and command.unit and own.side
+        if not is_known or self.channels[columns[0]].unit != own.unit:
             return None
         span = (one.high - one.low) * unit_factor(one.unit, own.unit, one.name)
         factor = unit_factor(command.unit, own.unit, command.name)
         commanded = factor * (command.high - command.low)
         if not (span > 0.0 and commanded > 0.0):
             return None
-        ratio, sides = span / commanded, {name: self.channels[name].side for name in free}
+        ratio, sides = span / commanded, {name: self.channels[name].side for name in columns}
         same = [name for name, side in sides.items() if side == own.side]
         others = [name for name, side in sides.items() if side not in (own.side, None)]
         said = f"it moves {ratio:.3g} times as far as the command, so it is of the"

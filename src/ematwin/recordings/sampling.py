@@ -127,7 +127,7 @@ def to_constant_rate(
     if not is_regular(time):
         grid, said = _even_grid(time)
         changed.append(said)
-        time, columns = grid, _each(columns, partial(_akima, time, wanted=grid))
+        time, columns = grid, _each(columns, partial(_akima, grid, time))
     own = (time.size - 1) / (time[-1] - time[0])
     if rate is None or abs(own / rate - 1.0) < _WHOLE:
         return time, columns, changed
@@ -135,7 +135,7 @@ def to_constant_rate(
         said = f"the rate was raised from {own:.6g} to {rate:.6g} Hz by interpolation"
         changed.append(f"{said}, which adds no information")
         grid = _grid(time, rate)
-        return grid, _each(columns, partial(_akima, time, wanted=grid)), changed
+        return grid, _each(columns, partial(_akima, grid, time)), changed
     taps = _low_pass(own, rate)
     if taps.size > time.size:
         raise RecordError(
@@ -175,10 +175,8 @@ def onto(
     if not finite.any():
         return np.full(wanted.shape, np.nan)
     moved = np.clip(wanted - late, time[0], time[-1])
-    if finite.all() and time.size > 2:
-        result = _akima(time, values, moved)
-    else:
-        result = np.interp(moved, time, values)  # a NaN spreads to its neighbours and no further
+    # between straight lines a NaN spreads to its neighbours and no further
+    result = (_akima if finite.all() else np.interp)(moved, time, values)
     for n in gap_starts(time):
         result[(wanted > time[n]) & (wanted < time[n + 1])] = np.nan
     return np.asarray(result)
@@ -230,7 +228,7 @@ def _filtered(values: np.ndarray, taps: np.ndarray) -> np.ndarray:
     return np.asarray(oaconvolve(padded, taps, mode="valid"))
 
 
-def _akima(time: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+def _akima(wanted: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Akima's cubics through the samples, at increasing times ``wanted`` within theirs."""
     if time.size < 3:
         return np.interp(wanted, time, values)
