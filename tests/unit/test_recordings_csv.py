@@ -217,6 +217,7 @@ def test_options_of_csv_are_refused_for_others(tmp_path: Path) -> None:
     ("content", "error", "said"),
     [
         ("", FileError, "empty"),
+        (" \n\n", FileError, "empty"),
         (HEADER + "\n", FileError, "no rows"),
         ("text\nmore text\nand more\n", RecordError, "no rows of numbers"),
         (HEADER + "\n" + table()[:-30] + "\n", FileError, "truncated"),

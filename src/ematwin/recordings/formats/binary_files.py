@@ -290,7 +290,7 @@ class McapFile(RecordedFile):
 
 def _numbers(message: Any, before: str = "") -> Iterator[tuple[str, float]]:
     """Yield name and value of each number in a message, but for its header."""
-    joints = getattr(message, "name", None)
+    joints: Any = getattr(message, "name", None)
     for field in getattr(message, "__slots__", ()):
         value = getattr(message, field)
         if field == "header":
@@ -300,9 +300,8 @@ def _numbers(message: Any, before: str = "") -> Iterator[tuple[str, float]]:
         # a short array is channels side by side
         elif isinstance(value, list | tuple) and len(value) <= 64:
             named = isinstance(joints, list) and len(joints) == len(value)
-            for n, one in enumerate(value):
+            for key, one in zip(joints if named else range(len(value)), value, strict=True):
                 if isinstance(one, bool | int | float):
-                    key = joints[n] if named and joints is not None else n
                     yield f"{before}{field}[{key}]", float(one)
         elif hasattr(value, "__slots__"):
             yield from _numbers(value, f"{before}{field}/")

@@ -15,7 +15,6 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta, tzinfo
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -86,20 +85,14 @@ class Clock:
                     day, month = month, day
             hour, minute, second, fraction, half, zone = match.groups()[7:]
             hours = int(hour) % 12 + 12 * (half in "pP") if half else int(hour)
-            on = (int(year or 1970), int(month or 1), int(day or 1), hours, int(minute))
-            began = datetime(*on, tzinfo=_zone(zone or "Z"))
-            if int(second) > 60:  # 60 is a leap second
+            if hours > 23 or int(second) > 60:  # 60 is a leap second
                 raise ValueError
+            date = f"{year or 1970}-{month or 1:0>2}-{day or 1:0>2}"
+            began = datetime.fromisoformat(f"{date}T{hours:02}:{minute}{zone or 'Z'}")
         except ValueError:
             raise RecordError(f"{text!r} is no clock time such as 09:14:02.5") from None
         seconds = (began - _EPOCH) // timedelta(seconds=1) + int(second)
         return seconds * 10**9 + int((fraction or "").ljust(9, "0"))
-
-
-@cache
-def _zone(text: str) -> tzinfo | None:
-    """A time zone such as ``+01:00``."""
-    return datetime.strptime(text, "%z").tzinfo
 
 
 def over_midnight(seconds: np.ndarray) -> np.ndarray:
@@ -139,7 +132,7 @@ def sniff(
     """
     head, middle, encoding, mark = _samples(path)
     lines = head.splitlines(keepends=True)
-    if not lines:
+    if not head.strip():
         raise FileError(f"{path} is empty; nothing was recorded or it was cut off.")
     ours = lines[0].startswith(MARK)
     metadata = checked(lines[0][len(MARK) :] if ours else None, path, lines[0])
@@ -232,8 +225,6 @@ def _signs(lines: Sequence[str], delimiter: str | None, decimal: str | None) -> 
     best: tuple[tuple[float, float, int], str, str] | None = None
     for sign in [delimiter] if delimiter else (",", ";", "\t", "|"):
         rows = [_fields(line, sign) for line in lines]
-        if not rows:
-            break
         width, votes = Counter(len(row) for row in rows).most_common(1)[0]
         filled = sum(text.strip().casefold() not in _MISSING for row in rows for text in row)
         clocks = sum(_CLOCK.fullmatch(text.strip()) is not None for row in rows for text in row)
