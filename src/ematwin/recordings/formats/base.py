@@ -75,6 +75,7 @@ class RecordedFile:
         self.start: datetime | None = None  # from which the times of `base_time` are counted
         self.clocks: dict[str, datetime] = {}  # when channels of calendar times began, if read
         self.unpacked: Any = None  # the temporary folder of what a packed file holds
+        self.handle: Any = None  # what a library opened, which is closed with the file
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -138,6 +139,9 @@ class RecordedFile:
 
     def close(self) -> None:
         """Release the file; may be called again."""
+        if self.handle is not None:
+            self.handle.close()
+            self.handle = None
 
     def note_clock(self, name: str, times: np.ndarray, zone: tzinfo | None) -> None:
         """Keep the moment at which a channel of calendar times (S,) begins, if it is known."""

@@ -30,8 +30,8 @@ class ParquetFile(RecordedFile):
         import pyarrow.parquet as pq
 
         # pages that were written without a checksum are read as they are
-        self._file = pq.ParquetFile(path, page_checksum_verification=True)
-        schema = self._file.schema_arrow
+        self.handle = pq.ParquetFile(path, page_checksum_verification=True)
+        schema = self.handle.schema_arrow
         notes = {key: note.decode("latin-1") for key, note in (schema.metadata or {}).items()}
         self.metadata = checked(notes.get(KEY.encode()), path, "".join(notes.values()))
         self.units = self.metadata.get("units", {})
@@ -42,7 +42,7 @@ class ParquetFile(RecordedFile):
 
     def values(self, name: str) -> np.ndarray:
         """Values (S,) of a column; moments and periods are s since the first of them."""
-        column, rows = self._file.read(columns=[name]).column(0), self._file.metadata.num_rows
+        column, rows = self.handle.read(columns=[name]).column(0), self.handle.metadata.num_rows
         if len(column) != rows:
             said = f"{self.path} promises {rows} rows of {name} and holds {len(column)}"
             raise FileError(f"{said}. It was damaged; copy it again.")
@@ -52,7 +52,7 @@ class ParquetFile(RecordedFile):
         import pyarrow as pa
 
         with refusing(self.path, self.kind):
-            column = self._file.read(columns=[name]).column(0)
+            column = self.handle.read(columns=[name]).column(0)
             if pa.types.is_floating(column.type):
                 return super().texts(name)
             return ["" if text is None else text for text in column.cast(pa.string()).to_pylist()]
@@ -61,7 +61,7 @@ class ParquetFile(RecordedFile):
         """Close the file, and give back the memory that its pages were unpacked in."""
         import pyarrow as pa
 
-        self._file.close()
+        super().close()
         pa.default_memory_pool().release_unused()
 
     def _numbers(self, column: Any, name: str) -> np.ndarray:
@@ -97,17 +97,17 @@ class Hdf5File(RecordedFile):
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         h5py = load_library("h5py", "h5py", "Reading HDF5 files")
-        self._file = h5py.File(path, "r")
+        self.handle = h5py.File(path, "r")
         self._heaps_checked = False
         try:
-            self._file.visititems(self._note)
+            self.handle.visititems(self._note)
         except BaseException:
-            self._file.close()
+            self.close()
             raise
 
     def unit(self, name: str) -> str | None:  # noqa: D102
         with refusing(self.path, self.kind):
-            attributes = self._file[self.channels[name][0]].attrs
+            attributes = self.handle[self.channels[name][0]].attrs
             known = ("unit", "units", "Unit", "Units", "unit_string")
             key = next((key for key in known if key in attributes), None)
             if key is not None and not self._heaps_checked:
@@ -118,12 +118,9 @@ class Hdf5File(RecordedFile):
             text = None if key is None else attributes[key]
         return text.decode(errors="replace") if isinstance(text, bytes) else text and str(text)
 
-    def close(self) -> None:  # noqa: D102
-        self._file.close()
-
     def values(self, name: str) -> Any:  # noqa: D102
         key, part = self.channels[name]
-        return self._file[key][part]
+        return self.handle[key][part]
 
     def _note(self, key: str | bytes, item: Any) -> None:
         shape = getattr(item, "shape", None)

@@ -26,13 +26,13 @@ class MdfFile(RecordedFile):
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         library = load_library("asammdf", "asammdf", "Reading MDF files")
-        self._file = _open(library, path)
-        self.start = _start_of(self._file)
+        self.handle = _open(library, path)
+        self.start = _start_of(self.handle)
         places = [
             (channel.name, group, index)
-            for group, content in enumerate(self._file.groups)
+            for group, content in enumerate(self.handle.groups)
             for index, channel in enumerate(content.channels)
-            if index != self._file.masters_db.get(group)
+            if index != self.handle.masters_db.get(group)
         ]
         times = Counter(name for name, _, _ in places)
         for name, group, index in places:
@@ -43,31 +43,26 @@ class MdfFile(RecordedFile):
     def unit(self, name: str) -> str | None:  # noqa: D102
         group, index = self.channels[name]
         with base.refusing(self.path, self.kind):
-            return self._file.get_channel_unit(group=group, index=index) or None
+            return self.handle.get_channel_unit(group=group, index=index) or None
 
     def base_time(self, key: str) -> np.ndarray | None:  # noqa: D102
         group = int(key.removeprefix("group "))
-        if group not in self._file.masters_db:
+        if group not in self.handle.masters_db:
             return None
         with base.refusing(self.path, self.kind):
-            return base.as_float(self._file.get_master(group), f"time of {key}", self.path)
-
-    def close(self) -> None:  # noqa: D102
-        if self._file is not None:
-            self._file.close()
-            self._file = None
+            return base.as_float(self.handle.get_master(group), f"time of {key}", self.path)
 
     def values(self, name: str) -> Any:
         """Samples of a channel, NaN where the file marks them as invalid."""
         group, index = self.channels[name]
         self._check_place(name, group, index)
         with complaints("asammdf", level=logging.ERROR) as found:
-            samples, invalid = self._file.get(
+            samples, invalid = self.handle.get(
                 group=group, index=index, samples_only=True, ignore_invalidation_bits=True
             )
         if found:
             raise ValueError(found[0])
-        promised = self._file.groups[group].channel_group.cycles_nr
+        promised = self.handle.groups[group].channel_group.cycles_nr
         if len(samples) != promised:
             said = f"{self.path} promises {promised} samples of {name!r} and holds {len(samples)}"
             raise FileError(f"{said}. It was truncated; copy it again.")
@@ -79,7 +74,7 @@ class MdfFile(RecordedFile):
 
     def _check_place(self, name: str, group: int, index: int) -> None:
         """Refuse a channel that lies outside its records: asammdf would read foreign memory."""
-        channel = self._file.groups[group].channels[index]
+        channel = self.handle.groups[group].channels[index]
         if getattr(channel, "channel_type", 0) in (3, 6):
             return  # of version 4, without bytes in the record
         if hasattr(channel, "byte_offset"):  # version 4
@@ -87,7 +82,7 @@ class MdfFile(RecordedFile):
         else:
             extra = getattr(channel, "additional_byte_offset", 0)
             bits = 8 * extra + channel.start_offset + channel.bit_count
-        room = 8 * self._file.groups[group].channel_group.samples_byte_nr
+        room = 8 * self.handle.groups[group].channel_group.samples_byte_nr
         if bits > room:
             raise FileError(
                 f"Cannot read {self.path} as MDF: {name!r} ends at bit {bits} of a record of "
@@ -143,11 +138,11 @@ class TdmsFile(RecordedFile):
         loggers = [f"nptdms.{part}" for part in ("reader", "tdms_segment", "base_segment", "tdms")]
         # that of types complains of names in another encoding, which are read all the same
         with complaints("nptdms.types"), complaints(*loggers) as found:
-            self._file = library.TdmsFile.open(path)
-        channels = (one for group in self._file.groups() for one in group.channels())
+            self.handle = library.TdmsFile.open(path)
+        channels = (one for group in self.handle.groups() for one in group.channels())
         self.channels = {f"{one.group_name}/{one.name}": one for one in channels}
-        if found or self._file.file_status.incomplete_final_segment or not self.channels:
-            self._file.close()
+        if found or self.handle.file_status.incomplete_final_segment or not self.channels:
+            self.close()
             why = "its last segment is incomplete" if self.channels else "it holds no channels"
             said = f"Cannot read {path} as TDMS: {why}. It may be truncated"
             raise FileError(f"{said}; copy it again or close it in the recording program.")
@@ -180,6 +175,3 @@ class TdmsFile(RecordedFile):
 
     def values(self, name: str) -> Any:  # noqa: D102
         return self.channels[name][:]
-
-    def close(self) -> None:  # noqa: D102
-        self._file.close()
