@@ -17,8 +17,6 @@ from ematwin.recordings.formats.base import open_file
 from ematwin.recordings.recording import Recording
 from ematwin.testing.reader_contract import bench_channels
 
-SUFFIXES = (".parquet", ".csv")
-
 
 @pytest.fixture
 def recording() -> Recording:
@@ -27,6 +25,14 @@ def recording() -> Recording:
         channels.pop("time"), channels, labels={"run": "1"}, units={"command": "rad"},
         start=datetime(2026, 11, 22, tzinfo=UTC), provenance={"by": "a,=1+1;@x", "n": [1, -2]},
     )  # fmt: skip
+
+
+@pytest.fixture(params=[".parquet", ".csv"])
+def path(request: pytest.FixtureRequest, tmp_path: Path, recording: Recording) -> Path:
+    """A file that holds the recording."""
+    path = tmp_path / f"rec{request.param}"
+    write_public(recording, path)
+    return path
 
 
 def same(a: Recording, b: Recording) -> bool:
@@ -38,10 +44,7 @@ def same(a: Recording, b: Recording) -> bool:
     )
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
-def test_no_changed_byte_goes_unseen(tmp_path: Path, recording: Recording, suffix: str) -> None:
-    path = tmp_path / f"rec{suffix}"
-    write_public(recording, path)
+def test_no_changed_byte_goes_unseen(path: Path) -> None:
     whole, before = path.read_bytes(), read(path)
     chance, seen = random.Random(2), 0
     for _ in range(150):
@@ -58,11 +61,8 @@ def test_no_changed_byte_goes_unseen(tmp_path: Path, recording: Recording, suffi
     assert seen > 75
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
-def test_the_damage_is_named(tmp_path: Path, recording: Recording, suffix: str) -> None:
-    path = tmp_path / f"rec{suffix}"
-    write_public(recording, path)
-    if suffix == ".csv":
+def test_the_damage_is_named(path: Path) -> None:
+    if path.suffix == ".csv":
         text = path.read_text()
         lines = text.splitlines(keepends=True)
         first = lines[5].split(",")
@@ -87,7 +87,6 @@ def test_the_damage_is_named(tmp_path: Path, recording: Recording, suffix: str) 
         assert set(file.read(["command"])) == {"command"}
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
@@ -98,10 +97,8 @@ def test_the_damage_is_named(tmp_path: Path, recording: Recording, suffix: str) 
         ("ematwin", "ematwim", "has lost its"),
     ],
 )
-def test_changed_metadata_are_named(tmp_path, recording, suffix, old, new, said):
-    path = tmp_path / f"rec{suffix}"
-    write_public(recording, path)
-    if suffix == ".csv":
+def test_changed_metadata_are_named(path, old, new, said):
+    if path.suffix == ".csv":
         path.write_text(path.read_text().replace(old, new, 1))
     else:  # the file holds its metadata twice: a changed byte alone would change nothing
         table = pq.read_table(path)
