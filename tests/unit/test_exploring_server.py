@@ -49,6 +49,11 @@ def request(server, method, path, body=None, **changes):
     return found
 
 
+def ask(server, body=SETUP, **changes):
+    """The answer to a question of the page."""
+    return request(server, "POST", f"/{server.token}/ask", body, **changes)
+
+
 def test_it_listens_on_the_loopback_address_only(server):
     assert server.socket.getsockname()[0] == "127.0.0.1"
 
@@ -76,9 +81,7 @@ def test_the_page_and_its_files_are_served_and_may_load_nothing_from_elsewhere(s
 
 def test_a_question_of_the_page_is_answered(server):
     for host in (f"127.0.0.1:{server.server_port}", f"localhost:{server.server_port}"):
-        status, headers, text = request(
-            server, "POST", f"/{server.token}/ask", SETUP, Host=host, Origin=f"http://{host}"
-        )
+        status, headers, text = ask(server, Host=host, Origin=f"http://{host}")
         assert status == 200
         assert json.loads(text) == {"heard": {"ask": "setup"}}
         assert "Access-Control-Allow-Origin" not in headers
@@ -108,7 +111,7 @@ def test_a_question_of_the_page_is_answered(server):
     ids=str,
 )
 def test_a_question_from_elsewhere_or_without_end_gets_no_answer(server, changes, status):
-    found, headers, text = request(server, "POST", f"/{server.token}/ask", SETUP, **changes)
+    found, headers, text = ask(server, **changes)
     assert found == status
     assert "heard" not in text
     assert "Access-Control-Allow-Origin" not in headers
@@ -118,12 +121,8 @@ def test_a_question_from_elsewhere_or_without_end_gets_no_answer(server, changes
     "body", ["", "{", "nonsense", "\ud7ff", "[" * 60_000, "1" * 5_000], ids=lambda body: body[:9]
 )
 def test_what_is_no_json_is_refused(server, body):
-    length = str(len(body.encode()))
-    status, _, _ = request(
-        server, "POST", f"/{server.token}/ask", body, Content_Length=length
-    )  # fmt: skip
-    assert status == 400
-    assert request(server, "POST", f"/{server.token}/ask", SETUP)[0] == 200  # goes on
+    assert ask(server, body, Content_Length=str(len(body.encode())))[0] == 400
+    assert ask(server)[0] == 200  # goes on
 
 
 @pytest.mark.parametrize("method", ["GET", "POST"])
@@ -162,9 +161,7 @@ def test_a_port_that_there_is_not_is_said_in_one_sentence(port):
 
 def test_progress_is_answered_while_a_search_is_under_way(server):
     with server.turn:
-        status, _, text = request(
-            server, "POST", f"/{server.token}/ask", json.dumps({"ask": "progress"})
-        )
+        status, _, text = ask(server, json.dumps({"ask": "progress"}))
     assert status == 200
     assert json.loads(text) == {"heard": {"ask": "progress"}}
 
