@@ -15,20 +15,20 @@ FREE = SERVO.changed({"gear.backlash": 1e-9})
 LOAD = (0.9, 0.12, 0.04)  # kg, m, kg
 
 
-def moved(goal, servo=FREE, interval=0.01, load=LOAD, **faults):
+def moved(goal, servo=FREE, load=LOAD, enabled=None, **faults):
     """Time and position of the twin under goals (S,) from rest at the first of them."""
-    time = np.arange(len(goal)) * interval
+    time = np.arange(len(goal)) * 0.01
     given = {
         name: np.full(len(goal), x)
         for name, x in zip(("mass", "length", "arm_mass"), load, strict=True)
     }
-    inputs = Recording(time, {"goal_position": goal, **given})
+    inputs = Recording(time, {"goal_position": goal, **given}).changed(torque_enabled=enabled)
     one = {name: np.array([value]) for name, value in faults.items()}
     return time, MODEL.respond(servo, inputs, one, 1)["position"][0]
 
 
-def swing(count=400, interval=0.01):
-    time = np.arange(count) * interval
+def swing():
+    time = np.arange(400) * 0.01
     return 0.6 * np.sin(2.0 * np.pi * 0.5 * time) + 0.3 * np.sin(2.0 * np.pi * 1.3 * time)
 
 
@@ -37,7 +37,7 @@ def swing(count=400, interval=0.01):
     [{}, {"gain": 0.4}, {"friction": 2.0}, {"torque": 0.7}, {"payload": 1.5}, {"delay": 2.0}],
 )
 def test_twin_agrees_with_its_naive_twin(faults):
-    time, twin = moved(swing(), interval=0.01, **faults)
+    time, twin = moved(swing(), **faults)
     known = {place: value for place, value, *_ in FREE.parameters()}
     naive = position(known, faults, time, swing(), LOAD)
     assert np.sqrt(np.mean((twin - naive) ** 2)) < 2e-3 < 0.01 * np.ptp(naive)
@@ -86,16 +86,8 @@ def test_goal_takes_effect_after_its_delay():
 
 
 def test_friction_holds_a_small_load_after_release():
-    load = (0.02, 0.05, 0.001)
-    goal = np.full(300, 1.0)
-    time = np.arange(300) * 0.01
-    given = {
-        name: np.full(300, x) for name, x in zip(("mass", "length", "arm_mass"), load, strict=True)
-    }
-    released = Recording(
-        time, {"goal_position": goal, "torque_enabled": np.where(time < 1.0, 1.0, 0.0), **given}
-    )
-    held = MODEL.respond(FREE, released, {}, 1)["position"][0]
+    released = np.where(np.arange(300) < 100, 1.0, 0.0)
+    _, held = moved(np.full(300, 1.0), load=(0.02, 0.05, 0.001), enabled=released)
     assert held[-1] == pytest.approx(held[99], abs=1e-6)
 
 
@@ -105,12 +97,7 @@ def test_released_pendulum_never_gains_energy(gap):
     servo = SERVO.changed(
         {"gear.backlash": gap, "friction.coulomb": 0.01, "friction.stribeck": 0.01}
     )
-    time = np.arange(400) * 0.01
-    inputs = Recording(time, {
-        "goal_position": np.full(400, 2.0), "torque_enabled": np.zeros(400),
-        "mass": np.full(400, 0.9), "length": np.full(400, 0.2), "arm_mass": np.full(400, 0.04),
-    })  # fmt: skip
-    theta = MODEL.respond(servo, inputs, {}, 1)["position"][0]
+    _, theta = moved(np.full(400, 2.0), servo, load=(0.9, 0.2, 0.04), enabled=np.zeros(400))
     heights = 1.0 - np.cos(theta)
     turns = np.flatnonzero(np.diff(np.sign(np.diff(theta))) != 0) + 1
     assert heights.max() <= heights[0] + 1e-9

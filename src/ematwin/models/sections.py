@@ -125,14 +125,9 @@ class Presliding(Section):
 
     def longest_step(self, motor_inertia: float, output_inertia: float) -> float:
         """Longest step that follows the swing of either mass on its bristles, s."""
-        damped = (
-            min(motor_inertia, output_inertia) / self.damping if self.damping > 0.0 else math.inf
-        )
-        return min(
-            math.sqrt(motor_inertia / self.motor_stiffness),
-            math.sqrt(output_inertia / self.output_stiffness),
-            damped,
-        )
+        swing = min(motor_inertia / self.motor_stiffness, output_inertia / self.output_stiffness)
+        lightest = min(motor_inertia, output_inertia)
+        return min(math.sqrt(swing), lightest / self.damping if self.damping > 0.0 else math.inf)
 
 
 class StribeckPresliding(Presliding):

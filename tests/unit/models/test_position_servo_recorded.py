@@ -16,11 +16,14 @@ def recording(goal, position, **channels):
     return Recording(TIME, {"goal_position": goal, "position": position, **channels})
 
 
+def answer_to(goal, servo=SERVO, **channels):
+    given = Recording(TIME, {"goal_position": goal, **channels})
+    return MODEL.respond(servo, given, {}, 1)["position"][0]
+
+
 def followed():
     goal = 0.8 * np.sin(2.0 * np.pi * 0.4 * TIME)
-    return goal, MODEL.respond(SERVO, Recording(TIME, {"goal_position": goal}), {}, 1)["position"][
-        0
-    ]
+    return goal, answer_to(goal)
 
 
 def test_false_reads_have_no_weight_and_are_said():
@@ -84,8 +87,7 @@ def test_a_stall_forbids_a_verdict_where_a_servo_with_any_fault_would_move(mass,
 
 def test_motion_that_overshoots_is_neither():
     goal = np.where(TIME % 1.0 < 0.5, 1.2, -1.2)
-    position = MODEL.respond(SERVO, Recording(TIME, {"goal_position": goal}), {}, 1)["position"][0]
-    part = stretch(recording(goal, position), SERVO)
+    part = stretch(recording(goal, answer_to(goal)), SERVO)
     assert not part.said
     assert not part.obstacles
 
@@ -100,11 +102,8 @@ def test_too_little_torque_forbids_a_verdict(torque):
 
 def test_what_a_recording_says_of_its_load_counts():
     goal, _ = followed()
-    heavy = Recording(TIME, {"goal_position": goal, "mass": np.full(600, 1.0)})
     stated = SERVO.changed({"arm.mass": 1.0})
-    one = MODEL.respond(SERVO, heavy, {}, 1)["position"]
-    other = MODEL.respond(stated, Recording(TIME, {"goal_position": goal}), {}, 1)["position"]
-    assert np.array_equal(one, other)
+    assert np.array_equal(answer_to(goal, mass=np.full(600, 1.0)), answer_to(goal, stated))
 
 
 def test_a_servo_that_moves_nothing_is_refused():

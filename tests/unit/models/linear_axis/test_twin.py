@@ -7,7 +7,7 @@ import ematwin
 from ematwin.errors import InputError, ParameterError, RecordError
 from ematwin.estimation.problem import Problem
 from ematwin.models.linear_axis.comparison import repeats
-from ematwin.models.linear_axis.model import controller_voltage
+from ematwin.models.linear_axis.model import MODEL, controller_voltage
 from ematwin.models.linear_axis.parameters import LinearAxis, loop_radius, velocity_gain_limit
 from ematwin.models.linear_axis.twin import follow
 from ematwin.models.scenario import Scenario, Sine, Step
@@ -126,17 +126,16 @@ def test_a_repeated_reference_counts_once():
 
 
 def test_recordings_of_one_motion_count_once_together(recording):
-    model = ematwin.models.registry.model_of(AXIS)
-    one = model.compare(recording, AXIS)
-    shorter = model.compare(recording.between(0.0, 0.49), AXIS)
-    other = model.compare(recording.between(0.2, 0.5), AXIS)
+    one = MODEL.compare(recording, AXIS)
+    shorter = MODEL.compare(recording.between(0.0, 0.49), AXIS)
+    other = MODEL.compare(recording.between(0.2, 0.5), AXIS)
     again = [one.beside([one, shorter, other]), shorter.beside([one, shorter, other])]
     assert [x.independent / y.independent for x, y in zip(again, (one, shorter), strict=True)] == (
         pytest.approx([0.5, 0.5])
     )
     assert other.beside([one, shorter, other]) is other
     assert again[0].beside([one, shorter, other]).independent == again[0].independent
-    problem = Problem([one, one, one], [model.unknown(AXIS, "friction")])
+    problem = Problem([one, one, one], [MODEL.unknown(AXIS, "friction")])
     assert sum(x.independent for x in problem.comparisons) == pytest.approx(one.independent)
 
 
@@ -154,41 +153,32 @@ def test_recordings_of_one_motion_count_once_together(recording):
     ],
 )
 def test_a_recording_that_cannot_be_is_refused_with_the_likely_cause(recording, name, alter, said):
-    model = ematwin.models.registry.model_of(AXIS)
     with pytest.raises(RecordError, match=said) as caught:
-        model.check(recording.changed(**{name: alter(recording.channels[name])}), AXIS)
+        MODEL.check(recording.changed(**{name: alter(recording.channels[name])}), AXIS)
     assert "\n" not in str(caught.value)
 
 
 def test_another_controller_is_doubtful(recording):
-    model = ematwin.models.registry.model_of(AXIS)
-    assert model.check(recording, AXIS) == []
+    assert MODEL.check(recording, AXIS) == []
     other = AXIS.changed({"controller.velocity_gain": 200.0})
-    assert "from what the controller of" in model.check(recording, other)[0]
-    assert "its gains" in model.check(recording.changed(pulses=None), AXIS)[0]
+    assert "from what the controller of" in MODEL.check(recording, other)[0]
+    assert "its gains" in MODEL.check(recording.changed(pulses=None), AXIS)[0]
 
 
 def test_a_recording_at_another_rate_is_refused(recording):
     half = Recording(recording.time[::2], {n: x[::2] for n, x in recording.channels.items()})
-    model = ematwin.models.registry.model_of(AXIS)
     with pytest.raises(
         RecordError, match=r"every 0\.002 s and the controller of emps every 0\.001"
     ):
-        model.check(half, AXIS)
+        MODEL.check(half, AXIS)
     with pytest.raises(InputError, match="one sample for each update of the controller"):
         ematwin.simulate(actuator=AXIS, sample_rate=500.0)
-
-
-def test_open_loop_names_the_channel_that_it_lacks(recording):
-    with pytest.raises(RecordError, match="has no voltage, which an open-loop simulation needs"):
-        follow(AXIS, recording.changed(voltage=None), {}, 1, closed=False)
 
 
 def test_motion_one_way_gives_no_verdict():
     there = Scenario(duration=0.4, command=[Sine(amplitude=0.01, frequency=1.0, phase=-np.pi / 2)])
     out = ematwin.simulate(scenario=there, actuator=AXIS)
-    model = ematwin.models.registry.model_of(AXIS)
-    assert "never moves backward" in model.excitation(out, AXIS)[0]
+    assert "never moves backward" in MODEL.excitation(out, AXIS)[0]
     found = ematwin.identify(out, AXIS, exact=True)
     assert found.verdict.grade == "none"
     assert "never moves backward" in found.verdict.reason
