@@ -23,7 +23,6 @@ from ematwin.recordings.recording import Recording
 from ematwin.recordings.survey import Survey, Surveyed, survey
 from ematwin.recordings.words import unit_factor
 
-Channels = Mapping[str, Channel]
 _MOST_TRIES = 96  # combinations of units
 # Units met on test benches, the likeliest first, and sizes that benches of such actuators meet,
 # SI: of the sampling interval for time, of the largest magnitude else. Wide, so that they rule
@@ -187,10 +186,9 @@ def _tried(
     recording: Recording, left: Mapping[str, list[str]], model: Model, actuator: Any
 ) -> Iterator[tuple[dict[str, str], Recording | str]]:
     """Yield the first choices of units with the recording in them, or with why it is refused."""
-    channels = {one.name: one for one in with_time(model.channels)}
     for combination in islice(_combinations(left), _MOST_TRIES):
         try:
-            scaled = _in_units(recording, combination, channels)
+            scaled = _in_units(recording, combination, model)
             model.check(scaled, actuator)
         except EmatwinError as error:
             yield combination, str(error)
@@ -209,9 +207,9 @@ def _combinations(left: Mapping[str, list[str]]) -> Iterator[dict[str, str]]:
         yield {name: unit for members, unit in chosen for name in members}
 
 
-def _in_units(recording: Recording, units: Mapping[str, str], channels: Channels) -> Recording:
+def _in_units(recording: Recording, units: Mapping[str, str], model: Model) -> Recording:
     """A recording whose numbers were taken for SI, taken for other units."""
-    scaled = {}
+    channels, scaled = {one.name: one for one in with_time(model.channels)}, {}
     for name, unit in units.items():
         values = recording.time if name == "time" else recording.channels.get(name)
         if values is not None:

@@ -24,10 +24,6 @@ _BRISTLES = (
 )  # fmt: skip
 
 
-def _values(actuator: Any, places: tuple[str, ...]) -> dict[str, float]:
-    return {place: actuator.value(place) for place in places}
-
-
 def _coggings(actuator: Any) -> list[Values]:
     torque = max(actuator.motor.cogging_torque, 0.3 * actuator.motor.friction_torque)
     return [
@@ -50,10 +46,13 @@ def _bristles(actuator: Any) -> list[Values]:
 
 def _forms(sheet: Any) -> tuple[Form, ...]:
     """Forms that are otherwise than in the sheet."""
-    cogging = _values(sheet, _COGGING[1:])
+
+    def cogs_otherwise(actuator: Any) -> bool:
+        return any(actuator.value(place) != sheet.value(place) for place in _COGGING[1:])
+
     return (
         Form(
-            "cogging", lambda a: _values(a, _COGGING[1:]) != cogging, _COGGING, _coggings,
+            "cogging", cogs_otherwise, _COGGING, _coggings,
             lambda a: f"cogging of {1e3 * a.motor.cogging_torque:.2g} mN m, "
                       f"{a.motor.cogging_periods} a turn",
             ("motor.cogging_torque", "motor.cogging_phase"),

@@ -237,7 +237,7 @@ def loop_radius(actuator: Any, loop: str, sample_time: float) -> float:
     if loop == "current":
         motor = actuator.motor
         return max(
-            spectral_radius(_current_loop(actuator, inductance, sample_time))
+            spectral_radius(np.stack(_current_sample(actuator, inductance, sample_time, np.eye(3))))
             for inductance in (motor.inductance_d, motor.inductance_q)
         )
     control = actuator.controller
@@ -249,24 +249,26 @@ def loop_radius(actuator: Any, loop: str, sample_time: float) -> float:
     return spectral_radius(_cascade(actuator, period, counts, rigid))
 
 
-def _current_loop(actuator: Any, inductance: float, period: float) -> np.ndarray:
-    """Transition (3, 3) of current, integrator and pending voltage over a sample."""
+def _current_sample(
+    actuator: Any, inductance: float, period: float, now: Any, reference: Any = 0.0
+) -> list[Any]:
+    """Current, integrator and pending voltage a sample after ``now``."""
     control, resistance = actuator.controller, actuator.motor.resistance
-    current, integral, pending = np.eye(3)
-    voltage = integral - control.current_gain * current
-    integral = integral - control.current_integral * period * current
+    current, integral, pending = now
+    error = reference - current
     decay = math.exp(-resistance * period / inductance)
-    current = decay * current + (1.0 - decay) / resistance * pending
-    return np.stack([current, integral, voltage])
+    return [
+        decay * current + (1.0 - decay) / resistance * pending,
+        integral + control.current_integral * period * error,
+        integral + control.current_gain * error,
+    ]
 
 
 def _cascade(actuator: Any, period: float, counts: tuple[int, int], rigid: bool) -> np.ndarray:
     """Transition (10, 10) of all loops, of motor and output over one sample of the slowest."""
     motor, control, gear = actuator.motor, actuator.controller, actuator.transmission
     k_t = 1.5 * motor.pole_pairs * motor.flux
-    inductance, resistance = motor.inductance_q, motor.resistance
-    decay = math.exp(-resistance * period / inductance)
-    current, integral, pending, w_m, th_m, w_o, th_o, total, before, reference = np.eye(10)
+    *winding, w_m, th_m, w_o, th_o, total, before, reference = np.eye(10)
     w_ref = 0.0 * w_m if rigid else -control.position_gain * th_o
     pieces = 4  # steps of the mechanics
     dt = period / pieces
@@ -277,13 +279,9 @@ def _cascade(actuator: Any, period: float, counts: tuple[int, int], rigid: bool)
             reference = (control.speed_gain * error + total) / control.torque_constant
             total = total + control.speed_integral * speed_time * error
             before = th_m
-        error = reference - current
-        voltage = integral + control.current_gain * error
-        integral = integral + control.current_integral * period * error
-        mean = current
-        current = decay * current + (1.0 - decay) / resistance * pending
-        torque = k_t * 0.5 * (mean + current)
-        pending = voltage
+        after = _current_sample(actuator, motor.inductance_q, period, winding, reference)
+        torque = k_t * 0.5 * (winding[0] + after[0])
+        winding = after
         for _ in range(pieces):
             spring = 0.0 if rigid else gear.stiffness * (th_m - th_o) + gear.damping * (w_m - w_o)
             w_m = w_m + dt / motor.inertia * (torque - spring - motor.viscous_damping * w_m)
@@ -292,4 +290,4 @@ def _cascade(actuator: Any, period: float, counts: tuple[int, int], rigid: bool)
     if rigid:  # where it stands is of no account
         th_m, before = th_m - th_m, before - th_m
         w_o, th_o = 0.0 * w_o, 0.0 * th_o
-    return np.stack([current, integral, pending, w_m, th_m, w_o, th_o, total, before, reference])
+    return np.stack([*winding, w_m, th_m, w_o, th_o, total, before, reference])
