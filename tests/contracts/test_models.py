@@ -1,6 +1,7 @@
 """Every kind of actuator keeps the contract of models, and so does the example package."""
 
 import inspect
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -14,59 +15,52 @@ from own_model import laid_out, on_path
 from reference_fmus import van_der_pol
 
 
-class TestBldc(ModelContract):
+class OfOurs(ModelContract):
+    kind: ClassVar[str]
+
+    @pytest.fixture
+    def model(self):
+        return models()[self.kind]
+
+
+class TestBldc(OfOurs):
+    kind = "bldc"
     # recordings are simulated with the reference model, and the monitor model is the twin
     healthy_misfit = 0.005
     step = "steps.monitor"
     thinned = 0.01
     units = 0  # seconds each: benchmarks/certainty.py counts them
 
-    @pytest.fixture
-    def model(self):
-        return models()["bldc"]
-
     def test_each_fault_is_found_again(self):
         pytest.skip("seconds each: test_identify.py finds them in the cases of the paper")
 
 
-class TestPmsm(ModelContract):
+class TestPmsm(OfOurs):
+    kind = "pmsm"
     # recordings are simulated with the reference model, and the monitor model is the twin
     healthy_misfit = 0.002
     step = "steps.monitor"
     units = 0  # seconds each: benchmarks/certainty_kinds.py counts them
 
-    @pytest.fixture
-    def model(self):
-        return models()["pmsm"]
-
     def test_each_fault_is_found_again(self):
         pytest.skip("seconds each: test_identification.py finds them in two mixtures")
 
 
-class TestBallScrew(ModelContract):
+class TestBallScrew(OfOurs):
+    kind = "ball-screw"
     # what current and position error seem to share is taken out, also where nothing is shared
     healthy_misfit = 0.005
     step = "steps.twin"
 
-    @pytest.fixture
-    def model(self):
-        return models()["ball-screw"]
 
-
-class TestLinearAxis(ModelContract):
+class TestLinearAxis(OfOurs):
+    kind = "linear-axis"
     step = "steps.twin"
 
-    @pytest.fixture
-    def model(self):
-        return models()["linear-axis"]
 
-
-class TestPositionServo(ModelContract):
+class TestPositionServo(OfOurs):
+    kind = "position-servo"
     step = "steps.twin"
-
-    @pytest.fixture
-    def model(self):
-        return models()["position-servo"]
 
 
 @pytest.fixture(scope="module")
@@ -112,7 +106,8 @@ class TestFmu(ModelContract):
 
 
 def test_every_kind_of_ours_is_tested_here():
-    assert {"bldc", "ball-screw", "linear-axis", "pmsm"} <= set(models())
+    ours = {n for n, one in models().items() if type(one).__module__.startswith("ematwin.")}
+    assert {one.kind for one in OfOurs.__subclasses__()} == ours
 
 
 # The contract says what is wrong with a model that does not keep it.

@@ -33,17 +33,11 @@ def voice_coil(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]
         del sys.modules[name]
 
 
-def test_a_kind_is_known_once_it_is_registered(voice_coil: Any) -> None:
+def test_a_kind_is_known_once_it_is_registered_to_worker_processes_as_well(
+    voice_coil: Any, tmp_path: Path
+) -> None:
     with pytest.raises(ematwin.EmatwinError, match="There is no actuator 'vc25'"):
         ematwin.load_actuator("vc25")
-    ematwin.register_model(voice_coil)
-    record = ematwin.simulate(actuator="vc25", faults={"magnet": 0.9})
-    found = ematwin.identify(record, "vc25", exact=True)
-    assert found.verdict.faults == ("magnet",)
-    assert found.values["magnet"] == pytest.approx(0.9, abs=1e-3)
-
-
-def test_worker_processes_know_it_as_well(voice_coil: Any, tmp_path: Path) -> None:
     ematwin.register_model(voice_coil)
     study = ematwin.compare(
         ["random"], {"weak": {"magnet": 0.9}}, runs=1, population=4, iterations=2,
