@@ -16,6 +16,12 @@ SMOOTH = {  # what the textbook's drive does not have
 }  # fmt: skip
 
 
+def bristles(motor, output):
+    """Friction that gives before it slides, with these stiffnesses of its sides, N m/rad."""
+    stiffness = {"presliding.motor_stiffness": motor, "presliding.output_stiffness": output}
+    return {**stiffness, "presliding.damping": 0.01}
+
+
 def healthy(actuator=ACTUATOR, **faults):
     """Values of all unknowns, healthy where they are not given."""
     from ematwin.models.pmsm.model import MODEL

@@ -9,12 +9,7 @@ from scipy.signal import cont2discrete
 
 import ematwin
 from ematwin.models.linear_axis.parameters import LinearAxis, loop_radius
-from ematwin.models.linear_axis.twin import (
-    AxisState,
-    axis_constants,
-    axis_step,
-    follow,
-)
+from ematwin.models.linear_axis.twin import AxisState, axis_constants, axis_step, follow
 from ematwin.recordings.recording import Recording
 
 AXIS = LinearAxis.load().changed({"friction.standstill_ratio": 0.5})

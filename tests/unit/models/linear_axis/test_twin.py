@@ -23,6 +23,8 @@ SWINGS = [
     Sine(amplitude=0.004, frequency=3.0, phase=-np.pi / 2),
     Sine(amplitude=0.0002, frequency=11.0, phase=-np.pi / 2),
 ]
+# for 0.4 s one way
+THERE = Scenario(duration=0.4, command=[Sine(amplitude=0.01, frequency=1.0, phase=-np.pi / 2)])
 
 
 @pytest.fixture(scope="module")
@@ -65,15 +67,14 @@ def test_pulses_come_on_top_of_the_controller_and_within_the_limit(recording):
 
 
 def test_friction_of_one_direction_is_seen_in_that_direction_only():
-    there = Scenario(duration=0.4, command=[Sine(amplitude=0.01, frequency=1.0, phase=-np.pi / 2)])
-    out = ematwin.simulate(scenario=there, actuator=AXIS)
+    out = ematwin.simulate(scenario=THERE, actuator=AXIS)
     friction = AXIS.friction
     other = AXIS.changed({
         "friction.coulomb": 1.1 * friction.coulomb,
         "friction.coulomb_ratio": 1.1**2 * friction.coulomb_ratio,
     })  # fmt: skip
     # forward friction is as before: mean times 1.1, ratio times 1.1 squared
-    again = ematwin.simulate(scenario=there, actuator=other)
+    again = ematwin.simulate(scenario=THERE, actuator=other)
     assert np.ptp(out.position) > 0.015
     forward = out.time < 0.35
     np.testing.assert_allclose(again.voltage[forward], out.voltage[forward], atol=1e-9)
@@ -176,8 +177,7 @@ def test_a_recording_at_another_rate_is_refused(recording):
 
 
 def test_motion_one_way_gives_no_verdict():
-    there = Scenario(duration=0.4, command=[Sine(amplitude=0.01, frequency=1.0, phase=-np.pi / 2)])
-    out = ematwin.simulate(scenario=there, actuator=AXIS)
+    out = ematwin.simulate(scenario=THERE, actuator=AXIS)
     assert "never moves backward" in MODEL.excitation(out, AXIS)[0]
     found = ematwin.identify(out, AXIS, exact=True)
     assert found.verdict.grade == "none"

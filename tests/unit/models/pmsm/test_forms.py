@@ -7,7 +7,7 @@ from ematwin import Noise, simulate
 from ematwin.estimation.forms import find_forms
 from ematwin.models.pmsm.forms import equation
 from ematwin.models.pmsm.model import MODEL
-from pmsm_inputs import ACTUATOR
+from pmsm_inputs import ACTUATOR, bristles
 
 # within the tolerances of the sheet
 BUILT = ACTUATOR.changed({
@@ -18,10 +18,6 @@ COGGING = {
     "motor.cogging_torque": 0.02, "motor.cogging_periods": 12, "motor.cogging_phase": 1.0,
 }  # fmt: skip
 HARMONICS = {"motor.harmonic_5": -0.04, "motor.harmonic_7": 0.02}
-BRISTLES = {
-    "presliding.motor_stiffness": 20.0, "presliding.output_stiffness": 20.0,
-    "presliding.damping": 0.01,
-}  # fmt: skip
 
 
 def found(**without):
@@ -35,15 +31,15 @@ def found(**without):
 
 
 def test_cogging_harmonics_and_friction_that_gives_are_found_with_their_values():
-    forms = found(**COGGING, **HARMONICS, **BRISTLES)
-    motor, bristles = forms.actuator.motor, forms.actuator.presliding
+    forms = found(**COGGING, **HARMONICS, **bristles(20.0, 20.0))
+    motor, presliding = forms.actuator.motor, forms.actuator.presliding
     assert motor.cogging_periods == 12
     assert motor.cogging_torque == pytest.approx(0.02, rel=0.02)
     assert motor.cogging_phase == pytest.approx(1.0, abs=0.02)
     assert forms.values["motor.harmonic_5"] == pytest.approx(-0.04, abs=0.001)
     assert forms.values["motor.harmonic_7"] == pytest.approx(0.02, abs=0.001)
-    assert bristles.motor_stiffness == pytest.approx(20.0, rel=0.15)
-    assert bristles.output_stiffness == pytest.approx(20.0, rel=0.15)
+    assert presliding.motor_stiffness == pytest.approx(20.0, rel=0.15)
+    assert presliding.output_stiffness == pytest.approx(20.0, rel=0.15)
     # what has a tolerance stays at its centre, also beside a form in its section
     assert motor.resistance == ACTUATOR.motor.resistance
     assert motor.inertia == ACTUATOR.motor.inertia

@@ -12,7 +12,7 @@ from ematwin.models.pmsm.model import MODEL
 from ematwin.models.pmsm.unknowns import constants_of
 from ematwin.models.reading import read
 from ematwin.recordings.recording import Recording
-from pmsm_inputs import ACTUATOR
+from pmsm_inputs import ACTUATOR, bristles
 
 MIXTURE = {"short_b": 0.3, "demagnetisation": 0.25, "friction": 0.4, "sensor_offset_a": 0.7}
 OTHERS = {
@@ -108,10 +108,7 @@ def test_each_fourth_sample_will_do():
 
 def test_a_drive_that_crept_before_the_recording_rests_where_it_did():
     """A current offset pushes the motor through the gap, against bristles that give."""
-    built = ACTUATOR.changed({
-        "presliding.motor_stiffness": 50.0, "presliding.output_stiffness": 30.0,
-        "presliding.damping": 0.01,
-    })  # fmt: skip
+    built = ACTUATOR.changed(bristles(50.0, 30.0))
     faults = {"sensor_offset_b": 0.8}
     recording = ematwin.simulate(None, None, faults, built)
     assert abs(recording.channels["motor_position"][0]) > 0.01

@@ -6,7 +6,7 @@ import pytest
 from ematwin.models.pmsm.channels import to_rotor
 from ematwin.models.pmsm.simulate import monitor_columns
 from naive.pmsm import servo
-from pmsm_inputs import ACTUATOR, TICK, healthy, reference, smooth_move
+from pmsm_inputs import ACTUATOR, TICK, bristles, healthy, reference, smooth_move
 
 TICKS = 240  # 24 ms: a reversal of the gap, half a turn of the motor, two electrical turns
 CASES = {
@@ -86,11 +86,8 @@ def test_both_models_are_the_naive_servo(faults):
 
 
 def test_reference_with_bristles_in_a_warming_winding_is_the_naive_servo():
-    actuator = ACTUATOR.changed({
-        "presliding.motor_stiffness": 20.0, "presliding.output_stiffness": 20.0,
-        "presliding.damping": 0.01, "winding_heat.thermal_resistance": 4.0,
-        "winding_heat.time_constant": 0.01,
-    })  # fmt: skip
+    heat = {"winding_heat.thermal_resistance": 4.0, "winding_heat.time_constant": 0.01}
+    actuator = ACTUATOR.changed(bristles(20.0, 20.0) | heat)
     values, (command, load) = healthy(friction=0.3), motion()
     slow = servo(actuator, values, command, load)
     fine = reference(actuator, values, command, load)
@@ -101,10 +98,7 @@ def test_reference_with_bristles_in_a_warming_winding_is_the_naive_servo():
 
 
 def test_monitor_with_bristles_is_the_reference_with_them():
-    actuator = ACTUATOR.changed({
-        "presliding.motor_stiffness": 20.0, "presliding.output_stiffness": 40.0,
-        "presliding.damping": 0.01,
-    })  # fmt: skip
+    actuator = ACTUATOR.changed(bristles(20.0, 40.0))
     values, (command, load) = healthy(friction=0.3), motion()
     fine = with_terminals(reference(actuator, values, command, load))
     without = gaps(monitor(values, command, load), fine)
