@@ -6,6 +6,7 @@ import tomllib
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from operator import setitem
 from pathlib import Path
 from typing import Any
 
@@ -204,57 +205,42 @@ def changed(tmp_path: Path, calibration: Calibration, change: Callable[[dict], A
     return text
 
 
-def _set(*keys: Any) -> Callable[[dict], None]:
-    *way, last, value = keys
-
-    def change(table: dict) -> None:
-        for key in way:
-            table = table[key]
-        table[last] = value
-
-    return change
-
-
-def _shorter(*keys: str) -> Callable[[dict], None]:
-    def change(table: dict) -> None:
-        for key in keys:
-            table = table[key]
-        table.pop()  # type: ignore[attr-defined]
-
-    return change
-
-
 DAMAGES = {
-    "no command": lambda table: table["calibration"].pop("command"),
-    "one channel of two": _shorter("calibration", "channels"),
-    "another magnitude": _set("calibration", "magnitudes", 0, "wear"),
-    "no healthy runs": lambda table: table["calibration"].pop("healthy"),
-    "a run too few": _shorter("calibration", "healthy", "runs"),
-    "ragged features": lambda t: t["calibration"]["healthy"]["features"][1].pop(),
-    "discrepancy of two rows": _shorter("calibration", "discrepancy"),
-    "text for a number": _set("calibration", "interval", "often"),
-    "NaN": _set("calibration", "healthy", "covariate", 0, math.nan),
-    "half a statistic": _shorter("calibration", "healthy", "statistics", "sensor_coupling"),
-    "negative settling time": _set("calibration", "settling_time", -1.0),
-    "interval next to nothing": _set("calibration", "interval", 1e-320),
-    "signature of two rows": lambda table: table["signature"][0]["coefficients"].pop(),
-    "format of text": _set("calibration", "format", "one"),
+    "no command": lambda one: one.pop("command"),
+    "one channel of two": lambda one: one["channels"].pop(),
+    "another magnitude": lambda one: setitem(one["magnitudes"], 0, "wear"),
+    "no healthy runs": lambda one: one.pop("healthy"),
+    "a run too few": lambda one: one["healthy"]["runs"].pop(),
+    "ragged features": lambda one: one["healthy"]["features"][1].pop(),
+    "discrepancy of two rows": lambda one: one["discrepancy"].pop(),
+    "text for a number": lambda one: one.update(interval="often"),
+    "NaN": lambda one: setitem(one["healthy"]["covariate"], 0, math.nan),
+    "half a statistic": lambda one: one["healthy"]["statistics"]["sensor_coupling"].pop(),
+    "negative settling time": lambda one: one.update(settling_time=-1.0),
+    "interval next to nothing": lambda one: one.update(interval=1e-320),
+    "format of text": lambda one: one.update(format="one"),
 }
 
 
 @pytest.mark.parametrize("change", DAMAGES.values(), ids=DAMAGES)
 def test_a_damaged_calibration_is_refused(tmp_path, calibration, change):
-    assert "its calibration is damaged" in changed(tmp_path, calibration, change)
+    text = changed(tmp_path, calibration, lambda table: change(table["calibration"]))
+    assert "its calibration is damaged" in text
+
+
+def test_a_damaged_signature_is_refused(tmp_path, calibration):
+    text = changed(tmp_path, calibration, lambda t: t["signature"][0]["coefficients"].pop())
+    assert "its calibration is damaged" in text
 
 
 def test_a_calibration_of_a_newer_format_asks_for_an_update(tmp_path, calibration):
-    text = changed(tmp_path, calibration, _set("calibration", "format", FORMAT + 1))
+    text = changed(tmp_path, calibration, lambda t: t["calibration"].update(format=FORMAT + 1))
     assert f"format {FORMAT + 1}, this one knows {FORMAT}" in text
     assert "Update ematwin" in text
 
 
 def test_a_calibration_whose_kind_was_changed_is_refused(tmp_path, calibration):
-    text = changed(tmp_path, calibration, _set("kind", "rotary"))
+    text = changed(tmp_path, calibration, lambda table: table.update(kind="rotary"))
     assert "is not a name" in text
-    text = changed(tmp_path, calibration, _set("kind", "hydraulic"))
+    text = changed(tmp_path, calibration, lambda table: table.update(kind="hydraulic"))
     assert "there is no kind of actuator 'hydraulic'" in text
