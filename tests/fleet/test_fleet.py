@@ -16,7 +16,7 @@ import pytest
 
 from devtools import serving
 from ematwin import Fleet
-from ematwin.errors import EmatwinError, FileError, InputError
+from ematwin.errors import FileError, InputError
 from ematwin.fleet.alarms import Before, Policy, judge
 from ematwin.fleet.life import Life
 from ematwin.fleet.serve import FleetServer
@@ -40,6 +40,12 @@ def fleet(filled):
     return Fleet(filled, now=END)
 
 
+def row(content, serial="A", when=END, **changed):
+    """The row of a recording."""
+    usual = {"motion": 0, "twin": "t", "kind": "k", "grade": "healthy"}
+    return row_of(serial, when, content=content, **{**usual, **changed})
+
+
 def test_the_truth_lies_within_the_intervals_of_trends(fleet):
     held = []
     for unit in fleet:
@@ -59,10 +65,8 @@ def test_an_actuator_whose_last_recording_has_no_verdict_says_why(tmp_path):
     assert "no verdict" not in before.row()["advisory_reason"]
     last = before.rows[-1]
     reason = "The motion is too small."
-    store.add([
-        row_of("EMA-01", END, content="x", motion=0, twin=last["twin"], kind=last["kind"],
-               grade="none", reason=reason)
-    ])  # fmt: skip
+    known = {name: last[name] for name in ("twin", "kind")}
+    store.add([row("x", "EMA-01", grade="none", reason=reason, **known)])
     assert Fleet(tmp_path, now=END)["EMA-01"].row()["advisory_reason"].endswith(reason)
 
 
@@ -97,22 +101,12 @@ def test_limits_are_read_in_physical_units_too(filled, tmp_path, fleet):
         unit.limit("friction")
 
 
-def test_an_overhaul_starts_the_actuator_anew(filled, tmp_path):
-    shutil.copytree(filled, tmp_path, dirs_exist_ok=True)
-    unit = Fleet(tmp_path, now=END)["EMA-01"]
-    unit.overhaul(END - timedelta(days=200), "new screw")
-    again = Fleet(tmp_path, now=END)["EMA-01"]
-    assert years(END - timedelta(days=200)) in again.series("friction").overhauls
-    again.overhaul(END - timedelta(days=200), "new screw")  # the same one again
-    assert len(again.events) == len(Fleet(tmp_path, now=END)["EMA-01"].events)
-
-
 def test_a_wrong_entry_is_withdrawn_and_the_history_shows_both(alarmed, tmp_path):
     folder, serial, name = alarmed
     unit = Fleet(folder, now=END)[serial]
     alarm, wrong = unit.alarms()[name], END - timedelta(days=40)
     unit.overhaul(wrong, "gear")
-    unit.overhaul(wrong, "gear")  # again is once
+    Fleet(folder, now=END)[serial].overhaul(wrong, "gear")  # again is once
     unit.silence(name, END + timedelta(days=30))
     assert years(wrong) in unit.series(name).overhauls
     entries = [one["id"] for one in unit.events if one["what"] in ("overhaul", "silenced")]
@@ -299,13 +293,10 @@ def test_the_state_of_a_fleet_is_asked_without_recordings(alarmed, tmp_path, ema
 
 def test_parts_are_merged_and_read_the_same(tmp_path):
     store = FleetStore(tmp_path)
-    rows = [
-        row_of("A/1", END, content=f"{n}", motion=0, twin="t", kind="k", grade="healthy")
-        for n in range(70)
-    ]
-    for row in rows:
-        store.add([row])
-        store.add([row])  # twice is once
+    rows = [row(f"{n}", "A/1") for n in range(70)]
+    for one in rows:
+        store.add([one])
+        store.add([one])  # twice is once
     store.add(rows[:69])  # of a merger that was killed before it removed the parts
     before = store.rows()["id"].to_pylist()
     draft = next((tmp_path / "rows").rglob("*.parquet")).with_name(".half.parquet")
@@ -321,9 +312,7 @@ def test_parts_are_merged_and_read_the_same(tmp_path):
 def test_a_serial_number_leads_nowhere_else(tmp_path):
     store = FleetStore(tmp_path / "fleet")
     serials = ["..", "../x", "a.b", "[a]*", "/"]
-    for serial in serials:
-        row = row_of(serial, END, content=serial, motion=0, twin="t", kind="k", grade="healthy")
-        store.add([row])
+    store.add([row(serial, serial) for serial in serials])
     assert store.rows()["serial_number"].to_pylist() == sorted(serials)
     assert all(path.parent.parent == tmp_path / "fleet" / "rows"
                for path in tmp_path.rglob("*.parquet"))  # fmt: skip
@@ -332,8 +321,7 @@ def test_a_serial_number_leads_nowhere_else(tmp_path):
 def test_the_latest_judgement_of_a_recording_counts(tmp_path):
     store = FleetStore(tmp_path)
     for twin in ("old", "new"):
-        row = row_of("A", END, content="c", motion=0, twin=twin, kind="k", grade="healthy")
-        store.add([row])
+        store.add([row("c", twin=twin)])
     assert store.rows()["twin"].to_pylist() == ["new"]
 
 
@@ -346,15 +334,14 @@ def test_a_file_that_was_judged_while_it_was_written_counts_once(tmp_path):
         ("of the next day, under the same name", 1, "healthy"),
     ):
         when = END + timedelta(days=day)
-        store.add([row_of("A", when, content=content, motion=0, twin="t", kind="k", grade=grade,
-                          source="run.csv")])  # fmt: skip
+        store.add([row(content, when=when, grade=grade, source="run.csv")])
     kept = store.rows()["content"].to_pylist()
     assert kept == ["whole", "of the next day, under the same name"]
 
 
 def test_a_damaged_part_is_named(tmp_path):
     store = FleetStore(tmp_path)
-    store.add([row_of("A", END, content="c", motion=0, twin="t", kind="k", grade=SET_ASIDE)])
+    store.add([row("c", grade=SET_ASIDE)])
     part = next((tmp_path / "rows").rglob("*.parquet"))
     part.write_bytes(part.read_bytes()[:50])
     with pytest.raises(FileError, match=f"{part.name} is damaged"):
@@ -382,15 +369,6 @@ def test_a_limit_of_what_no_actuator_has_is_refused(filled, tmp_path):
     (tmp_path / "fleet" / "fleet.toml").write_text("[limits]\nfrictoin = 0.3")
     with pytest.raises(InputError, match="a limit of 'frictoin', which no actuator"):
         Fleet(tmp_path / "fleet").table()
-
-
-def test_a_folder_without_a_fleet_and_an_unknown_actuator_are_refused(tmp_path, fleet):
-    with pytest.raises(FileError, match="There is no fleet in"):
-        Fleet(tmp_path / "none", create=False)
-    with pytest.raises(InputError, match="no judged recording of 'X'"):
-        fleet["X"]
-    with pytest.raises(EmatwinError, match=r"end its name in \.html"):
-        fleet.report(tmp_path / "page.pdf")
 
 
 def test_pages_hold_every_actuator_and_load_nothing(fleet, tmp_path):

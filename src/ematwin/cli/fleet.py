@@ -105,15 +105,13 @@ def history(fleet: Path = FLEET, serial: str = SERIAL, json: bool = options.JSON
     from ematwin.fleet.pages import history as known
 
     unit = _unit(fleet, serial)
-    if not json:
-        answers.print_table("", known(unit), whole=("day", "entry"), width=200)
-        return
     told = [
         one | {name: one[name].isoformat() for name in ("time", "known")}
         | {"withdrawn": one not in unit.events}
         for one in reversed(unit.history)
     ]  # fmt: skip
-    answers.print_json({"events": told})
+    shown = partial(answers.print_table, "", known(unit), whole=("day", "entry"), width=200)
+    answers.give(json, lambda: {"events": told}, shown)
 
 
 @fleet.command()

@@ -8,8 +8,10 @@ Reliab. Eng. Syst. Saf. 94, 2-21). The evidence of the fleet's increments decide
 """
 
 import math
+from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,10 +33,8 @@ class Life:
     """A distribution of the life that is left."""
 
     name: str  # the magnitude, or the requirement, that ends it
-    # (N,) array, years from ``moment``; infinite where it lasts longer than ``horizon``
-    draws: np.ndarray
+    draws: np.ndarray  # (N,) array, years from ``moment``; infinite beyond `HORIZON`
     moment: float  # years, when it is asked
-    horizon: float = HORIZON  # years
 
     def within(self, years: float) -> float:
         """Probability that it ends within a time."""
@@ -60,9 +60,8 @@ class Life:
             return "none: beyond the limit"
         if math.isinf(self.median):
             least = "" if math.isinf(low) else f", {spoken(low)} at the least (90 %)"
-            return f"more than {self.horizon:g} years{least}"
-        upper = f"more than {self.horizon:g} years" if math.isinf(high) else spoken(high)
-        return f"{spoken(self.median)} (80 %: {spoken(low)} to {upper})"
+            return spoken(math.inf) + least
+        return f"{spoken(self.median)} (80 %: {spoken(low)} to {spoken(high)})"
 
 
 def spoken(years: float) -> str:
@@ -89,7 +88,10 @@ def paths(
     one: Trend, moment: float, process: str, *, horizon: float = HORIZON, draws: int = DRAWS,
     seed: int = 1,
 ) -> Paths:  # fmt: skip
-    """Levels to come after a moment, years, with each draw of the fleet's variances."""
+    """Levels to come after a moment, years, with each draw of the fleet's variances.
+
+    ``process`` is "wiener" or "gamma".
+    """
     generator = np.random.default_rng(seed)
     ahead = np.concatenate([[0.0], np.geomspace(1.0 / 365.25, horizon, 60)])
     states = [
@@ -116,17 +118,15 @@ def paths(
         with np.errstate(divide="ignore", invalid="ignore"):
             scale = np.where(speed > 0.0, variance / (speed * dt), 0.0)
         steps = direction * generator.standard_gamma(np.maximum(shape, 1e-12)) * scale
-    elif process == "wiener":
-        steps = drift * dt + np.sqrt(variance) * generator.standard_normal((draws, dt.size))
     else:
-        raise InputError(f"A process is wiener or gamma, received {process!r}.")
+        steps = drift * dt + np.sqrt(variance) * generator.standard_normal((draws, dt.size))
     steps = np.concatenate([np.zeros((draws, 1)), np.cumsum(steps, axis=1)], axis=1)
     return Paths(ahead, start[:, :1] + steps, q_level)
 
 
 def life_left(
     name: str, one: Trend, limit: float, moment: float, process: str = "wiener", *,
-    upwards: bool = True, horizon: float = HORIZON, draws: int = DRAWS, seed: int = 1,
+    upwards: bool = True, draws: int = DRAWS, seed: int = 1,
 ) -> Life:  # fmt: skip
     """Time from a moment, years, until a magnitude passes its limit, in the magnitude's unit.
 
@@ -135,7 +135,7 @@ def life_left(
     """
     gap = max(0.0, moment - one.time)
     ahead, level, q = paths(
-        one, one.time, process, horizon=horizon + gap, draws=draws, seed=seed
+        one, one.time, process, horizon=HORIZON + gap, draws=draws, seed=seed
     )  # fmt: skip
     sign = 1.0 if upwards else -1.0
     room = sign * (limit - level)
@@ -147,7 +147,7 @@ def life_left(
         with np.errstate(over="ignore", under="ignore"):
             chance = np.exp(-2.0 * np.clip(room[:, :-1] * room[:, 1:], 0.0, None) / variance)
         beyond[:, 1:] |= generator.random(chance.shape) < chance
-    return Life(name, np.maximum(_first(ahead, room, beyond) - gap, 0.0), moment, horizon)
+    return Life(name, np.maximum(_first(ahead, room, beyond) - gap, 0.0), moment)
 
 
 def _first(ahead: np.ndarray, room: np.ndarray, beyond: np.ndarray) -> np.ndarray:
@@ -173,7 +173,7 @@ def sooner(lives: Sequence[Life]) -> Life | None:
     first = np.bincount(np.argmin(table, axis=0), minlength=len(lives))
     first = np.where([np.isfinite(one.draws).any() for one in lives], first, -1)
     ends = lives[int(np.argmax(first))]
-    return Life(ends.name, table.min(axis=0), ends.moment, ends.horizon)
+    return Life(ends.name, table.min(axis=0), ends.moment)
 
 
 def process_of(fleet: Sequence[Trend]) -> str:
@@ -296,14 +296,11 @@ def job_left(
         }
         return requirement.value(actuator, faults) > requirement.limit
 
-    ends = np.full(draws, np.inf)
+    ends, last = np.full(draws, np.inf), len(ahead) - 1
     for draw in range(draws):
-        low, high = 0, len(ahead) - 1
-        if fails(draw, low):
+        if fails(draw, 0):
             ends[draw] = 0.0
-        elif fails(draw, high):
-            while high - low > 1:
-                middle = (low + high) // 2
-                low, high = (low, middle) if fails(draw, middle) else (middle, high)
-            ends[draw] = 0.5 * (ahead[low] + ahead[high])
+        elif fails(draw, last):
+            step = bisect_left(range(last), True, lo=1, key=partial(fails, draw))
+            ends[draw] = 0.5 * (ahead[step - 1] + ahead[step])
     return Life(requirement.measure, np.maximum(ends - (moment - since), 0.0), moment)

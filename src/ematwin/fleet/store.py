@@ -120,14 +120,6 @@ class FleetStore:
         whole = whole.filter(_as_they_are(whole))
         return whole.sort_by([("serial_number", "ascending"), ("time", "ascending")])
 
-    def known(self) -> dict[str, list[dict[str, Any]]]:
-        """What each file gave, by its hash: serial numbers, times and twins."""
-        wanted = ["content", "serial_number", "time", "twin", "grade", "source"]
-        found: dict[str, list[dict[str, Any]]] = {}
-        for row in self.rows().select(wanted).to_pylist():
-            found.setdefault(row["content"], []).append(row)
-        return found
-
     def merge(self) -> None:
         """Merge the files of actuators that have many; what another process moves is left."""
         for folder in (self.folder / "rows").iterdir():

@@ -140,8 +140,6 @@ class Trend:
         # (3,) and (3, 3), level, slope and acceleration at `time`; log density of the estimates
         (self.mean,), (self.covariance,), (told,) = self.ended(wear.alone, moments)
         self.told = float(told)
-        if self._is_renewed:
-            self.mean, self.covariance = wear.mean[:3], np.diag(wear.spread[:3] ** 2)
         # auxiliary residuals of the smoother; smoothed states and their variances
         self.score, self.weight = np.empty((n, 5)), np.empty((n, 5, 5))
         self.residual, self.precision = np.empty(n), np.empty(n)
@@ -155,7 +153,7 @@ class Trend:
     def ended(
         self, draws: Draws, moments: tuple[np.ndarray, ...] | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """States (N, 3) after the last estimate, covariances, and log likelihoods (N,) of draws.
+        """States (N, 3) at `time`, covariances, and log likelihoods (N,) of draws.
 
         For one draw ``moments`` are filled as the smoother needs them.
         """
@@ -167,17 +165,16 @@ class Trend:
             *self.series.arrays, used, self.jump, self.reset, draws, *found,
             *(_moments(0) if moments is None else moments),
         )  # fmt: skip
+        if self.time > self.series.time[-1]:  # overhauled since
+            mean, covariance, _ = found
+            mean[:] = draws.mean[:, :3]
+            covariance[:] = draws.spread[:, :3, None] ** 2 * np.eye(3)
         return found
 
     @property
     def time(self) -> float:
         """Of the last estimate, or of an overhaul after it, years."""
         return max(float(self.series.time[-1]), *self.series.overhauls, -math.inf)
-
-    @property
-    def _is_renewed(self) -> bool:
-        """Whether it was overhauled after the last estimate."""
-        return self.time > self.series.time[-1]
 
     @property
     def level(self) -> np.ndarray:
@@ -224,11 +221,6 @@ class Trend:
         """Draws of the wear, by law, with mean (N, 3) and covariance (N, 3, 3) at ``time``."""
         if not self.wear.others:
             return [(self.wear.alone, self.mean[None], self.covariance[None])]
-        if self._is_renewed:
-            return [
-                (one, one.mean[:, :3], one.spread[:, :3, None] ** 2 * np.eye(3))
-                for one in self.wear.others
-            ]
         return [(one, *self.ended(one)[:2]) for one in self.wear.others]
 
     def at(self, moment: float) -> tuple[float, float, float]:

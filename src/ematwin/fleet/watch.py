@@ -191,11 +191,13 @@ def watch(
     if scheduler is not None:  # its workers have other working directories
         several = [recordings] if isinstance(recordings, str | Path) else recordings
         store, recordings = FleetStore(store.folder.resolve()), [Path(p).resolve() for p in several]
-    paths, known, found = Paths(recordings, pattern), store.known(), Watched()
-    latest: dict[str, datetime] = {}
-    for row in (row for rows in known.values() for row in rows if row["time"] is not None):
-        serial = row["serial_number"]
-        latest[serial] = max(latest.get(serial, row["time"]), row["time"])
+    paths, found = Paths(recordings, pattern), Watched()
+    fields = ["content", "serial_number", "time", "twin", "grade", "source"]
+    rows = store.rows().select(fields).to_pylist()  # by time
+    latest = {row["serial_number"]: row["time"] for row in rows if row["time"] is not None}
+    known: dict[str, list[dict[str, Any]]] = {}  # what each file gave, by its hash
+    for row in rows:
+        known.setdefault(row["content"], []).append(row)
     judge = _Judge(store, Twins(store, actuator), paths, columns, latest)
     todo: dict[str, Path] = {}  # by content
     seen: set[str] = set()
