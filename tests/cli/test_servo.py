@@ -113,21 +113,17 @@ def test_a_wrong_fault_or_kind_is_refused(twin, tables):
 
 def test_the_example_refuses_what_it_cannot_use(tables, tmp_path):
     assert "docs/position-servo.md" in script(EXAMPLE).out
-    gone = script(EXAMPLE, tmp_path / "none.parquet")
-    assert gone.code == 1
-    assert "none.parquet" in gone.err
-    runs = [made_up.run(n) | {"position_gain": np.full(made_up.SAMPLES, 8)} for n in range(2)]
-    other = script(EXAMPLE, made_up.write(tmp_path / "other.parquet", runs))
-    assert other.code == 1
-    assert "no healthy run" in other.err
-    empty = made_up.write(tmp_path / "empty.parquet", [{n: x[:0] for n, x in runs[0].items()}])
-    none = script(EXAMPLE, empty)
-    assert none.code == 1
-    assert "Traceback" not in none.err
-    del runs[0]["position"], runs[1]["position"]
-    lacking = script(EXAMPLE, made_up.write(tmp_path / "lacking.parquet", runs))
-    assert lacking.code == 1
-    assert "position" in lacking.err
+    other = [made_up.run(n) | {"position_gain": np.full(made_up.SAMPLES, 8)} for n in range(2)]
+    lacking = [{n: x for n, x in run.items() if n != "position"} for run in other]
+    made_up.write(tmp_path / "other.parquet", other)
+    made_up.write(tmp_path / "empty.parquet", [{n: x[:0] for n, x in other[0].items()}])
+    made_up.write(tmp_path / "lacking.parquet", lacking)
+    said = {"none": "none.parquet", "other": "no healthy run", "empty": "", "lacking": "position"}
+    for name, sentence in said.items():
+        answer = script(EXAMPLE, tmp_path / f"{name}.parquet")
+        assert answer.code == 1
+        assert sentence in answer.err
+        assert "Traceback" not in answer.err
 
 
 def test_one_run_that_cannot_be_read_leaves_the_others(rows):

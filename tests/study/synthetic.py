@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from ematwin.benchmarking.plan import SHARED, Plan, Run, RunSpec, pack
+from ematwin.benchmarking.store import Store
 from ematwin.benchmarking.subject import Subject
 from ematwin.models.bldc.faults import (
     FAULTS,
@@ -92,6 +93,14 @@ def study(runs=4, algorithms=tuple(SIZES), cases=tuple(PAPER_CASES), seed=1, his
 def vector(**faults):
     """A fault vector by names."""
     return np.array([getattr(Faults(**faults), name) for name in FAULTS])
+
+
+def stored(where, runs, settings=None):
+    """The path of a store with some runs of one study."""
+    with Store(where) as store:
+        store.begin(settings or settings_of(runs[0].spec))
+        store.save(runs)
+    return where
 
 
 def small_plan(**changes):

@@ -6,9 +6,9 @@ from functools import partial
 
 import pytest
 from processes import free_port
-from synthetic import small_plan, some_run
+from synthetic import small_plan, some_run, stored
 
-from ematwin.benchmarking.store import Store, open_store
+from ematwin.benchmarking.store import open_store
 from refusals import untouched
 
 
@@ -22,11 +22,7 @@ def refused(tmp_path):
 def begun(tmp_path):
     """The store of a study with one run."""
     plan = small_plan()
-    where = tmp_path / "study.db"
-    with Store(where) as store:
-        store.begin(plan.settings())
-        store.save([some_run(plan.specs()[0])])
-    return where
+    return stored(tmp_path / "study.db", [some_run(plan.specs()[0])], plan.settings())
 
 
 @pytest.mark.parametrize(

@@ -6,12 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from synthetic import done, settings_of, spec, study
+from synthetic import done, spec, stored, study
 
 import commands
 from ematwin.benchmarking.analysis import analyse
 from ematwin.benchmarking.statistics import performance_coefficients
-from ematwin.benchmarking.store import Store
 from ematwin.models.bldc.faults import PAPER_CASES
 
 SCRIPT = Path(__file__).parents[2] / "examples" / "paper-study-published" / "claims.py"
@@ -83,10 +82,7 @@ def test_claims_are_judged_with_the_forms_as_published(script):
 
 def test_the_script_runs(tmp_path):
     runs = list(study(1, cases=("Low F", "High Z"), history_points=20))
-    with Store(tmp_path / "paper.db") as store:
-        store.begin(settings_of(runs[0].spec))
-        store.save(runs)
-    answer = commands.script(SCRIPT, tmp_path / "paper.db")
+    answer = commands.script(SCRIPT, stored(tmp_path / "paper.db", runs))
     assert answer.code == 0, answer.err
     assert "| WOA is the best on High Gain | section 7.2, figure 5 | cannot be told |" in answer.out
     assert "| Average |" in answer.out

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from synthetic import small_plan
 
-from ematwin import load_actuator
 from ematwin.benchmarking.execute import RemappedProblem, execute, shifts
 from ematwin.benchmarking.plan import Plan, unpack
 from ematwin.benchmarking.subject import Subject, cases_of
@@ -139,20 +138,10 @@ def test_a_run_that_cannot_start_is_a_result(spec):
 # Any kind of actuator
 
 
-@pytest.fixture
-def screw():
-    """A study of the ball-screw actuator: one case, three methods, two runs."""
-    chosen = load_actuator("rm1605")
-    cases = {"High friction": cases_of(actuator=chosen)["High friction"]}
-    return Plan(
-        cases, ("de", "multistart", "levenberg-marquardt"), runs=2, population=20, iterations=15,
-        actuator=chosen,
-    )  # fmt: skip
-
-
-def test_a_case_of_another_kind_is_refused(screw):
+def test_a_case_of_another_kind_is_refused():
+    screw = {"High friction": cases_of(actuator="rm1605")["High friction"]}
     with pytest.raises(InputError, match="'High friction' has 5 values, but servo48 has 8"):
-        replace(screw, actuator="servo48", scenario=None)
+        Plan(screw, actuator="servo48")
 
 
 def test_random_cases_of_the_brushless_actuator_stay_as_they_were():

@@ -6,7 +6,7 @@ import sys
 
 import pandas as pd
 import pytest
-from synthetic import done, failed, settings_of, spec, study, vector
+from synthetic import done, failed, settings_of, spec, stored, study, vector
 
 from ematwin.benchmarking.analysis import analyse
 from ematwin.benchmarking.page import write_report
@@ -19,11 +19,16 @@ FILES = {
 }  # fmt: skip
 
 
+def runs():
+    """All done but one."""
+    found = list(study(3, cases=("Low F", "High Z")))
+    found[7] = failed(found[7].spec, "timeout", "=no end after 60 s <b>")
+    return found
+
+
 @pytest.fixture(scope="module")
 def small():
-    runs = list(study(3, cases=("Low F", "High Z")))
-    runs[7] = failed(runs[7].spec, "timeout", "=no end after 60 s <b>")
-    return analyse(runs)
+    return analyse(runs())
 
 
 @pytest.fixture(scope="module")
@@ -62,13 +67,11 @@ def test_tables_hold_every_run_and_can_be_read_again(report, small):
 
 
 def test_a_report_is_the_same_whatever_the_order_of_runs_and_replaces_only_its_own_files(
-    small, report, tmp_path
+    report, tmp_path
 ):
-    runs = list(study(3, cases=("Low F", "High Z")))
-    runs[7] = failed(runs[7].spec, "timeout", "=no end after 60 s <b>")
     (tmp_path / "notes.txt").write_text("mine")
     (tmp_path / "cells.csv").write_text("of an older report")
-    write_report(analyse(reversed(runs)), tmp_path)
+    write_report(analyse(reversed(runs())), tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == {*FILES, "notes.txt"}
     for name in FILES:
         assert (tmp_path / name).read_bytes() == (report / name).read_bytes(), name
@@ -95,12 +98,8 @@ def test_a_report_of_little_is_written_all_the_same(runs, tmp_path):
 
 @pytest.fixture
 def store(tmp_path):
-    path = tmp_path / "study.db"
     runs = list(study(2, cases=("Low F", "High Z"), history_points=20))
-    with Store(path) as opened:
-        opened.begin(settings_of(runs[0].spec))
-        opened.save(runs)
-    return path
+    return stored(tmp_path / "study.db", runs)
 
 
 def test_the_command_prints_for_people_or_answers_as_json(store, ematwin):

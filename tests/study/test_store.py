@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from sqlalchemy import text
-from synthetic import small_plan, some_run
+from synthetic import small_plan, some_run, stored
 
 from ematwin.benchmarking.database import Database
 from ematwin.benchmarking.execute import execute
@@ -195,11 +195,8 @@ def test_an_interrupted_transaction_locks_nobody_out(tmp_path):
 
 def test_no_flipped_bit_goes_unseen(tmp_path):
     """Such a store is read as it was, where the bit was in free space, or refused."""
-    path = tmp_path / "study.db"
-    plan = small_plan(runs=20)
-    with Store(path) as store:
-        store.begin(plan.settings())
-        store.save([some_run(spec) for spec in plan.specs()])
+    runs = [some_run(spec) for spec in small_plan(runs=20).specs()]
+    path = stored(tmp_path / "study.db", runs)
     whole, before = path.read_bytes(), content(path)
     chance, said = random.Random(1), []
     for _ in range(60):
@@ -217,10 +214,7 @@ def test_no_flipped_bit_goes_unseen(tmp_path):
 
 
 def test_check_tells_whether_a_store_is_whole(tmp_path, ematwin):
-    path = tmp_path / "study.db"
-    with Store(path) as store:
-        store.begin(small_plan().settings())
-        store.save([some_run(spec) for spec in small_plan().specs()])
+    path = stored(tmp_path / "study.db", [some_run(spec) for spec in small_plan().specs()])
     assert "6 runs, all as they were written" in ematwin("store", "check", path).out
     whole = path.read_bytes()
     place = whole.rindex(b"budget") + 2
