@@ -21,7 +21,7 @@ from ematwin.fleet.actuator import FleetActuator
 from ematwin.fleet.alarms import Policy
 from ematwin.fleet.learning import learn
 from ematwin.fleet.life import Requirement, process_of
-from ematwin.fleet.store import SET_ASIDE, FleetStore, moment_of, settings_in
+from ematwin.fleet.store import SET_ASIDE, YEAR, FleetStore, moment_of, settings_in
 from ematwin.fleet.trend import Wear
 from ematwin.quantities import parse_quantity
 from ematwin.showing.results import page_written
@@ -201,14 +201,13 @@ def settings_of(
         given = dict(table.get("alarms", {}))
         for name in ("plan", "act", "look"):
             if isinstance(given.get(name), str):
-                seconds = parse_quantity(given[name], "s", name)
-                given[name] = seconds / (365.25 * 86_400.0)
+                given[name] = parse_quantity(given[name], "s", name) / YEAR
         policy = Policy(**given)
         required = table.get("requirement")
         requirement = None if required is None else Requirement(**required)
         limits = dict(table.get("limits", {}))
+    except EmatwinError as error:
+        raise InputError(f"{path}: {error}") from None
     except (TypeError, ValueError) as error:
-        if isinstance(error, EmatwinError):
-            raise InputError(f"{path}: {error}") from None
         raise InputError(f"{path} cannot be used: {error}.") from None
     return limits, policy, requirement, table.get("serial_number")

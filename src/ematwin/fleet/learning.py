@@ -28,14 +28,13 @@ _DRAWS = 1000  # of means, spreads and variances: one for each path of a forecas
 def learn(fleet: Sequence[Series], healthy: float, size: float) -> Wear:
     """Priors and variances of a magnitude from the series of all actuators.
 
-    ``healthy`` is the value of a healthy one, ``size`` the range of the unknown.
+    Each has an estimate; ``healthy`` is the value of a healthy one, ``size`` the range of the
+    unknown.
     """
-    known = [one.thinned() for one in fleet if one.time.size]
+    known = [one.thinned() for one in fleet]
     # factors of e by which an acceleration falls over the record: of a power p of time 2 - p, in
     # the middle of powers between 0 and 2; or of an exponential, in the middle of growth up to e^4
     starts = [_first(fleet, healthy, size, falls) for falls in (1.0, -2.0)]
-    if not known:
-        return starts[0]
     wears, draws, weights = zip(*(_learnt(known, one) for one in starts), strict=True)
     share = np.cumsum(shares(np.concatenate(weights)))
     which = np.searchsorted(share, (np.arange(_DRAWS) + 0.5) / _DRAWS)  # systematic resampling

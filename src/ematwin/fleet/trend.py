@@ -36,7 +36,7 @@ _LEVEL, _EFFECTS = 0, 3
 
 @dataclass(frozen=True)
 class Series:
-    """Estimates of one magnitude of one actuator, ordered by time."""
+    """Estimates of one magnitude of one actuator, one at least, ordered by time."""
 
     time: np.ndarray  # (n,) array, years
     value: np.ndarray  # value, error: (n,) arrays, estimate and its standard error
@@ -60,7 +60,7 @@ class Series:
 
     def thinned(self) -> "Series":
         """At most 200 of its estimates, evenly: all of them teach a fleet no more."""
-        return self.part(slice(None, None, -(-self.time.size // 200) or 1))
+        return self.part(slice(None, None, -(-self.time.size // 200)))
 
 
 @dataclass(frozen=True)
@@ -114,8 +114,7 @@ class Draws(NamedTuple):
 
     def constant_variance(self, error: np.ndarray) -> np.ndarray:
         """Of the part of an error that is the same in all recordings of an actuator, (N,)."""
-        usual = float(np.median(error)) if error.size else 0.0
-        return np.maximum(0.0, 1.0 - self.scale**2) * usual**2
+        return np.maximum(0.0, 1.0 - self.scale**2) * float(np.median(error)) ** 2
 
 
 class Trend:
