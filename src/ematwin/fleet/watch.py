@@ -11,7 +11,7 @@ import random
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError, Executor, ThreadPoolExecutor, as_completed
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -91,36 +91,24 @@ class Paths:
                 r"(?P<serial>EMA-\d+)."
             )
 
-    def serial(self, path: Path) -> str:
-        """Serial number that its table or its path says; "" for none."""
-        if (said := self._listed.get(path)) and said[0]:
-            return said[0]
+    def told(self, path: Path) -> tuple[str, datetime | None]:
+        """Serial number and time, UTC, that its table or its path says; "" and None for none."""
+        serial, time = self._listed.get(path, ("", None))
+        date = _DATE.search(path.name)
+        text = date and date[0]
         if self._pattern is not None:
             match = self._pattern.search(str(path))
-            return match["serial"] if match else ""
-        for root in self.roots:
-            if path.is_relative_to(root):
-                inside = path.relative_to(root).parts[:-1]
-                return inside[0] if inside else ""
-        return ""
-
-    def time(self, path: Path) -> datetime | None:
-        """Time that its table or its path says, UTC."""
-        if (said := self._listed.get(path)) and said[1]:
-            return said[1]
-        match = _DATE.search(path.name)
-        text = match and match[0]
-        if self._pattern is not None and "time" in self._pattern.groupindex:
-            match = self._pattern.search(str(path))
-            text = match and match["time"]
-        if text is None:
-            return None
-        day, clock = text[:10], re.sub(r"\D", "", text[10:])
-        parts = ":".join(clock[n : n + 2] for n in range(0, len(clock), 2))
-        try:
-            return moment_of(f"{day}T{parts}" if parts else day)
-        except InputError:
-            return None
+            serial = serial or (match["serial"] if match else "")
+            if "time" in self._pattern.groupindex:
+                text = match and match["time"]
+        elif not serial:
+            inside = [path.relative_to(one) for one in self.roots if path.is_relative_to(one)]
+            serial = inside[0].parts[0] if inside and len(inside[0].parts) > 1 else ""
+        if time is None and text is not None:
+            clock = re.sub(r"\D", "", text[10:])
+            with suppress(InputError):
+                time = moment_of(f"{text[:10]}T{clock}" if clock else text[:10])
+        return serial, time
 
 
 class Twins:
@@ -276,18 +264,19 @@ class _Judge:
 
     def judges_anew(self, path: Path, rows: Sequence[dict[str, Any]]) -> bool:
         """Whether another twin judges a file now, or it was set aside under another name."""
+        serial, stated = self.paths.told(path)
         for row in rows:
             if row["grade"] == SET_ASIDE and Path(row["source"]).parts[-2:] != path.parts[-2:]:
                 return True
-            serial = row["serial_number"] or self.paths.serial(path)
-            if self.twins.select(serial, row["time"] or self.paths.time(path)) != row["twin"]:
+            judge = self.twins.select(row["serial_number"] or serial, row["time"] or stated)
+            if judge != row["twin"]:
                 return True
         return False
 
     def __call__(self, path: Path, content: str) -> list[dict[str, Any]]:
         """The rows of a file, which are kept before they are given."""
         store, select = self.store, self.twins.select
-        serial, stated = self.paths.serial(path), self.paths.time(path)
+        serial, stated = self.paths.told(path)
         try:
             first = select(serial, stated or datetime.now(UTC))
             actuator = store.twin(first).actuator if first else actuator_for(path, self.columns)
