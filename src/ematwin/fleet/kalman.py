@@ -123,11 +123,12 @@ def filtered(time, value, error, covariates, used, jump, reset, draws, mean, cov
 
 @loop
 def smoothed(time, covariates, lasting, jump, reset, mean, cov, gain, innovation, power,
-            score, weight, residual, precision, smooth, error):  # fmt: skip
+            score, weight, residual, precision, variance, smooth):  # fmt: skip
     """Fixed-interval smoother (de Jong 1989; Durbin and Koopman, sec. 4.4).
 
-    Fills the score r (n, 5) and weight N (n, 5, 5) of shocks to the state before each estimate,
-    residual u and precision D of each estimate, and the smoothed state with its variances (n, 5).
+    Fills, (n,) each, score r and weight N of a shock to the level before each estimate, residual u
+    and precision D of each estimate, and the variance of the smoothed level; and the smoothed
+    states (n, 5).
     """
     n = time.size
     r = np.zeros(5)
@@ -172,12 +173,9 @@ def smoothed(time, covariates, lasting, jump, reset, mean, cov, gain, innovation
                 r[j] += z[j] * u
                 for h in range(5):  # (I - k z')' N (I - k z') + z z'/F
                     m[j, h] += z[j] * z[h] * d - z[j] * mk[h] - mk[j] * z[h]
+        score[i], weight[i], variance[i] = r[0], m[0, 0], cov[i, 0, 0]
         for j in range(5):
-            score[i, j] = r[j]
             smooth[i, j] = mean[i, j]
-            error[i, j] = cov[i, j, j]
             for h in range(5):
-                weight[i, j, h] = m[j, h]
                 smooth[i, j] += cov[i, j, h] * r[h]
-                for g in range(5):
-                    error[i, j] -= cov[i, j, h] * m[h, g] * cov[i, g, j]
+                variance[i] -= cov[i, 0, j] * m[j, h] * cov[i, h, 0]

@@ -31,8 +31,6 @@ import numpy as np
 
 from ematwin.fleet.kalman import filtered, smoothed
 
-_LEVEL, _EFFECTS = 0, 3
-
 
 @dataclass(frozen=True)
 class Series:
@@ -139,15 +137,15 @@ class Trend:
         # (3,) and (3, 3), level, slope and acceleration at `time`; log density of the estimates
         (self.mean,), (self.covariance,), (told,) = self.ended(wear.alone, moments)
         self.told = float(told)
-        # auxiliary residuals of the smoother; smoothed states and their variances
-        self.score, self.weight = np.empty((n, 5)), np.empty((n, 5, 5))
-        self.residual, self.precision = np.empty(n), np.empty(n)
-        self.smooth, self.error = np.empty((n, 5)), np.empty((n, 5))
+        # auxiliary residuals of the smoother, variance of the level; smoothed states
+        several, self.smooth = np.empty((5, n)), np.empty((n, 5))
+        self.score, self.weight, self.residual, self.precision, variance = several
         time, _, _, covariates = series.arrays
         smoothed(
-            time, covariates, wear.lasting, self.jump, self.reset, *moments, self.score,
-            self.weight, self.residual, self.precision, self.smooth, self.error,
-        )  # fmt: skip
+            time, covariates, wear.lasting, self.jump, self.reset, *moments, *several, self.smooth
+        )
+        self.level = self.smooth[:, 0]  # (n,) array
+        self.level_error = np.sqrt(np.maximum(variance, 0.0))  # (n,) array, its standard error
 
     def ended(
         self, draws: Draws, moments: tuple[np.ndarray, ...] | None = None
@@ -176,19 +174,9 @@ class Trend:
         return max(float(self.series.time[-1]), *self.series.overhauls, -math.inf)
 
     @property
-    def level(self) -> np.ndarray:
-        """(n,) array, smoothed."""
-        return self.smooth[:, _LEVEL]
-
-    @property
-    def level_error(self) -> np.ndarray:
-        """(n,) array, standard error of the level."""
-        return np.sqrt(np.maximum(self.error[:, _LEVEL], 0.0))
-
-    @property
     def corrected(self) -> np.ndarray:
         """(n,) array, estimates less the effects of covariates."""
-        effects = self.smooth[:, _EFFECTS:] * self.series.covariates
+        effects = self.smooth[:, 3:] * self.series.covariates
         return self.series.value - effects.sum(axis=1)
 
     @property
@@ -210,7 +198,7 @@ class Trend:
         with np.errstate(divide="ignore"):
             apart = np.log(wear.outlier_share) + _factor(self.residual, self.precision, wear.size)
             jump = np.log(wear.jump_rate * gap)
-        jump += _factor(self.score[:, _LEVEL], self.weight[:, _LEVEL, _LEVEL], wear.size)
+        jump += _factor(self.score, self.weight, wear.size)
         apart[self.precision == 0.0] = -np.inf
         jump[(self.jump > 0.0) | self.reset] = -np.inf
         return apart, jump
