@@ -35,19 +35,22 @@ def recordings(tmp_path):
     return folder
 
 
+@pytest.fixture
+def fleet(tmp_path):
+    return Fleet(tmp_path / "fleet")
+
+
 def times(fleet, serial):
     return [f"{row['time']:%Y-%m-%d %H:%M}" for row in fleet[serial].rows]
 
 
-def test_recordings_are_judged_once_by_folder_and_date(recordings, tmp_path):
-    fleet = Fleet(tmp_path / "fleet")
+def test_recordings_are_judged_once_by_folder_and_date(recordings, fleet):
     assert str(fleet.watch(recordings, actuator=SERVO)) == "6 recordings judged, 0 known before."
     assert times(fleet, "S-1") == [f"2026-03-0{day} 08:30" for day in (1, 2, 3)]
     assert str(fleet.watch(recordings, actuator=SERVO)) == "0 recordings judged, 6 known before."
 
 
-def test_late_and_duplicate_recordings_are_in_order_and_once(recordings, tmp_path):
-    fleet = Fleet(tmp_path / "fleet")
+def test_late_and_duplicate_recordings_are_in_order_and_once(recordings, fleet):
     fleet.watch(recordings, actuator=SERVO)
     late = recorded(recordings, "S-1", "2026-02-20", 99)
     (recordings / "S-1" / "copy.parquet").write_bytes(late.read_bytes())
@@ -58,7 +61,7 @@ def test_late_and_duplicate_recordings_are_in_order_and_once(recordings, tmp_pat
     assert fleet["S-1"].rows[0]["note"] == "late"
 
 
-def test_what_cannot_be_judged_is_set_aside_and_the_rest_goes_on(recordings, tmp_path):
+def test_what_cannot_be_judged_is_set_aside_and_the_rest_goes_on(recordings, fleet):
     good = (recordings / "S-1" / "2026-03-01T08-30.parquet").read_bytes()
     (recordings / "S-1" / "2026-03-05.parquet").write_bytes(good[: len(good) // 2])
     (recordings / "S-1" / "2026-03-06.csv").write_text("height,colour\n1,2\n3,4\n")
@@ -66,7 +69,6 @@ def test_what_cannot_be_judged_is_set_aside_and_the_rest_goes_on(recordings, tmp
     recorded(recordings, "S-1", "1971-01-01", 51)
     recorded(recordings, "S-1", "2140-01-01", 52)
     recorded(recordings, "", "2026-03-07", 53)
-    fleet = Fleet(tmp_path / "fleet")
     found = fleet.watch(recordings, actuator=SERVO)
     assert found.judged == 6
     said = {Path(path).name: reason for path, reason in found.set_aside}
@@ -108,8 +110,7 @@ def test_what_was_set_aside_is_tried_again_when_it_is_mended_or_renamed(tmp_path
     assert fleet.set_aside == []
 
 
-def test_an_actuator_waits_for_its_twin_and_is_judged_again_by_another(recordings, tmp_path):
-    fleet = Fleet(tmp_path / "fleet")
+def test_an_actuator_waits_for_its_twin_and_is_judged_again_by_another(recordings, tmp_path, fleet):
     first = fleet.watch(recordings)
     assert first.judged == 0
     assert "There is no twin of S-" in first.set_aside[0][1]
@@ -134,7 +135,7 @@ def test_a_recording_without_a_twin_is_read_as_the_kind_that_has_its_channels(tm
     assert reason.startswith("There is no twin of B-1 at 2026-03-01.")
 
 
-def test_a_column_says_who_was_recorded(tmp_path):
+def test_a_column_says_who_was_recorded(tmp_path, fleet):
     several = []
     for day, serial in enumerate(("S-1", "S-2"), 1):
         made = ematwin.simulate(actuator=SERVO, noise=0.01, seed=day)
@@ -142,7 +143,6 @@ def test_a_column_says_who_was_recorded(tmp_path):
         said = {"serial_number": serial, "time": clock.astype(str), **made.channels}
         several.append(pd.DataFrame(said))
     pd.concat(several).to_csv(tmp_path / "both.csv", index=False)
-    fleet = Fleet(tmp_path / "fleet")
     assert "set aside" in str(fleet.watch(tmp_path / "both.csv"))  # nothing says of which kind
     ematwin.load_actuator(SERVO).save(tmp_path / "fleet" / "calibrations" / "S-2.toml")
     assert fleet.watch(tmp_path / "both.csv").judged == 1
@@ -151,12 +151,11 @@ def test_a_column_says_who_was_recorded(tmp_path):
     assert {one.serial_number: len(one.rows) for one in fleet} == {"S-1": 1, "S-2": 1}
 
 
-def test_a_table_of_runs_says_who_was_recorded_and_when(tmp_path):
+def test_a_table_of_runs_says_who_was_recorded_and_when(tmp_path, fleet):
     for name in ("a", "b"):
         recorded(tmp_path, "day", name, len(name))
     rows = "path,serial,time\nday/a.parquet,S-1,2026-03-01\nday/gone.parquet,S-2,2026-03-02\n"
     (tmp_path / "runs.csv").write_text(rows)
-    fleet = Fleet(tmp_path / "fleet")
     found = fleet.watch(tmp_path / "runs.csv", actuator=SERVO)
     assert (found.judged, len(found.set_aside)) == (1, 1)
     assert times(fleet, "S-1") == ["2026-03-01 00:00"]

@@ -14,7 +14,7 @@ from abc import ABC, abstractmethod
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ThreadPoolExecutor, wait
 from typing import Any
 
-from ematwin.benchmarking.execute import execute, hard_limit, warm_up
+from ematwin.benchmarking.execute import execute, hard_limit
 from ematwin.benchmarking.plan import Run, RunSpec
 from ematwin.errors import EmatwinError
 from ematwin.models.base import Model
@@ -187,7 +187,7 @@ class _Process:
                     initargs=(os.getpid(), registered(), registered_models()),
                 )  # fmt: skip
                 # a run's clock starts when it is asked for: somebody must be there
-                ready = self.submitted(warm_up)
+                ready = self.submitted(os.getpid)
             ready.result()
 
     def submitted(self, function: Any, *arguments: Any) -> Any:

@@ -96,14 +96,6 @@ def execute(spec: RunSpec, time_limit: float | None = None, engine: str = "none"
     )  # fmt: skip
 
 
-def warm_up() -> None:
-    """Load what every run needs, so that the first one is not slower than the others."""
-    from ematwin.models.registry import models
-    from ematwin.numerics import compile  # noqa: F401  # the compiler: half a second
-
-    models()
-
-
 class _Clock:
     """Time and evaluations of a search, and its limit."""
 

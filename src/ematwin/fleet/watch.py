@@ -6,7 +6,6 @@ which twin judges, by ``calibrations/<serial number>[@<from>].toml`` in the flee
 judged is set aside with the reason, and tried again once another twin is there for it.
 """
 
-import os
 import random
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -204,7 +203,7 @@ def watch(
             todo[content] = path
         seen.add(content)
     order = list(todo.items())
-    random.Random(os.urandom(8)).shuffle(order)  # of two watchers each begins with others
+    random.SystemRandom().shuffle(order)  # of two watchers each begins with others
     lent = max(1, min(threads or cores(), len(todo)))
     with told(progress, "judging") as tell, _workers(lent, scheduler if todo else None) as pool:
         tasks = [pool.submit(judge, path, content) for content, path in order]
