@@ -5,7 +5,6 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 import plotly.graph_objects as go
 import pytest
 from synthetic import study
@@ -104,12 +103,6 @@ def test_tables_sort_and_filter(tmp_path: Path) -> None:
         tab.show(page)
         assert tab.value(click) == {"first": "row 2", "shown": 1}  # 100 N m is the most
         assert tab.said == []
-
-
-def test_a_figure_the_small_bundle_cannot_draw_takes_the_whole_one() -> None:
-    small = render("t", "l", [Section(figure=go.Figure(go.Scatter(x=[1], y=[1])))])
-    whole = render("t", "l", [Section(figure=go.Figure(go.Heatmap(z=np.eye(2))))])
-    assert len(small) < 1.4e6 < 3e6 < len(whole)
 
 
 def test_what_a_figure_says_cannot_end_its_script() -> None:

@@ -75,7 +75,7 @@ def test_sentences_tables_and_figures_follow_and_programs_get_si(tmp_path):
     titles = {axis.title.text for axis in plot_recording(record).select_yaxes()}
     assert {"mrad", "mN m"} <= titles
     assert not {"rad", "N*m"} & titles
-    (axis,) = plot_answers(found, record).select_yaxes()
+    (axis,) = plot_answers(found).select_yaxes()
     assert axis.title.text == "mA"
     found.report(tmp_path / "page.html")
     assert "mN m" in (tmp_path / "page.html").read_text()

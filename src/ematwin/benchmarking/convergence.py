@@ -17,7 +17,7 @@ import numpy as np
 
 from ematwin.benchmarking.statistics import RESAMPLES
 from ematwin.benchmarking.table import RunTable
-from ematwin.showing.results import frame, frame_of_rows
+from ematwin.showing.results import frame
 
 TARGETS = np.geomspace(0.5, 0.003, 31)
 STATED_MISFITS = (0.1, 0.02, 0.005)
@@ -43,7 +43,7 @@ def bands(table: RunTable) -> Any:
                  "q1": q1, "median": median, "q3": q3}
                 for n, q1, median, q3 in zip(evaluations, *quartiles, strict=True)
             ]  # fmt: skip
-    return frame_of_rows(parts)
+    return frame(parts)
 
 
 def evaluations_to_target(

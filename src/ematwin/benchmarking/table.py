@@ -18,7 +18,7 @@ from ematwin.benchmarking.plan import SHARED, Run, unpack
 from ematwin.benchmarking.subject import Subject
 from ematwin.errors import InputError, MissingExtraError
 from ematwin.estimation.search import methods
-from ematwin.showing.results import frame_of_rows
+from ematwin.showing.results import frame
 
 HISTORY_POINTS = 100  # kept of a run: improvements, evenly thinned
 _INPUTS = ("case", "algorithm", "run", "seed", "record_seed", "population", "iterations")
@@ -105,9 +105,7 @@ def collect(runs: Iterable[Run]) -> RunTable:
         "scenario": str(first.scenario.get("name", "unnamed")),
     }
     histories = [row.pop("history") for row in rows]
-    return RunTable(
-        subject, cases, algorithms, frame_of_rows(rows), histories, settings, provenance
-    )
+    return RunTable(subject, cases, algorithms, frame(rows), histories, settings, provenance)
 
 
 def thinned(packed: bytes) -> tuple[np.ndarray, np.ndarray]:

@@ -51,7 +51,7 @@ class Identification:
     others : other answers that explain the recording nearly as well, values by name
     fitted : values of parameters, load and sensors with which the twin answers, by name
     calibrated : whether the twin was fitted to healthy recordings of the actuator
-    recording : the data, for figures; None where it was not kept
+    recording : the data, for figures
     uncertainty : of the estimate, where that was asked for; None after an interruption
     probabilities : by searched fault, that it is as large as matters; none after an interruption
     """
@@ -70,6 +70,7 @@ class Identification:
     warnings: list[str]
     assumed: list[str]
     actuator: ParameterSet
+    recording: Recording = field(repr=False, compare=False)
     provenance: dict[str, Any] = field(default_factory=dict)
     intervals: dict[str, tuple[float, float]] = field(default_factory=dict)
     physical_values: dict[str, tuple[float, float, float]] = field(default_factory=dict)
@@ -78,7 +79,6 @@ class Identification:
     others: tuple[dict[str, float], ...] = ()
     fitted: dict[str, float] = field(default_factory=dict)
     calibrated: bool = False
-    recording: Recording | None = field(default=None, repr=False, compare=False)
     uncertainty: Uncertainty | None = None
     reference_runs: int = 0
     probabilities: dict[str, float] = field(default_factory=dict)

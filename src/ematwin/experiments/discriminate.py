@@ -29,7 +29,7 @@ from ematwin.estimation.levenberg_marquardt import LevenbergMarquardt
 from ematwin.estimation.problem import Problem
 from ematwin.experiments.candidates import Progress, ranked
 from ematwin.experiments.experiment import UNANSWERED, Experiment
-from ematwin.models.comparison import Comparison
+from ematwin.models.comparison import Comparison, one_candidate
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Scenario
 from ematwin.recordings.noise import Noise
@@ -203,8 +203,7 @@ class Pair:
         start = [other.get(one.name, one.healthy) for one in problem.unknowns]
 
         def residuals_of(values: Explanation) -> np.ndarray:
-            candidates = {name: np.array([x]) for name, x in values.items()}
-            return np.asarray(comparison.residuals(candidates, 1)[0])
+            return np.asarray(comparison.residuals(one_candidate(values), 1)[0])
 
         aim = residuals_of({**dict(zip(problem.names, start, strict=True)), **truth})
         here = residuals_of(model.healthy(actuator))

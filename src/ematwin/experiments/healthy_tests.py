@@ -25,7 +25,7 @@ from ematwin.models.scenario import Scenario
 from ematwin.numerics.linear_algebra import eigen, inverse
 from ematwin.numerics.side_by_side import cores, side_by_side
 from ematwin.recordings.noise import Noise
-from ematwin.showing.results import drawn, frame_of_rows, plain
+from ematwin.showing.results import drawn, frame, plain
 from ematwin.showing.text import counted
 
 TESTS = 3
@@ -134,7 +134,7 @@ class HealthyTests:
             {"place": place, **{name: errors[place] for name, errors in columns.items()}}
             for place in self.known
         )
-        return frame_of_rows(rows, "place")
+        return frame(rows, "place")
 
     to_dataframe = to_frame
 

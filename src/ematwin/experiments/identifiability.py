@@ -19,7 +19,7 @@ from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.scenario import Scenario
 from ematwin.models.unknown import PhysicalValue, Unknown
 from ematwin.recordings.noise import Noise
-from ematwin.showing.results import drawn, frame_of_rows, html, plain
+from ematwin.showing.results import drawn, frame, html, plain
 
 FALSE_ALARM, MISS = 1.0 - NormalDist().cdf(SIGMAS), 0.1
 HEADINGS = (
@@ -122,7 +122,7 @@ class Identifiability:
             {"fault": one.name, "standard_error": one.error, **{n: getattr(one, n) for n in shown}}
             for one in self.told
         )
-        return frame_of_rows(rows, "fault")
+        return frame(rows, "fault")
 
     to_dataframe = to_frame
 

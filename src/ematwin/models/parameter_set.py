@@ -36,7 +36,7 @@ from ematwin.models.parameter_file import (
     unit_of,
 )
 from ematwin.quantities import as_percent, parse_share
-from ematwin.showing.results import frame_of_rows, html
+from ematwin.showing.results import frame, html
 from ematwin.validation import all_at_once, findings, one_sentence
 
 DEFAULT_KIND = "bldc"  # where none is named, as in older files
@@ -288,9 +288,7 @@ class ParameterSet(BaseModel):
     def to_frame(self) -> Any:
         """A pandas DataFrame with a row for each parameter, by its place; needs pandas."""
         names = ("place", "value", "unit", "meaning", "source")
-        return frame_of_rows(
-            (dict(zip(names, row, strict=True)) for row in self.parameters()), "place"
-        )
+        return frame((dict(zip(names, row, strict=True)) for row in self.parameters()), "place")
 
     to_dataframe = to_frame
 

@@ -23,7 +23,6 @@ from ematwin.monitoring.detection import (
 from ematwin.monitoring.measure import Beside, Measurements, measured
 from ematwin.monitoring.population import Posterior
 from ematwin.monitoring.population_calibration import PopulationCalibration
-from ematwin.recordings.recording import Recording
 from ematwin.showing.text import listed
 
 _CHANGED = 6.0  # healthy standard deviations of a statistic
@@ -33,22 +32,13 @@ _SLACK = 0.15  # of the largest healthy covariate: so far outside their range it
 _FAR = 0.5  # of it: so far outside there is no verdict
 
 
-def by_population(
-    recordings: Sequence[Recording],
-    calibration: PopulationCalibration,
-    beside: Sequence[Beside] | None = None,
-) -> Detection:
-    """Diagnoses of recordings one by one, and of each run together.
-
-    ``beside`` are the recordings beside their fitted twin, where available. `RecordError` if a
-    recording is of another command, rate or rig.
-    """
-    every = calibration.beside(recordings) if beside is None else beside
-    one_source = len({one.source for one in recordings}) == 1
+def by_population(beside: Sequence[Beside], calibration: PopulationCalibration) -> Detection:
+    """Diagnoses of recordings beside their fitted twin one by one, and of each run together."""
+    one_source = len({one.recording.source for one in beside}) == 1
     runs: dict[Any, list[Beside]] = {}
-    for one in every:
+    for one in beside:
         runs.setdefault(one.recording.together, []).append(one)
-    alone = tuple(_together(calibration, [one], one_source) for one in every)
+    alone = tuple(_together(calibration, [one], one_source) for one in beside)
     together = tuple(
         _together(calibration, members, one_source, without="motion") for members in runs.values()
     )

@@ -314,7 +314,7 @@ def _added(
     beside = before.beside(recordings)
     given, more = [one.recording for one in beside], measured(beside)
     tell(0.6)
-    for run in by_population(given, before, beside).runs:
+    for run in by_population(beside, before).runs:
         if run.grade == "fault" or not run.probabilities:
             raise RecordError(
                 f"{run.name} is no healthy run by the calibration that it is to join "

@@ -28,7 +28,7 @@ from ematwin.models.base import Model
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.models.registry import actuator_in, load_actuator, model_of, shipped_actuators
 from ematwin.recordings.recording import Recording
-from ematwin.showing.results import drawn, frame_of_rows, html, page_written
+from ematwin.showing.results import drawn, frame, html, page_written
 from ematwin.validation import checksum_of, damage_said, load_toml, refuse_newer
 
 if TYPE_CHECKING:
@@ -218,7 +218,7 @@ class CalibrationReport:
         """A pandas DataFrame with a row for each fitted parameter, by place; needs pandas."""
         shown = ("place", "value", "standard_error", "template", "determined")
         rows = ({name: getattr(p, name) for name in shown} for p in self.parameters)
-        return frame_of_rows(rows, "place")
+        return frame(rows, "place")
 
     to_dataframe = to_frame
 

@@ -14,7 +14,7 @@ from ematwin.estimation.identification import Identification
 from ematwin.estimation.verdict import UNNAMED, Grade, Verdict
 from ematwin.monitoring.calibration import Calibration
 from ematwin.recordings.recording import Recording, label_text
-from ematwin.showing.results import drawn, frame_of_rows, html, page_written, plain
+from ematwin.showing.results import drawn, frame, html, page_written, plain
 from ematwin.showing.text import listed, number_of, said, said_between
 
 
@@ -283,7 +283,7 @@ class Detection:
 
     def to_frame(self, each: str = "run") -> Any:
         """A pandas DataFrame with a row for each "run" or "motion"; needs pandas."""
-        return frame_of_rows(self.rows(each), "actuator" if self.is_named else "name")
+        return frame(self.rows(each), "actuator" if self.is_named else "name")
 
     to_dataframe = to_frame
 

@@ -247,7 +247,7 @@ def judge(
     none where a healthy population judges and no values are wanted.
     """
     if isinstance(known, PopulationCalibration):
-        table = by_population(recordings, known)
+        table = by_population(known.beside(recordings), known)
         kept = zip_longest(table.motions, found)
         return replace(table, motions=tuple(replace(a, identification=b) for a, b in kept))
     one_source = len({one.source for one in recordings}) == 1

@@ -14,7 +14,7 @@ from ematwin.recordings.channel import Channel, with_time
 from ematwin.recordings.collect import Needs, unmet
 from ematwin.recordings.survey import Candidate, Survey, Surveyed, candidates
 from ematwin.recordings.words import IN_WORDS, NAMED, fits, named, unit_factor
-from ematwin.showing.results import frame_of_rows, html
+from ematwin.showing.results import frame, html
 from ematwin.showing.text import capital
 
 HEADINGS = ("taken for", "channel", "unit", "because")
@@ -115,7 +115,7 @@ class Proposal:
              "unit_from": one.unit_from or None, "because": " ".join(one.reasons)}
             for name, one in self.entries.items()
         )  # fmt: skip
-        return frame_of_rows(rows, "column")
+        return frame(rows, "column")
 
     to_dataframe = to_frame
 

@@ -12,6 +12,7 @@ from ematwin.errors import InputError
 from ematwin.estimation.constants import COVERAGE
 from ematwin.estimation.healthy_fit import same_command
 from ematwin.models.base import Model
+from ematwin.models.comparison import one_candidate
 from ematwin.models.registry import model_of
 from ematwin.monitoring.calibration import CalibrationReport
 from ematwin.monitoring.population_calibration import PopulationCalibration
@@ -236,7 +237,7 @@ def _beside(
             comparison = model.compare(recording, actuator)
             answer = comparison.exact(values)
             if answer is None:
-                found = comparison.responses({k: np.array([x]) for k, x in values.items()}, 1)
+                found = comparison.responses(one_candidate(values), 1)
                 answer = {name: trace[0] for name, trace in found.items()}
             answers.append(answer)
         measured = comparison.measured().items()

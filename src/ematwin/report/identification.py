@@ -21,11 +21,8 @@ def identification_page(found: Identification) -> str:
     """HTML page: faults, measured and fitted channels, residuals, convergence, provenance.
 
     The recording is as it was identified: with the load that was given, counted from where its
-    rotor stood, and averaged. Raises `InputError` if the identification keeps no recording.
+    rotor stood, and averaged.
     """
-    record = found.recording
-    if record is None:
-        raise InputError("The identification keeps no recording; identify from it again.")
     truth = _true_faults(found)
     bars = "Bars are shares of a fault's range, lines their 95 % intervals."
     bars += " Diamonds are the true values of the simulation." if truth else ""
@@ -35,12 +32,12 @@ def identification_page(found: Identification) -> str:
         Section("Deviation from healthy", bars, figure=plot_faults(found)),
         Section("Faults", table=fault_table(found)),
         Section("Parts", table=parts_table(found)),
-        *uncertainty_sections(found, record),
+        *uncertainty_sections(found),
         Section("Measured and fitted", fit, figure=plot_fit(found)),
     ]
     if len(found.history) > 1:  # where equations show all, nothing is searched
         sections.append(Section("Convergence", figure=plot_convergence(found)))
-    sections.append(Section("How it was found", facts=_facts(found, record)))
+    sections.append(Section("How it was found", facts=_facts(found)))
     notes = [*(f"Assumed: {sentence}" for sentence in found.assumed), *found.warnings]
     title = f"{found.actuator.name}: identified faults"
     return render(title, found.verdict.sentence, sections, notes, grade=found.verdict.grade)
@@ -76,8 +73,8 @@ def parts_table(found: Identification) -> Table:
     return Table(["part", "value", "95 %", ""], rows, texts=(-1,))
 
 
-def _facts(found: Identification, record: Recording) -> dict[str, str]:
-    source, known = found.provenance, "the tolerances of the data sheet"
+def _facts(found: Identification) -> dict[str, str]:
+    source, record, known = found.provenance, found.recording, "the tolerances of the data sheet"
     if found.calibrated:
         known = "healthy recordings and their drift"
     facts = {
@@ -188,13 +185,9 @@ def _hover(found: Identification, name: str) -> str:
 def plot_fit(found: Identification, recording: Recording | None = None) -> Any:
     """Measured and fitted channels over time, and their differences.
 
-    ``recording`` was identified; None takes the one in the identification. Raises `InputError` if
-    it keeps none.
+    ``recording`` was identified; None takes the one in the identification.
     """
     recording = recording or found.recording
-    if recording is None:
-        advice = "give it: plot_fit(found, recording)"
-        raise InputError(f"The identification keeps no recording; {advice}.")
     comparison = found.model.compare(recording, found.actuator)
     values = {**found.fitted, **found.values}
     # nuisances stay as they were found
@@ -230,7 +223,7 @@ def plot_convergence(found: Any) -> Any:
     return figure
 
 
-def uncertainty_sections(found: Identification, record: Recording) -> list[Section]:
+def uncertainty_sections(found: Identification) -> list[Section]:
     """Intervals and probabilities, then the figures of the method."""
     sure = found.uncertainty
     if sure is None:
@@ -247,7 +240,7 @@ def uncertainty_sections(found: Identification, record: Recording) -> list[Secti
     band = "The recording over the answers of the twin to draws of everything that is unknown."
     band += " Noise of the sensors is not in the band."
     sections.append(Section("Faults together", pairs, figure=plot_posterior(found)))
-    sections.append(Section("What the twin may answer", band, figure=plot_answers(found, record)))
+    sections.append(Section("What the twin may answer", band, figure=plot_answers(found)))
     return sections
 
 
@@ -344,9 +337,10 @@ def _edges(x: np.ndarray) -> np.ndarray:
     return np.linspace(low - away, high + away, 33)
 
 
-def plot_answers(found: Identification, recording: Recording) -> Any:
+def plot_answers(found: Identification) -> Any:
     """Measured channels over the band in which 95 % of the answers to all draws lie."""
     assert found.uncertainty is not None
+    recording = found.recording
     comparison = found.model.compare(recording, found.actuator)
     bands = predicted(found.uncertainty.draws, found.estimate.held, comparison)
     measured, captions = comparison.measured(), comparison.captions()

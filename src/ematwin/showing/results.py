@@ -17,18 +17,16 @@ from ematwin.files import check_target, write_text
 
 
 def frame(columns: Any, index: str | None = None) -> Any:
-    """A pandas DataFrame of columns (N,) by name or of rows; a column may be its ``index``."""
+    """A pandas DataFrame of columns (N,) by name, or of rows; a column may be its ``index``.
+
+    Values that a row does not have are missing.
+    """
     try:
         from pandas import DataFrame
     except ImportError:
         raise MissingExtraError("pandas", "pandas", "A table") from None
     made = DataFrame(columns)
     return made if index is None else made.set_index(index)
-
-
-def frame_of_rows(rows: Iterable[Mapping[str, Any]], index: str | None = None) -> Any:
-    """A pandas DataFrame of rows; values that a row does not have are missing."""
-    return frame(list(rows), index)
 
 
 def is_frame(value: Any) -> bool:
@@ -84,8 +82,7 @@ def html(
     """
     style = "font-weight:600;margin:.3em 0"
     if grade:
-        color = _GRADES.get(grade, _GRADES["none"])
-        style += f";border-left:5px solid {color};padding:.2em .7em;font-size:1.15em"
+        style += f";border-left:5px solid {_GRADES[grade]};padding:.2em .7em;font-size:1.15em"
     parts = [f'<div style="{style}">{escape(title)}</div>'] if title else []
     every, strong, small = list(rows), set(marked), list(notes)
     if header:

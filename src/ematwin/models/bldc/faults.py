@@ -29,7 +29,7 @@ from ematwin.models.unknown import (
     physical_html,
     table_of,
 )
-from ematwin.showing.results import frame_of_rows
+from ematwin.showing.results import frame
 
 
 def friction_factor(k: Any) -> Any:
@@ -325,7 +325,7 @@ class Faults:
 
     def to_frame(self) -> Any:
         """A pandas DataFrame with a row for each component, by name; needs pandas."""
-        return frame_of_rows((row._asdict() for row in self.physical()), "name")
+        return frame((row._asdict() for row in self.physical()), "name")
 
     to_dataframe = to_frame
 
