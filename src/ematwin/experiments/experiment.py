@@ -166,7 +166,7 @@ class Experiment:
         )  # fmt: skip
 
     def move(
-        self, scenario: Scenario, limits: Mapping[str, float] | None = None, *, fast: bool = True
+        self, scenario: Scenario, limits: Mapping[str, float], *, fast: bool = True
     ) -> Recording:
         """Recording of the healthy actuator under a command that is worth recording.
 
@@ -175,7 +175,7 @@ class Experiment:
         self.model.check_scenario(scenario, self.actuator)
         recording = self.record(scenario, fast=fast)
         demands = self.model.demanded(recording)
-        if (over := excess(demands, limits or {})) > 0.0:
+        if (over := excess(demands, limits)) > 0.0:
             raise RefusedError(BEYOND, demands, over)
         if obstacles := self.model.excitation(recording, self.actuator):
             raise RefusedError(obstacles[0], demands)

@@ -31,8 +31,6 @@ from ematwin.showing.text import counted
 TESTS = 3
 _ADDS = 0.9  # ratio of standard errors: a further test has to lower one so far
 
-Progress = Callable[[float], object]
-
 
 def numbered(path: str | Path, count: int) -> list[Path]:
     """The names of so many tests: ``test.toml``, ``test-2.toml``, ..."""
@@ -175,7 +173,7 @@ def healthy_tests(
     sample_rate: float | None = None,
     seed: int = 1,
     threads: int | None = None,
-    progress: Progress | None = None,
+    progress: Callable[[float], object] | None = None,
     **limits: float,
 ) -> HealthyTests:
     """Tests of the healthy actuator that determine the parameters which recordings leave open.

@@ -117,11 +117,8 @@ def columns_in_words(columns: dict[str, Any]) -> str:
     """Which channel of a file became which, from the provenance of a recording."""
     told = []
     for name, account in columns.items():
-        if not isinstance(account, dict) or "derived" in account:
-            how = account["derived"] if isinstance(account, dict) else account
-        else:
-            rest = {k: v for k, v in account.items() if k not in ("channel", "unit", "unit_from")}
-            more = "".join(f", {key} {value}" for key, value in rest.items())
-            how = f"“{account.get('channel')}” in {account.get('unit')}{more}"
+        rest = {k: v for k, v in account.items() if k not in ("channel", "unit", "unit_from")}
+        more = "".join(f", {key} {value}" for key, value in rest.items())
+        how = account.get("derived") or f"“{account['channel']}” in {account['unit']}{more}"
         told.append(f"{name}: {how}")
     return "; ".join(told)

@@ -25,11 +25,6 @@ FAULTS = {
 }
 
 
-@pytest.fixture(scope="module")
-def calibration(report):
-    return report.calibration
-
-
 # Files of earlier versions
 
 

@@ -14,7 +14,6 @@ from ematwin.models.registry import model_of
 from ematwin.monitoring import identify as identifying
 from ematwin.monitoring.calibration import CalibrationReport
 from ematwin.monitoring.detection import Detection, Diagnosis
-from ematwin.monitoring.population_calibration import PopulationCalibration
 from made_up_axis import drifted, run
 from made_up_rig import healthy_runs
 from made_up_rig import motion as ball_screw_motion
@@ -29,7 +28,7 @@ FAULTS = {
 
 
 @pytest.fixture(scope="module")
-def report() -> CalibrationReport:
+def axis() -> CalibrationReport:
     return ematwin.calibrate([run(n) for n in range(1, 6)], "servo48", name="axis")
 
 
@@ -40,16 +39,16 @@ def recordings() -> list[ematwin.Recording]:
 
 
 @pytest.fixture(scope="module")
-def found(report, recordings) -> Detection:
-    return ematwin.detect(recordings, report)
+def found(axis, recordings) -> Detection:
+    return ematwin.detect(recordings, axis)
 
 
 # One verdict
 
 
-def test_identify_and_detect_say_the_same_of_each_recording(report, recordings, found):
-    (other,) = ematwin.identify([recordings[3]], report).motions
-    row, alone = found.motions[3], ematwin.identify(recordings[3], report)
+def test_identify_and_detect_say_the_same_of_each_recording(axis, recordings, found):
+    (other,) = ematwin.identify([recordings[3]], axis).motions
+    row, alone = found.motions[3], ematwin.identify(recordings[3], axis)
     assert row.verdict == other.verdict == alone.verdict
     assert row.magnitudes == other.magnitudes
     assert found.runs == found.motions
@@ -86,14 +85,7 @@ def test_drift_of_a_servo_of_another_kind_is_no_fault_either():
     assert not row.alarm
 
 
-@pytest.fixture(scope="module")
-def calibration() -> ematwin.Calibration:
-    """Of a ball screw: what the twin leaves of healthy recordings was learnt."""
-    return ematwin.calibrate(healthy_runs(4)).calibration
-
-
 def test_a_healthy_population_judges_for_both_commands(calibration):
-    assert isinstance(calibration, PopulationCalibration)
     motions = [*rig_run(60, friction=1.3), *rig_run(61, roughness=0.1), *healthy_runs(1, first=101)]
     found = ematwin.detect(motions, calibration)
     together = ematwin.identify(motions, calibration)
@@ -122,44 +114,44 @@ def test_an_interrupt_of_the_healthy_population_keeps_what_was_found(calibration
 # Several recordings
 
 
-def test_a_folder_a_glob_and_a_list_are_several_recordings(report, tmp_path):
+def test_a_folder_a_glob_and_a_list_are_several_recordings(axis, tmp_path):
     for name, fault in (("day10", {"friction": 0.25}), ("day2", {})):
         ematwin.write(run(60, **fault).changed(labels={}), tmp_path / f"{name}.parquet")
     (tmp_path / "notes.md").write_text("no recording")
     tables = [
-        ematwin.identify(given, report, only="friction")
+        ematwin.identify(given, axis, only="friction")
         for given in (tmp_path, str(tmp_path / "*2.parquet"), [tmp_path / "day2.parquet"])
     ]
     names = [[row.name for row in table.motions] for table in tables]
     assert names == [["day2.parquet", "day10.parquet"], ["day2.parquet"], ["day2.parquet"]]
     assert [row.grade for row in tables[0].motions] == ["healthy", "fault"]
     assert tables[0].motions[1].identification.verdict.faults == ("friction",)
-    alone = ematwin.identify(tmp_path / "day2.parquet", report, only="friction")
+    alone = ematwin.identify(tmp_path / "day2.parquet", axis, only="friction")
     assert isinstance(alone, ematwin.Identification)
 
 
-def test_what_cannot_be_judged_is_refused_before_any_work(report, tmp_path):
+def test_what_cannot_be_judged_is_refused_before_any_work(axis, tmp_path):
     (tmp_path / "empty").mkdir()
     for given in (tmp_path / "empty", str(tmp_path / "*.csv")):
         with pytest.raises(InputError, match="holds no recording: no file ends in"):
-            ematwin.identify(given, report)
+            ematwin.identify(given, axis)
     with pytest.raises(InputError, match="leave it out for several"):
-        ematwin.identify([run(30)], report, checkpoint=tmp_path / "x")
+        ematwin.identify([run(30)], axis, checkpoint=tmp_path / "x")
     with pytest.raises(RecordError, match="has no command"):
-        ematwin.identify([run(30), ball_screw_motion()], report)
+        ematwin.identify([run(30), ball_screw_motion()], axis)
     with pytest.raises(RecordError, match="has no command"):
-        ematwin.detect(ball_screw_motion(), report)
+        ematwin.detect(ball_screw_motion(), axis)
     with pytest.raises(RecordError, match="has no command"):
         ematwin.calibrate(healthy_runs(3, motions=1), "servo48")
     with pytest.raises(ParameterError, match="holds an actuator but no calibration"):
         ematwin.detect(run(30), ematwin.BldcActuator.shipped()["servo48"])
 
 
-def test_an_interruption_leaves_the_rows_that_are_done(report):
+def test_an_interruption_leaves_the_rows_that_are_done(axis):
     def stop(share: float) -> None:
         signal.raise_signal(signal.SIGINT)
 
-    table = ematwin.detect([run(30) for _ in range(8)], report, progress=stop, threads=1)
+    table = ematwin.detect([run(30) for _ in range(8)], axis, progress=stop, threads=1)
     assert 1 <= len(table.motions) < 8
     assert len(table.motions) + table.missing == 8
     assert f"Interrupted: {table.missing} more were not judged." in table.sentence
@@ -169,13 +161,13 @@ def test_an_interruption_leaves_the_rows_that_are_done(report):
 # Calibrating
 
 
-def test_what_the_recordings_do_not_determine_stays_within_the_tolerance_of_the_template(report):
-    undetermined = [p for p in report.parameters if not p.determined]
+def test_what_the_recordings_do_not_determine_stays_within_the_tolerance_of_the_template(axis):
+    undetermined = [p for p in axis.parameters if not p.determined]
     assert undetermined
     for parameter in undetermined:
         away = abs(parameter.value / parameter.template - 1.0)
-        assert away < 1.5 * report.actuator.tolerance(parameter.place), parameter.place
-        assert "not determined" in report.sources[parameter.place]
+        assert away < 1.5 * axis.actuator.tolerance(parameter.place), parameter.place
+        assert "not determined" in axis.sources[parameter.place]
 
 
 def test_a_recording_unlike_the_other_healthy_ones_is_refused_and_may_lack_its_load():
@@ -185,11 +177,11 @@ def test_a_recording_unlike_the_other_healthy_ones_is_refused_and_may_lack_its_l
         ematwin.calibrate([one.changed(load=None) for one in healthy], "servo48")
 
 
-def test_what_is_of_a_population_is_refused(report):
+def test_what_is_of_a_population_is_refused(axis):
     with pytest.raises(InputError, match=r"judged by the values.*; leave known out"):
         ematwin.calibrate([run(1)], "servo48", known={"dry": ["run60.csv"]})
     with pytest.raises(InputError, match="calibrate anew with all healthy recordings"):
-        ematwin.calibrate([run(9)], add_to=report.calibration)
+        ematwin.calibrate([run(9)], add_to=axis.calibration)
 
 
 def test_a_calibration_of_0_2_loads_without_its_population(tmp_path):
