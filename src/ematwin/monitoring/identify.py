@@ -164,10 +164,10 @@ def identify(
         with told(progress, "judging", lambda n, _, m: (n / m, f"{n} of {m} recordings")) as tell:
             given = None if is_runs else columns
             return _judged(groups, tell, load, given, threads=threads, settings=settings)
-    if isinstance(record, Recording) and columns is not None:
-        raise InputError("A Recording has its channels already; leave columns out.")
     if not isinstance(record, Recording):
         record = read(record, columns, actuator=known.actuator)
+    elif columns is not None:
+        raise InputError("A Recording has its channels already; leave columns out.")
     # the recorded rate is not kept: who gives a recording away frees its memory
     record, groups = prepared(record, known.actuator, load), []
     alone = identified(
