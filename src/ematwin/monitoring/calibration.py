@@ -217,8 +217,7 @@ class CalibrationReport:
     def to_frame(self) -> Any:
         """A pandas DataFrame with a row for each fitted parameter, by place; needs pandas."""
         shown = ("place", "value", "standard_error", "template", "determined")
-        rows = ({name: getattr(p, name) for name in shown} for p in self.parameters)
-        return frame(rows, "place")
+        return frame({x: [getattr(p, x) for p in self.parameters] for x in shown}, "place")
 
     to_dataframe = to_frame
 

@@ -178,6 +178,7 @@ def test_later_runs_join_the_healthy_ones(tmp_path):
     first.save(tmp_path / "rig.toml")
     later = healthy_runs(2, first=11)
     second = calibrate(later, add_to=tmp_path / "rig.toml")
+    assert list(second.to_frame()) == ["value", "standard_error", "template", "determined"]
     assert second.learnt == ["1", "2", "3", "4", "11", "12"]
     assert second.parameters == []
     before, after = first.calibration, second.calibration

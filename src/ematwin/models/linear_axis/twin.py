@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ematwin.errors import RecordError
 from ematwin.models.linear_axis.parameters import LinearAxis
 from ematwin.models.sections import GRID
 from ematwin.numerics.compile import step
@@ -168,10 +169,16 @@ def follow(
     voltage leads them closest to the first 20 recorded positions; at rest at the reference, or the
     first position, where a channel is missing.
 
-    `RecordError` if it is not sampled with the controller.
+    `RecordError` if it is not sampled with the controller, or lacks a channel that drives.
     """
     actuator.check_interval(recording)
     channels, interval = recording.channels, actuator.controller.sample_time
+    for name in () if closed else ("voltage", "position"):
+        if name not in channels:
+            raise RecordError(
+                f"{recording.name} has no {name}, which an open-loop simulation needs; it has "
+                f"{', '.join(channels)}."
+            )
     controlled = axis_constants(actuator, candidates)
     driven = controlled._replace(closed=0.0)
     rest: Any = np.zeros((3, count))

@@ -176,6 +176,11 @@ def test_a_recording_at_another_rate_is_refused(recording):
         ematwin.simulate(actuator=AXIS, sample_rate=500.0)
 
 
+def test_open_loop_names_the_channel_that_it_lacks(recording):
+    with pytest.raises(RecordError, match="has no voltage, which an open-loop simulation needs"):
+        follow(AXIS, recording.changed(voltage=None), {}, 1, closed=False)
+
+
 def test_motion_one_way_gives_no_verdict():
     out = ematwin.simulate(scenario=THERE, actuator=AXIS)
     assert "never moves backward" in MODEL.excitation(out, AXIS)[0]
