@@ -70,5 +70,6 @@ if __name__ == "__main__":
     # One thread for linear algebra: least squares of others would else wait for busy cores.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Python puts this folder first; the parts are found from the root of the repository.
-    sys.path[0] = str(Path(__file__).resolve().parents[2])
+    root = Path(__file__).resolve().parents[2]
+    sys.path[:1] = [str(root), str(root / "tests")]
     sys.exit(main())

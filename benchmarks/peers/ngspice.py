@@ -13,7 +13,6 @@ hysteresis band.
 
 import math
 import shutil
-import subprocess
 import tempfile
 from pathlib import Path
 
@@ -24,6 +23,7 @@ from ematwin import Faults, simulate
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.numerics.signals import LowPass
 from ematwin.recordings.recording import Recording
+from ngspice import answer_of, bridge, straight
 
 FAULTS = Faults(short_a=0.3, eccentricity=0.3, eccentricity_phase=0.3)
 START, LENGTH = 0.30, 0.05  # s, of the default scenario
@@ -33,9 +33,8 @@ LIMIT = 0.03  # of RMS
 
 def played_back(name: str, time: np.ndarray, values: np.ndarray) -> str:
     """A voltage source of straight lines between samples."""
-    points = [f"{t:.9g} {v:.9g}" for t, v in zip(time - time[0], values, strict=True)]
-    lines = [" ".join(points[n : n + 6]) for n in range(0, len(points), 6)]
-    return f"V{name} {name} 0 PWL(\n+ " + "\n+ ".join(lines) + ")"
+    pairs = zip(time - time[0], values, strict=True)
+    return straight(name, [f"{t:.9g} {v:.9g}" for t, v in pairs])
 
 
 def current_reference(record: Recording, actuator: BldcActuator) -> np.ndarray:
@@ -48,20 +47,16 @@ def current_reference(record: Recording, actuator: BldcActuator) -> np.ndarray:
     return np.clip(i_ref, -actuator.drive.current_limit, actuator.drive.current_limit)
 
 
-def netlist(record: Recording, actuator: BldcActuator, duration: float, output: Path) -> str:
+def circuit_of(record: Recording, actuator: BldcActuator) -> list[str]:
     """The circuit; parameters of the actuator are phase to phase."""
     motor, drive = actuator.motor, actuator.drive
     first = np.stack([record.current_a, record.current_b, record.current_c])[:, 0]
-    junction = 0.1 * 0.025865 * math.log(1.0 / 1e-14)  # V, of the diode at 1 A
     largest = "max(abs(i(Vsa)),max(abs(i(Vsb)),abs(i(Vsc))))"
     along = "+".join(f"v(d{x})*i(Vs{x})" for x in "abc")
     lines = [
         "three-phase bridge with commutation and hysteresis regulator",
-        f"Vsupply rail 0 {drive.supply_voltage}",
-        ".model gate SW(vt=0.5 vh=0 ron=1m roff=1e8)",
+        *bridge(drive),
         f".model comparator SW(vt=0 vh={drive.hysteresis_band / 2.0} ron=1 roff=1e9)",
-        ".model diode D(is=1e-14 n=0.1)",
-        "Rstar star 0 1e9",
         played_back("angle", record.time, record.motor_position),
         played_back("speed", record.time, record.motor_speed),
         played_back("wanted", record.time, current_reference(record, actuator)),
@@ -85,41 +80,21 @@ def netlist(record: Recording, actuator: BldcActuator, duration: float, output: 
             f"Bd{x} d{x} 0 V=v(f{x})>1 ? 1 : (v(f{x})<-1 ? -1 : 0)",
             f"Bh{x} h{x} 0 V=v(d{x})*(v(sign)-0.5)>0.1 ? 1 : 0",
             f"Bl{x} l{x} 0 V=v(d{x})*(v(sign)-0.5)<-0.1 ? 1 : 0",
-            f"Shigh{x} rail t{x} h{x} 0 gate",
-            f"Slow{x} t{x} 0 l{x} 0 gate",
-            f"Dhigh{x} t{x} u{x} diode",
-            f"Vhigh{x} u{x} rail {drive.diode_drop - junction:.9g}",
-            f"Dlow{x} w{x} t{x} diode",
-            f"Vlow{x} 0 w{x} {drive.diode_drop - junction:.9g}",
             f"Vs{x} t{x} s{x} 0",
             f"R{x} s{x} r{x} {h * motor.resistance / 2.0:.12g}",
             f"L{x} r{x} e{x} {inductance:.12g} IC={first[n]:.9g}",
             f"B{x} e{x} star V={emf}",
         ]
-    lines += [
-        ".options method=gear reltol=1e-3 abstol=1e-6",
-        f".tran 1u {duration:.9g} 0 1u uic",
-        ".control",
-        "run",
-        "set wr_singlescale",
-        "option numdgt=9",
-        f"wrdata {output} i(La) i(Lb) i(Lc)",
-        "quit",
-        ".endc",
-        ".end",
-    ]
-    return "\n".join(lines) + "\n"
+    return lines
 
 
 def run_ngspice(record: Recording, actuator: BldcActuator, duration: float) -> np.ndarray:
     """Time and phase currents, (N, 4)."""
     with tempfile.TemporaryDirectory() as folder:
-        deck, output = Path(folder) / "bridge.cir", Path(folder) / "currents.data"
-        deck.write_text(netlist(record, actuator, duration, output), encoding="utf-8")
-        done = subprocess.run(["ngspice", "-b", str(deck)], capture_output=True, text=True)
-        if not output.exists():
-            raise RuntimeError(f"ngspice gave no currents: {(done.stdout + done.stderr)[-500:]}")
-        return np.loadtxt(output)
+        return answer_of(
+            circuit_of(record, actuator), ("i(La)", "i(Lb)", "i(Lc)"), duration, Path(folder),
+            tolerance=1e-3,
+        )  # fmt: skip
 
 
 def disagreement(seen: np.ndarray, record: Recording) -> float:
