@@ -60,25 +60,11 @@ def currents(actuator, faults, command, motion, dt):
                 elif seen < wanted - drive.hysteresis_band / 2:
                     sign = 1
                 volts = sign * drive.supply_voltage
-            left = wait
-            while left > 0:
-                legs = reference.leg_voltages(
-                    pair, now, emf, windings.resistance, windings.inductance, drive
-                )
-                for leg in range(3):
-                    if pair[leg] != 0:
-                        legs[leg] = (drive.supply_voltage + pair[leg] * volts) / 2
-                slope, _ = reference.slopes(
-                    legs, now, emf, windings.resistance, windings.inductance
-                )
-                blocked = [
-                    k for k in range(3) if pair[k] == 0 and now[k] * (now[k] + left * slope[k]) < 0
-                ]
-                part = -now[blocked[0]] / slope[blocked[0]] if blocked else left
-                after = now + part * slope
-                after[blocked] = 0.0
-                charge += part * (now + after) / 2
-                now, left = after, left - part if blocked else 0
+            for part, before, after, *_ in reference.parts_of_step(
+                pair, volts, now, emf, windings.resistance, windings.inductance, drive, wait
+            ):
+                charge += part * (before + after) / 2
+                now = after
             done += wait
         rows.append(charge / dt)
     return np.array(rows)
@@ -100,10 +86,7 @@ def output(actuator, faults, start, motion, load, dt):
             motor_angle, motor_speed, angle, speed, half_gap, gear.contact_stiffness,
             gear.contact_damping,
         ) - pushes  # fmt: skip
-        dynamic = worn * mechanics.loaded_dynamic_torque(
-            speed if speed != 0 else active, -pushes, gear.friction_torque,
-            gear.efficiency_opposing, gear.efficiency_aiding,
-        )  # fmt: skip
+        dynamic = mechanics.output_friction(speed, active, pushes, worn, gear)
         speed = mechanics.next_speed(
             speed, active, gear.output_inertia, gear.static_ratio * dynamic, dynamic, dt
         )
@@ -167,10 +150,7 @@ def masses(actuator, faults, currents, load, dt, every, seen, known, begin, show
             x_m, w_m, x_o, w_o, half_gap, gear.contact_stiffness, gear.contact_damping
         )
         active = contact - pushes
-        output = worn * mechanics.loaded_dynamic_torque(
-            w_o if w_o != 0 else active, -pushes, gear.friction_torque,
-            gear.efficiency_opposing, gear.efficiency_aiding,
-        )  # fmt: skip
+        output = mechanics.output_friction(w_o, active, pushes, worn, gear)
         motor_friction = worn * actuator.motor.friction_torque
         w_m = mechanics.next_speed(
             w_m, made - actuator.motor.viscous_damping * w_m - contact, actuator.motor.inertia,

@@ -65,6 +65,14 @@ def loaded_dynamic_torque(direction, load_torque, unloaded, efficiency_opposing,
     return unloaded + (1 - efficiency_aiding) * abs(load_torque)
 
 
+def output_friction(speed, push, load, worn, gear):
+    """Dynamic torque on the output of a worn gear; at rest ``push`` has the sign of the motion."""
+    return worn * loaded_dynamic_torque(
+        speed if speed != 0 else push, -load, gear.friction_torque,
+        gear.efficiency_opposing, gear.efficiency_aiding,
+    )  # fmt: skip
+
+
 def play(motor, output, half_gap):
     """Output of a rigid gear with play: it moves only where the gap pushes it."""
     if motor - output > half_gap:

@@ -32,10 +32,7 @@ class TwoMasses:
         dynamic_m = self.worn * self.actuator.motor.friction_torque
         # the ripple of the real current has peaks of half a band, which help to break loose
         static_m = max(dynamic_m, gear.static_ratio * dynamic_m - kappa * drive.hysteresis_band / 2)
-        dynamic_o = self.worn * mechanics.loaded_dynamic_torque(
-            self.w_o if self.w_o != 0 else self.w_m, -load, gear.friction_torque,
-            gear.efficiency_opposing, gear.efficiency_aiding,
-        )  # fmt: skip
+        dynamic_o = mechanics.output_friction(self.w_o, self.w_m, load, self.worn, gear)
         rotor = {
             "x": self.x_m, "w": self.w_m, "before": before, "act": act,
             "j": self.actuator.motor.inertia, "ts": static_m, "td": dynamic_m,

@@ -10,14 +10,15 @@ import numpy as np
 from . import mechanics, motor
 
 
-def leg_voltages(gates, currents, emf, resistances, inductances, drive):
-    """Terminal voltage of each leg, or None where it carries no current."""
+def leg_voltages(gates, across, currents, emf, resistances, inductances, drive):
+    """Terminal voltage of each leg, or None where it carries no current.
+
+    ``across`` is the voltage between the two driven legs.
+    """
     voltages = [None, None, None]
     for leg in range(3):
-        if gates[leg] == 1:
-            voltages[leg] = drive.supply_voltage
-        elif gates[leg] == -1:
-            voltages[leg] = 0.0
+        if gates[leg] != 0:
+            voltages[leg] = (drive.supply_voltage + gates[leg] * across) / 2
         elif currents[leg] > 0:  # the lower diode carries a current into the motor
             voltages[leg] = -drive.diode_drop
         elif currents[leg] < 0:
@@ -48,6 +49,24 @@ def slopes(voltages, currents, emf, resistances, inductances):
     return solution[:3], solution[3]
 
 
+def parts_of_step(gates, across, currents, emf, resistances, inductances, drive, dt):
+    """Parts of a step: each goes to its end, or until the diode of an off leg blocks.
+
+    Yields the length of each (s), currents before and after it, voltages of legs and star point.
+    """
+    left = dt
+    while left > 0:
+        voltages = leg_voltages(gates, across, currents, emf, resistances, inductances, drive)
+        slope, star = slopes(voltages, currents, emf, resistances, inductances)
+        ends = currents + left * slope
+        blocked = [k for k in range(3) if gates[k] == 0 and currents[k] * ends[k] < 0]
+        part = -currents[blocked[0]] / slope[blocked[0]] if blocked else left
+        after = currents + part * slope
+        after[blocked] = 0.0
+        yield part, currents, after, voltages, star
+        currents, left = after, left - part if blocked else 0
+
+
 def simulate(actuator, faults, command, load, dt):
     """Simulate from rest; command (rad) and load (N m) on the motor shaft, one for each step.
 
@@ -66,18 +85,9 @@ def simulate(actuator, faults, command, load, dt):
     currents = np.zeros(3)
     x_m = w_m = x_o = w_o = 0.0
     sign = 1
-    trace = {
-        name: []
-        for name in (
-            "mean_currents",
-            "mean_voltages",
-            "bus_current",
-            "motor",
-            "motor_speed",
-            "output",
-            "output_speed",
-        )
-    }
+    names = ("mean_currents", "mean_voltages", "bus_current", "motor", "motor_speed", "output",
+             "output_speed")  # fmt: skip
+    rows = []
     for command_now, load_now in zip(command, load, strict=True):
         kappa = motor.kappa(x_m, faults, actuator)
         sector = motor.sector(actuator.motor.pole_pairs * x_m)
@@ -92,26 +102,17 @@ def simulate(actuator, faults, command, load, dt):
         gates = motor.gates(sector, sign)
 
         emf = [k * w_m for k in kappa]
-        charge, flux, drawn, remaining = np.zeros(3), np.zeros(3), 0.0, dt
-        while remaining > 0:
-            voltages = leg_voltages(gates, currents, emf, resistances, inductances, drive)
-            slope, star = slopes(voltages, currents, emf, resistances, inductances)
-            # the step goes to its end, or until the diode of an off leg blocks
-            blocked = [
-                k for k in range(3)
-                if gates[k] == 0 and currents[k] * (currents[k] + remaining * slope[k]) < 0
-            ]  # fmt: skip
-            part = -currents[blocked[0]] / slope[blocked[0]] if blocked else remaining
-            after = currents + part * slope
-            after[blocked] = 0.0
-            charge += part * (currents + after) / 2
+        charge, flux, drawn = np.zeros(3), np.zeros(3), 0.0
+        for part, before, after, voltages, star in parts_of_step(
+            gates, drive.supply_voltage, currents, emf, resistances, inductances, drive, dt
+        ):
+            charge += part * (before + after) / 2
             # an open terminal shows the star point and the EMF of its phase
             seen_volts = [star + e if v is None else v for v, e in zip(voltages, emf, strict=True)]
             flux += part * np.array(seen_volts)
             upper = [v is not None and v >= drive.supply_voltage for v in voltages]
-            drawn += part * sum((currents + after)[upper]) / 2
-            currents = after
-            remaining = remaining - part if blocked else 0
+            drawn += part * sum((before + after)[upper]) / 2
+        currents = after
         mean = charge / dt
         torque = sum(k * i for k, i in zip(kappa, mean, strict=True))
 
@@ -121,10 +122,7 @@ def simulate(actuator, faults, command, load, dt):
         act_m = torque - actuator.motor.viscous_damping * w_m - contact
         act_o = contact - load_now
         dynamic_m = worn * actuator.motor.friction_torque
-        dynamic_o = worn * mechanics.loaded_dynamic_torque(
-            w_o if w_o != 0 else act_o, -load_now, gear.friction_torque,
-            gear.efficiency_opposing, gear.efficiency_aiding,
-        )  # fmt: skip
+        dynamic_o = mechanics.output_friction(w_o, act_o, load_now, worn, gear)
         w_m = mechanics.next_speed(
             w_m, act_m, actuator.motor.inertia, gear.static_ratio * dynamic_m, dynamic_m, dt
         )
@@ -133,11 +131,6 @@ def simulate(actuator, faults, command, load, dt):
         )
         x_m += dt * w_m
         x_o, w_o = mechanics.end_stop(x_o + dt * w_o, w_o, low, high)
-        trace["mean_currents"].append(mean)
-        trace["mean_voltages"].append(flux / dt)
-        trace["bus_current"].append(drawn / dt)
-        trace["motor"].append(x_m)
-        trace["motor_speed"].append(w_m)
-        trace["output"].append(x_o)
-        trace["output_speed"].append(w_o)
-    return {name: np.array(values) for name, values in trace.items()}
+        rows.append((mean, flux / dt, drawn / dt, x_m, w_m, x_o, w_o))
+    columns = zip(*rows, strict=True)
+    return {name: np.array(column) for name, column in zip(names, columns, strict=True)}

@@ -37,7 +37,7 @@ def test_bridge_voltages_are_those_of_a_linear_system(sector, sign, i, idle, emf
     resistances = [x * C.resistance for x in h]
     inductances = [motor.phase_inductance(x, C.inductance, C.leakage) for x in h]
     expected = naive_reference.leg_voltages(
-        gates, currents, emf, resistances, inductances, ACTUATOR.drive
+        gates, C.v_supply, currents, emf, resistances, inductances, ACTUATOR.drive
     )
     slopes, star = naive_reference.slopes(expected, currents, emf, resistances, inductances)
     seen, seen_star, conducts = terminal_voltages(
