@@ -149,27 +149,15 @@ def dragonfly(cost, lower, upper, population, iterations, rng):
 
 
 def particle_swarm(
-    cost,
-    lower,
-    upper,
-    population,
-    iterations,
-    rng,
-    inertia,
-    weight,
-    ring=None,
-    limit=math.inf,
+    cost, lower, upper, population, iterations, rng, inertia, weight, ring=None, limit=math.inf,
     last=None,
-):
+):  # fmt: skip
     d = len(lower)
     X = [_random_point(rng, lower, upper) for _ in range(population)]
-    V = [
-        [
-            0.5 * (there - here)
-            for there, here in zip(_random_point(rng, lower, upper), x, strict=True)
-        ]
-        for x in X
-    ]
+    V = []
+    for x in X:
+        goal = _random_point(rng, lower, upper)
+        V.append([0.5 * (there - here) for there, here in zip(goal, x, strict=True)])
     best, f_best = [list(x) for x in X], [math.inf] * population
     for t in range(1, iterations + 1):
         for i in range(population):
@@ -227,22 +215,31 @@ def differential_evolution(cost, lower, upper, population, iterations, rng, F, C
     return min(costs)
 
 
+def _decoded(string, lower, upper, bits, gray):
+    """The point of a string of bits, in Gray or in plain code."""
+    x = []
+    for j, (low, high) in enumerate(zip(lower, upper, strict=True)):
+        bit, number = 0, 0
+        for place in string[j * bits : (j + 1) * bits]:
+            bit = bit ^ place if gray else place
+            number = 2 * number + bit
+        x.append(low + number / (2**bits - 1) * (high - low))
+    return x
+
+
+def _children(one, two, rng, crossed, flipped):
+    """Two children of two strings: one-point crossover, then bits that flip."""
+    one, two = list(one), list(two)
+    if rng.random() < crossed:
+        cut = rng.randrange(1, len(one))
+        one[cut:], two[cut:] = two[cut:], one[cut:]
+    return [[bit ^ (rng.random() < flipped) for bit in child] for child in (one, two)]
+
+
 def binary_genetic_algorithm(cost, lower, upper, population, iterations, rng, bits, contest):
-    d = len(lower)
-
-    def point(string):
-        x = []
-        for j in range(d):
-            bit, number = 0, 0
-            for place in string[j * bits : (j + 1) * bits]:
-                bit ^= place
-                number = 2 * number + bit
-            x.append(lower[j] + number / (2**bits - 1) * (upper[j] - lower[j]))
-        return x
-
-    length = d * bits
+    length = len(lower) * bits
     parents = [[rng.randrange(2) for _ in range(length)] for _ in range(population)]
-    costs = [cost(point(parent)) for parent in parents]
+    costs = [cost(_decoded(parent, lower, upper, bits, True)) for parent in parents]
     for _ in range(iterations - 1):
         draws = []
         while len(draws) < contest * population:
@@ -251,31 +248,18 @@ def binary_genetic_algorithm(cost, lower, upper, population, iterations, rng, bi
             min(draws[k * contest : (k + 1) * contest], key=costs.__getitem__)
             for k in range(population)
         ]
-        children = []
-        for k in range(population // 2):
-            one, two = list(parents[winners[k]]), list(parents[winners[k + population // 2]])
-            if rng.random() < 0.9:
-                cut = rng.randrange(1, length)
-                one[cut:], two[cut:] = two[cut:], one[cut:]
-            for child in (one, two):
-                children.append([bit ^ (rng.random() < 1 / length) for bit in child])
+        half, children = population // 2, []
+        for first, second in zip(winners[:half], winners[half:], strict=False):
+            children += _children(parents[first], parents[second], rng, 0.9, 1 / length)
         pool = parents + children
-        pool_costs = costs + [cost(point(child)) for child in children]
-        order = sorted(range(len(pool)), key=pool_costs.__getitem__)[:population]
-        parents, costs = [pool[k] for k in order], [pool_costs[k] for k in order]
+        costs += [cost(_decoded(child, lower, upper, bits, True)) for child in children]
+        order = sorted(range(len(pool)), key=costs.__getitem__)[:population]
+        parents, costs = [pool[k] for k in order], [costs[k] for k in order]
     return min(costs)
 
 
 def holland(cost, lower, upper, population, iterations, rng, bits=16, crossed=0.6, flipped=0.001):
     """Holland's plan: roulette over window-scaled fitness, children in their parents' places."""
-    d = len(lower)
-
-    def point(string):
-        x = []
-        for j in range(d):
-            number = int("".join(map(str, string[j * bits : (j + 1) * bits])), 2)
-            x.append(lower[j] + number / (2**bits - 1) * (upper[j] - lower[j]))
-        return x
 
     def parent():
         turn = rng.random() * sum(fitness)
@@ -285,22 +269,17 @@ def holland(cost, lower, upper, population, iterations, rng, bits=16, crossed=0.
                 return string
         return strings[-1]
 
-    length = d * bits
+    length = len(lower) * bits
     strings = [[rng.randrange(2) for _ in range(length)] for _ in range(population)]
     best = math.inf
     for _ in range(iterations):
-        costs = [cost(point(string)) for string in strings]
+        costs = [cost(_decoded(string, lower, upper, bits, False)) for string in strings]
         best = min(best, *costs)
         fitness = [max(costs) - f for f in costs]
         if not any(fitness):
             fitness = [1.0] * population
         children = []
         while len(children) < population:
-            one, two = list(parent()), list(parent())
-            if rng.random() < crossed:
-                cut = rng.randrange(1, length)
-                one[cut:], two[cut:] = two[cut:], one[cut:]
-            for child in (one, two):
-                children.append([bit ^ (rng.random() < flipped) for bit in child])
+            children += _children(parent(), parent(), rng, crossed, flipped)
         strings = children
     return best
