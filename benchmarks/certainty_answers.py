@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from counted import MAGNITUDES
 from ematwin import identify
 from ematwin.estimation.intervals import Draws
 from ematwin.estimation.posterior import Posterior
@@ -24,7 +25,7 @@ from ematwin.estimation.uncertainty import (
     Report,
     Uncertainty,
 )
-from populations import MAGNITUDES, drawn
+from populations import drawn
 
 EFFECTIVE = 100.0  # samples of the worst component: enough to count, and a quarter of the default
 _SAME = 1e-9  # draws and truth at one bound

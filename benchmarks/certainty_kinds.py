@@ -12,6 +12,7 @@ import argparse
 import time
 
 import ematwin
+from counted import holds
 from ematwin.estimation.posterior import Posterior
 from ematwin.estimation.uncertainty import Method
 from ematwin.models.registry import load_actuator, model_of
@@ -51,10 +52,7 @@ def main() -> None:
                 sure = found.uncertainty
                 assert sure is not None
                 ends = {one: sure.intervals[one] for one in sure.present}
-                out = [
-                    one for one, (low, high) in ends.items()
-                    if not low - 1e-9 <= truth[one] <= high + 1e-9
-                ]  # fmt: skip
+                out = [one for one, interval in ends.items() if not holds(interval, truth[one])]
                 print(
                     f"{name} {'exactly' if exact else 'data sheet'} {sure.method} {spent:.1f} s, "
                     f"{len(ends)} magnitudes, missed: {', '.join(out) or 'none'}. "

@@ -10,19 +10,16 @@ included.
 """
 
 import argparse
-import sys
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+import unknown_actuator as rig
+from counted import MAGNITUDES, holds
 from ematwin import identify
 from ematwin.estimation.posterior import Posterior
 from ematwin.estimation.profile import Profiles
-
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-import unknown_actuator as rig
 
 METHODS = ("laplace", "profile", "posterior")
 
@@ -45,7 +42,7 @@ def main() -> None:
             known = rig.learnt(healthy, rig.SHEET)
         for n, faults in enumerate(rig.cases(given.faulty, seed)):
             record = rig.recorded(true, faults, 100 + n, {})
-            injected = {name: 0.5 if name == "gain" else 0.0 for name in rig.COMPARED} | faults
+            injected = {name: 0.5 if name == "gain" else 0.0 for name in MAGNITUDES} | faults
             widths: dict[str, float] = {}
             for method in (*METHODS[:1], Profiles(), Posterior(most=given.most)):
                 name = method if isinstance(method, str) else method.name
@@ -55,12 +52,12 @@ def main() -> None:
                 ends = sure.intervals
                 out = [
                     f"{one} {injected[one]:.3f} not in {ends[one][0]:.4f} to {ends[one][1]:.4f}"
-                    for one in rig.COMPARED
-                    if not ends[one][0] - 1e-9 <= injected[one] <= ends[one][1] + 1e-9
+                    for one in MAGNITUDES
+                    if not holds(ends[one], injected[one])
                 ]
-                size = {one: ends[one][1] - ends[one][0] for one in rig.COMPARED}
+                size = {one: ends[one][1] - ends[one][0] for one in MAGNITUDES}
                 widths = widths or size
-                beside = float(np.median([size[one] / widths[one] for one in rig.COMPARED]))
+                beside = float(np.median([size[one] / widths[one] for one in MAGNITUDES]))
                 finished = not any("not converged" in one for one in sure.doubts)
                 rows[name].append((len(out), beside, spent, finished))
                 print(
@@ -72,9 +69,9 @@ def main() -> None:
     print("|---|--:|--:|--:|--:|")
     for name, found in rows.items():
         out, beside, spent, finished = (np.array(one) for one in zip(*found, strict=True))
-        held = 100.0 * (1.0 - out.sum() / (len(out) * len(rig.COMPARED)))
+        held = 100.0 * (1.0 - out.sum() / (len(out) * len(MAGNITUDES)))
         print(
-            f"| {name} | {held:.1f} of {len(out) * len(rig.COMPARED)} | {np.median(beside):.2f} | "
+            f"| {name} | {held:.1f} of {len(out) * len(MAGNITUDES)} | {np.median(beside):.2f} | "
             f"{np.median(spent):.0f} | {100.0 * finished.mean():.0f} |"
         )
 

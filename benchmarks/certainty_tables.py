@@ -1,13 +1,15 @@
 """Tables and pictures of the rows that `certainty` stores."""
 
-import math
 from collections.abc import Callable, Sequence
 from io import StringIO
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.stats import binom, binomtest, chisquare
 
-from populations import FAULTS, MAGNITUDES
+import counted
+from counted import MAGNITUDES, silently_wrong, table
+from populations import FAULTS
 
 Row = dict[str, Any]
 
@@ -18,7 +20,6 @@ BINS = 8  # of ranks, at most
 _FEWEST = 5  # expected in a bin, for a chi-square
 _SMALLEST, _HEALTHY_GAIN = 0.02, 0.5
 _NO_DIRECTION = 0.05  # eccentricity below which its direction is not counted
-_OFF, _BEYOND = 0.01, 0.5  # silently wrong: off by so much, and by half widths outside
 
 
 def is_fault(row: Row, name: str) -> bool:
@@ -28,38 +29,18 @@ def is_fault(row: Row, name: str) -> bool:
 
 def holds(row: Row, name: str) -> bool:
     """Whether an interval holds the truth; of a direction also a turn further."""
-    low, high = row["intervals"][name]
     turns = (-1.0, 0.0, 1.0) if name == "eccentricity_phase" else (0.0,)
-    return any(low - 1e-9 <= row["truth"][name] + turn <= high + 1e-9 for turn in turns)
+    return any(counted.holds(row["intervals"][name], row["truth"][name] + turn) for turn in turns)
 
 
-def silently_wrong(row: Row) -> bool:
-    """Off by 0.01, outside an interval by half its half width, and nothing said."""
-    if row["grade"] == "none":
-        return False
-    for name in MAGNITUDES:
-        low, high = row["intervals"][name]
-        truth = row["truth"][name]
-        outside = max(low - truth, truth - high, 0.0) / max(0.5 * (high - low), 1e-12)
-        if outside > _BEYOND and abs(row["values"][name] - truth) > _OFF:
-            return True
-    return False
+def is_silently_wrong(row: Row) -> bool:
+    """Whether a verdict is wrong, and nothing said."""
+    return silently_wrong(row["grade"], row["values"], row["intervals"], row["truth"])
 
 
-def wilson(hits: int, count: int, z: float = 1.96) -> tuple[float, float]:
-    """Interval of a share (Wilson 1927, J. Am. Stat. Assoc. 22, 209-212)."""
-    if count == 0:
-        return 0.0, 1.0
-    share, more = hits / count, z * z / count
-    middle = (share + 0.5 * more) / (1.0 + more)
-    reach = math.sqrt(more * (share * (1.0 - share) + 0.25 * more)) / (1.0 + more)
-    return max(0.0, middle - reach), min(1.0, middle + reach)
-
-
-def table(columns: Sequence[str], lines: Sequence[Sequence[object]]) -> str:
-    """Markdown: the first column is text."""
-    head = f"| {' | '.join(columns)} |\n|---|{'--:|' * (len(columns) - 1)}"
-    return "\n".join([head, *(f"| {' | '.join(map(str, line))} |" for line in lines)])
+def wilson(hits: int, count: int) -> tuple[float, float]:
+    """Interval of a share, 95 % (Wilson 1927, J. Am. Stat. Assoc. 22, 209-212)."""
+    return binomtest(hits, count).proportion_ci(method="wilson") if count else (0.0, 1.0)
 
 
 def groups(rows: Sequence[Row], *keys: str) -> dict[tuple[str, ...], list[Row]]:
@@ -89,7 +70,7 @@ def coverage(rows: Sequence[Row]) -> str:
             [
                 f"{population}, {knowledge}, {fidelity}: {method}", len(part),
                 *(_percent(held[name]) for name in FAULTS), _percent(every),
-                sum(map(silently_wrong, part)), sum(row["grade"] == "none" for row in part),
+                sum(map(is_silently_wrong, part)), sum(row["grade"] == "none" for row in part),
                 f"{np.median([row['seconds'] for row in part]):.1f}",
             ]
         )  # fmt: skip
@@ -183,7 +164,7 @@ def _named_table(part: Sequence[Row]) -> str:
         ["faults named", len(named)],
         ["of them there", right],
         ["faults there where there is a verdict, named, %", _percent(there)],
-        ["silently wrong", sum(map(silently_wrong, part))],
+        ["silently wrong", sum(map(is_silently_wrong, part))],
     ]
     return table(["", "count"], lines)
 
@@ -198,8 +179,6 @@ class Uniformity(NamedTuple):
 
 def uniformity(ranks: Sequence[float]) -> Uniformity:
     """Pearson's chi-square of ranks, as shares in [0, 1), in bins that expect five or more."""
-    from scipy.stats import chisquare
-
     bins = max(2, min(BINS, len(ranks) // _FEWEST))
     counts = np.histogram(ranks, bins, (0.0, 1.0))[0]
     found = chisquare(counts)
@@ -226,8 +205,6 @@ def calibration(rows: Sequence[Row]) -> str:
 
 def calibration_figure(rows: Sequence[Row]) -> str:
     """Histograms of ranks with the band that holds 95 % of uniform ones, as SVG."""
-    from scipy.stats import binom
-
     lines = list(groups(rows, "knowledge", "fidelity", "method").items())
     figure, axes = _axes(len(lines), len(FAULTS))
     for row_of, ((_, _, method), part) in zip(axes, lines, strict=True):

@@ -35,7 +35,8 @@ from typing import Any
 import numpy as np
 from joblib import Parallel, delayed
 
-from ematwin import Calibration, Noise, Scenario, calibrate, identify, simulate
+from counted import MAGNITUDES, NOISE, holds, silently_wrong
+from ematwin import Calibration, Scenario, calibrate, identify, simulate
 from ematwin.errors import EmatwinError
 from ematwin.estimation.forms import find_forms
 from ematwin.models.bldc.faults import UNKNOWNS
@@ -74,7 +75,6 @@ UNSTATED: dict[str, tuple[str, ...]] = {
     ),
 }  # fmt: skip
 INTERVALS = (50e-6, 62e-6, 75e-6, 100e-6, 125e-6)  # s
-NOISE = Noise(white=0.02, bits=12)
 REVERSALS = Scenario(
     name="reversals", duration=0.6, command=[{"type": "sine", "amplitude": 0.004, "frequency": 4.0}]
 )
@@ -86,7 +86,6 @@ OFF = {  # standard deviations of logarithms
 }  # fmt: skip
 REACHES = {"gain": (0.05, 0.3), "friction": (0.05, 0.6), "backlash": (0.02, 0.4)}
 OTHERS = (0.03, 0.4)
-MAGNITUDES = tuple(one.name for one in UNKNOWNS if one.direction_of is None)
 HEALTHY = {one.name: one.healthy for one in UNKNOWNS}
 LARGE = 0.1  # share of the range, from which a fault should be named
 
@@ -114,10 +113,7 @@ def judged(
     record = simulate("reference", faults=values, actuator=actuator, noise=NOISE, seed=seed)
     found = identify(record, twin or actuator, exact=twin is None, threads=1)
     away = [(found.values[name] - values[name]) / found.standard_error[name] for name in MAGNITUDES]
-    held = [
-        found.intervals[name][0] - 1e-9 <= values[name] <= found.intervals[name][1] + 1e-9
-        for name in MAGNITUDES
-    ]
+    held = [holds(found.intervals[name], values[name]) for name in MAGNITUDES]
     err = MODEL.study.error_percent(MODEL.faults(actuator), found.values, values, wrapped=True)
     return err, found.verdict.grade != "none", found.reference_runs, away, held
 
@@ -248,21 +244,14 @@ def of_unstated(
         seen = identify(judged, report.calibration, threads=1)
         took = time.process_time() - begun
         err = MODEL.study.error_percent(MODEL.faults(truth), seen.values, values, wrapped=True)
-        outside = {
-            one: max(
-                seen.intervals[one][0] - values[one], values[one] - seen.intervals[one][1], 0.0
-            )
-            / max(0.5 * (seen.intervals[one][1] - seen.intervals[one][0]), 1e-12)
-            for one in MAGNITUDES
-        }
-        wrong = seen.verdict.grade != "none" and any(
-            abs(seen.values[one] - values[one]) > 0.01 and outside[one] > 0.5 for one in MAGNITUDES
-        )
-        held = float(np.mean([x <= 1e-9 for x in outside.values()]))
-        there = [outside[one] <= 1e-9 for one in MAGNITUDES if values[one] != HEALTHY[one]]
+        grade, intervals = seen.verdict.grade, seen.intervals
+        wrong = silently_wrong(grade, seen.values, intervals, values)
+        inside = {one: holds(intervals[one], values[one]) for one in MAGNITUDES}
+        held = float(np.mean(list(inside.values())))
+        there = [inside[one] for one in MAGNITUDES if values[one] != HEALTHY[one]]
         large = {one for one in MAGNITUDES if abs(values[one] - HEALTHY[one]) >= LARGE}
         named = large <= set(seen.verdict.faults)
-        found["judged"].append([err, seen.verdict.grade, wrong, held, named, there, took])
+        found["judged"].append([err, grade, wrong, held, named, there, took])
     return found
 
 

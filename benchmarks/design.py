@@ -15,11 +15,9 @@ import time
 import numpy as np
 
 import ematwin
+from counted import NOISE
 from ematwin.experiments.command_errors import expected_errors, fault_vectors, identified_errors
 from ematwin.experiments.experiment import excess
-from ematwin.recordings.noise import Noise
-
-NOISE = Noise(white=0.02, bits=12)
 
 
 def main() -> None:

@@ -16,7 +16,6 @@ import argparse
 import json
 import resource
 import sqlite3
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -28,8 +27,6 @@ from joblib import Parallel, delayed
 from rich.progress import Progress, track
 
 import ematwin
-
-sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 NO_OPS = 2000
 DAY = 86_400.0

@@ -14,13 +14,11 @@ import numpy as np
 from joblib import Parallel, delayed
 
 import ematwin
+from counted import MAGNITUDES, NOISE, table
 from ematwin.estimation.constants import COVERAGE
 from ematwin.models.bldc.faults import FAULTS
-from ematwin.recordings.noise import Noise
 
-NOISE = Noise(white=0.02, bits=12)
 OTHER = 100_000  # seeds of promises lie so far from those of recordings
-MAGNITUDES = tuple(name for name in FAULTS if name != "eccentricity_phase")
 
 
 def ratios(seed: int) -> np.ndarray:
@@ -49,10 +47,11 @@ def main() -> None:
     found = np.array(Parallel(given.workers)(delayed(ratios)(seed) for seed in seeds))
     each = [*np.sqrt(np.mean(found**2, axis=0)), np.sqrt(np.mean(found**2))]
     held = [*np.mean(np.abs(found) < COVERAGE, axis=0), np.mean(np.abs(found) < COVERAGE)]
-    print(f"| | {' | '.join(MAGNITUDES)} | all |")
-    print(f"|---|{'--:|' * (len(MAGNITUDES) + 1)}")
-    print(f"| error over promise | {' | '.join(f'{x:.2f}' for x in each)} |")
-    print(f"| within {COVERAGE}, % | {' | '.join(f'{100 * x:.0f}' for x in held)} |")
+    rows = [
+        ["error over promise", *(f"{x:.2f}" for x in each)],
+        [f"within {COVERAGE}, %", *(f"{100 * x:.0f}" for x in held)],
+    ]
+    print(table(["", *MAGNITUDES, "all"], rows))
 
 
 if __name__ == "__main__":

@@ -7,16 +7,13 @@ the share of 95 % intervals that hold the truth.
 """
 
 import argparse
-import sys
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 
 import numpy as np
 
 import ematwin
-
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-from populations import MAGNITUDES, NOISE, SHEET
+from counted import MAGNITUDES, NOISE, holds
+from populations import SHEET
 
 GROUPS: Mapping[str, tuple[str, ...]] = {
     "friction": ("friction",), "backlash": ("backlash",), "gain": ("gain",),
@@ -43,7 +40,7 @@ def rows(seed: int) -> Iterator[tuple[str, bool, bool]]:
     assert found.uncertainty is not None
     for name in MAGNITUDES:
         ends = (found.intervals[name], found.uncertainty.intervals[name])
-        held = [low - 1e-9 <= faults[name] <= high + 1e-9 for low, high in ends]
+        held = [holds(interval, faults[name]) for interval in ends]
         yield name, held[0], held[1]
 
 

@@ -35,6 +35,7 @@ from pathlib import Path
 
 import numpy as np
 
+from counted import BEYOND, OFF, holds, outside_by
 from ematwin import Noise, Recording, calibrate, identify, simulate
 from ematwin.errors import ParameterError
 from ematwin.estimation.baseline import uncertain
@@ -267,11 +268,7 @@ def judged(actuator, seed, true, off, twin, *, exact=False, voltages=COMMANDED, 
     truth = model.values_of(true, injected)
     magnitudes = [one for one in model.faults(actuator) if one.direction_of is None]
     size = {one.name: abs(truth[one.name] - one.healthy) / one.width for one in magnitudes}
-    beyond = {}  # how far the truth lies outside the interval, in its half width
-    for name in size:
-        low, high = found.intervals[name]
-        away = max(low - truth[name], truth[name] - high)
-        beyond[name] = away / max(0.5 * (high - low), 1e-9)
+    beyond = {name: outside_by(found.intervals[name], truth[name]) for name in size}
     # what tolerances may cause as well is said beside the faults that are named
     told = found.verdict.sentence.lower()
     said = {n for n in size if n in found.verdict.faults or n.replace("_", " ") in told}
@@ -288,9 +285,9 @@ def judged(actuator, seed, true, off, twin, *, exact=False, voltages=COMMANDED, 
         found.verdict.grade,
         [name for name, share in size.items() if share >= LARGE and name not in said],
         [name for name in found.present if size[name] < SMALL],
-        {n: away for n, away in beyond.items() if away > 0.5 and abs(wrong[n]) > 0.01},
+        {n: away for n, away in beyond.items() if away > BEYOND and abs(wrong[n]) > OFF},
         {n: wrong[n] / found.standard_error[n] for n in size if size[n] >= SMALL},
-        sum(away <= 1e-9 for away in beyond.values()),
+        sum(holds(found.intervals[name], truth[name]) for name in size),
         seconds,
         found.relative_misfit,
         found.verdict.sentence,
@@ -370,8 +367,7 @@ def main():
         for name in row.intervals:
             groups.setdefault(re.sub("_[abc]$", "", name), []).append((row, name))
     for group, members in groups.items():
-        inside = [row.intervals[name][0] - 1e-9 <= row.truth[name] <= row.intervals[name][1] + 1e-9
-                  for row, name in members]  # fmt: skip
+        inside = [holds(row.intervals[name], row.truth[name]) for row, name in members]
         away = [row.deviations[name] for row, name in members if name in row.deviations]
         print(
             f"{group:<20} held {100.0 * np.mean(inside):5.1f} % of {len(inside)}, errors over "

@@ -16,9 +16,8 @@ import time
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read where numpy is loaded
 
 import ematwin
+from counted import NOISE
 from ematwin.models.bldc.channels import PHASES
-
-NOISE = ematwin.Noise(white=0.02, bits=12)
 
 
 def recordings() -> dict[str, ematwin.Recording]:

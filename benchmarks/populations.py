@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from ematwin import Noise, simulate
+from counted import MAGNITUDES, NOISE
+from ematwin import simulate
 from ematwin.errors import ParameterError
 from ematwin.estimation.baseline import Baseline, uncertain, with_nuisances
 from ematwin.estimation.prior import Prior
@@ -28,8 +29,6 @@ from ematwin.models.registry import load_actuator, model_of
 from ematwin.recordings.recording import Recording
 
 SHEET = load_actuator("servo48")
-NOISE = Noise(white=0.02, bits=12)
-MAGNITUDES = tuple(name for name in FAULTS if name != "eccentricity_phase")
 KNOWLEDGE = ("exact", "drifted", "sheet")
 LEARNT = 0.01  # standard deviation of the logarithm of a learnt parameter
 _LEFT = 0.0035  # relative misfit of healthy recordings with this noise

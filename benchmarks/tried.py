@@ -8,17 +8,12 @@ search is run with steps of 1e-7 of a range in place of its own.
 
 import argparse
 import statistics
-import sys
-from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from benchmarks.identification import one_run, random_faults
-
 from ematwin import Noise
 from ematwin.estimation import levenberg_marquardt
+from identification import one_run, random_faults
 
 _SHORT = 1e-7  # share of a range: the tangent, but for rounding
 
@@ -50,15 +45,14 @@ def tangents(count: int, seed: int) -> str:
     return "\n".join(lines)
 
 
-def main() -> int:
+def main() -> None:
     """Parse the command line, run, print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=12, help="fault vectors")
     parser.add_argument("--seed", type=int, default=2026)
     chosen = parser.parse_args()
     print(tangents(chosen.count, chosen.seed))
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

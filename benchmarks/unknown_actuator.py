@@ -48,6 +48,7 @@ from typing import Any
 import numpy as np
 from joblib import Parallel, delayed
 
+from counted import MAGNITUDES, NOISE, holds, silently_wrong
 from ematwin import Noise, identify, simulate
 from ematwin.errors import EmatwinError
 from ematwin.models.bldc.channels import PHASES, VOLTAGES
@@ -60,7 +61,6 @@ from ematwin.recordings.recording import Recording
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 
 SHEET = load_actuator("servo48")
-NOISE = Noise(white=0.02, bits=12)
 VOLTAGE_NOISE, VOLTAGE_STEP = 0.5, 0.03  # V: 1 % of the supply, 12 bits of +-60 V
 VOLTAGE_GAIN = (
     0.005  # standard deviation of what a rig's voltages, or its supply's current, are off
@@ -139,9 +139,8 @@ def actuator_of_sheet(seed: int) -> BldcActuator:
 
 def injected_faults(rng: np.random.Generator) -> dict[str, float]:
     """None to three faults, none so small that it would not matter."""
-    names = [name for name in FAULTS if name != "eccentricity_phase"]
     found: dict[str, float] = {}
-    for name in rng.choice(names, rng.integers(0, 4), replace=False).tolist():
+    for name in rng.choice(MAGNITUDES, rng.integers(0, 4), replace=False).tolist():
         if name == "gain":
             found[name] = float(0.5 + rng.choice([-1.0, 1.0]) * rng.uniform(0.05, 0.3))
         else:
@@ -463,36 +462,15 @@ def special(true: BldcActuator, known: Any) -> list[Outcome]:
     return found
 
 
-def inside(one: Outcome, name: str) -> bool:
-    """Whether an interval holds the truth; of a direction only where there is a magnitude."""
-    low, high = one.intervals[name]
-    return low - 1e-9 <= one.injected[name] <= high + 1e-9
-
-
-def outside_by(one: Outcome, name: str) -> float:
-    """How far the truth lies outside the interval, in half widths of it."""
-    low, high = one.intervals[name]
-    gap = max(low - one.injected[name], one.injected[name] - high, 0.0)
-    return gap / max(0.5 * (high - low), 1e-12)
-
-
-COMPARED = tuple(name for name in FAULTS if name != "eccentricity_phase")
-
-
-def silently_wrong(one: Outcome) -> bool:
-    """Off by 0.01, outside an interval by half its half width, and nothing said."""
-    if one.grade == "none":
-        return False
-    return any(
-        abs(one.values[name] - one.injected[name]) > 0.01 and outside_by(one, name) > 0.5
-        for name in COMPARED
-    )
+def is_silently_wrong(one: Outcome) -> bool:
+    """Whether a verdict is wrong, and nothing said."""
+    return silently_wrong(one.grade, one.values, one.intervals, one.injected)
 
 
 def injected_names(one: Outcome) -> set[str]:
     """Names of the injected faults."""
     healthy = dict(zip(FAULTS, HEALTHY.tolist(), strict=True))
-    return {name for name in COMPARED if abs(one.injected[name] - healthy[name]) >= 0.02}
+    return {name for name in MAGNITUDES if abs(one.injected[name] - healthy[name]) >= 0.02}
 
 
 def in_deviations(one: Outcome, name: str) -> float:
@@ -503,8 +481,12 @@ def in_deviations(one: Outcome, name: str) -> float:
 
 def row(title: str, runs: Sequence[Outcome]) -> str:
     """A line of the table."""
+
+    def inside(one: Outcome, name: str) -> bool:
+        return holds(one.intervals[name], one.injected[name])
+
     verdicts = [one for one in runs if one.grade != "none"]
-    held = [inside(one, name) for one in verdicts or runs for name in COMPARED]
+    held = [inside(one, name) for one in verdicts or runs for name in MAGNITUDES]
     # the interval of a fault that is absent reaches to healthy, and holds nearly always
     there = [(one, name) for one in verdicts or runs for name in sorted(injected_names(one))]
     off = [in_deviations(*each) for each in there]
@@ -523,7 +505,7 @@ def row(title: str, runs: Sequence[Outcome]) -> str:
         f"{np.median(physical):.2f} / {np.quantile(physical, 0.9):.2f} | {share(held)} | "
         f"{share([inside(*each) for each in there])} of {len(there)}, "
         f"{np.sqrt(np.mean(np.square(off))) if off else math.nan:.2f} | "
-        f"{share([silently_wrong(one) for one in runs])} | "
+        f"{share([is_silently_wrong(one) for one in runs])} | "
         f"{share([one.grade == 'fault' for one in healthy])} of {len(healthy)} | {share(named)} | "
         f"{share(extra)} | {share([one.grade == 'none' for one in runs])} |"
     )

@@ -22,7 +22,7 @@ def row(**changed):
         "truth": truth,
         "values": dict(truth),
         "intervals": {name: [truth[name] - 0.01, truth[name] + 0.01] for name in names},
-        "present": {name: float(name == "friction") for name in populations.MAGNITUDES},
+        "present": {name: float(name == "friction") for name in tables.MAGNITUDES},
         "ranks": dict.fromkeys(names, 0.5),
         "grade": "fault",
         "named": ["friction"],
@@ -43,14 +43,9 @@ def test_an_interval_holds_a_direction_a_turn_further():
 def test_wrong_is_silent_only_with_a_verdict():
     wrong = row()
     wrong["truth"]["gain"] = 0.6
-    assert tables.silently_wrong(wrong)
-    assert not tables.silently_wrong(wrong | {"grade": "none"})
-    assert not tables.silently_wrong(row())
-
-
-def test_the_interval_of_a_share_is_that_of_wilson():
-    # Brown, Cai and DasGupta (2001), Statist. Sci. 16, 101-133: none of ten
-    assert tables.wilson(0, 10) == pytest.approx((0.0, 0.2775), abs=1e-3)
+    assert tables.is_silently_wrong(wrong)
+    assert not tables.is_silently_wrong(wrong | {"grade": "none"})
+    assert not tables.is_silently_wrong(row())
 
 
 def test_probabilities_are_counted_by_what_came_true():
@@ -96,7 +91,7 @@ def test_verdicts_on_recordings_of_the_reference_model(tmp_path, capsys):
     rows = certainty.Store(tmp_path).rows()
     assert len(rows) == 2 * certainty.QUICK
     assert not any(one["grade"] == "fault" for one in rows if one["population"] == "healthy")
-    assert not any(tables.silently_wrong(one) for one in rows)
+    assert not any(tables.is_silently_wrong(one) for one in rows)
     assert "<svg" in (tmp_path / "reliability.svg").read_text()
     again = certainty.main(["verdicts", "--stored", "--store", str(tmp_path)])
     assert again == text
