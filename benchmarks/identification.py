@@ -12,13 +12,14 @@ with the monitor model. Each prints a Markdown table; `--json` prints the runs.
 
 import argparse
 import json
-import statistics
 import sys
-from collections.abc import Iterable
+from statistics import fmean
+from typing import Any
 
 import numpy as np
 from joblib import Parallel, delayed
 
+from counted import table
 from ematwin import Faults, Noise, identify, simulate
 from ematwin.models.bldc.faults import (
     FAULTS,
@@ -28,7 +29,7 @@ from ematwin.models.bldc.faults import (
     error_percent_wrapped,
 )
 
-Run = dict[str, object]
+Run = dict[str, Any]
 
 
 def random_faults(count: int, seed: int, least: int = 3, most: int = 8) -> list[Faults]:
@@ -76,93 +77,57 @@ def one_run(case: str, injected: Faults, algorithm: str, seed: int, noise: Noise
     }
 
 
-def paper_runs(algorithms: list[str], seeds: range, noise: Noise | None, workers: int) -> list[Run]:
-    """Each case of Table 1, each algorithm, each seed."""
-    tasks = [
-        delayed(one_run)(case, Faults(**values), algorithm, seed, noise)
-        for algorithm in algorithms
-        for case, values in PAPER_CASES.items()
-        for seed in seeds
-    ]
-    return watched(Parallel(n_jobs=workers, return_as="generator")(tasks), len(tasks))
-
-
-def several_runs(
-    algorithm: str, vectors: list[Faults], noise: Noise | None, workers: int
-) -> list[Run]:
-    """Each vector once."""
-    tasks = [
-        delayed(one_run)(f"vector {n}", injected, algorithm, n + 1, noise)
-        for n, injected in enumerate(vectors)
-    ]
-    return watched(Parallel(n_jobs=workers, return_as="generator")(tasks), len(tasks))
-
-
-def watched(runs: Iterable[Run], total: int) -> list[Run]:
-    """All runs, with a line of progress on a terminal."""
-    done = []
-    for n, run in enumerate(runs, 1):
+def runs_of(tasks: list[tuple[Any, ...]], workers: int) -> list[Run]:
+    """A run for each task, the arguments of `one_run`; with a line of progress on a terminal."""
+    done: list[Run] = []
+    for run in Parallel(workers, return_as="generator")(delayed(one_run)(*task) for task in tasks):
         done.append(run)
         if sys.stderr.isatty():
-            print(f"\r{n}/{total} runs", end="", file=sys.stderr)
+            print(f"\r{len(done)}/{len(tasks)} runs", end="", file=sys.stderr)
     return done
 
 
 def paper_table(runs: list[Run], algorithms: list[str]) -> str:
     """Mean Err% of each case and algorithm."""
-    lines = [
-        "| case | " + " | ".join(algorithms) + " |",
-        "|---|" + "--:|" * len(algorithms),
+
+    def values(key: str, algorithm: str, case: str | None = None) -> list[float]:
+        own = [run for run in runs if run["algorithm"] == algorithm]
+        return [run[key] for run in own if case in (None, run["case"])]
+
+    rows = [
+        [case, *(f"{fmean(values('err_wrapped', a, case)):.2f}" for a in algorithms)]
+        for case in PAPER_CASES
     ]
-
-    def values(key: str, **wanted: str) -> list[float]:
-        return [
-            float(run[key])  # type: ignore[arg-type]
-            for run in runs
-            if all(run[name] == value for name, value in wanted.items())
-        ]
-
-    for case in PAPER_CASES:
-        means = [
-            statistics.fmean(values("err_wrapped", case=case, algorithm=a)) for a in algorithms
-        ]
-        lines.append(f"| {case} | " + " | ".join(f"{mean:.2f}" for mean in means) + " |")
-    for title, key, shown in (
-        ("mean, paper's Err%", "err", "{:.2f}"),
-        ("worst run, paper's Err%", "err", "{:.2f}"),
-        ("mean simulations", "evaluations", "{:.0f}"),
+    for title, key, summary, digits in (
+        ("mean, paper's Err%", "err", fmean, 2),
+        ("worst run, paper's Err%", "err", max, 2),
+        ("mean simulations", "evaluations", fmean, 0),
     ):
-        summary = max if title.startswith("worst") else statistics.fmean
-        cells = [shown.format(summary(values(key, algorithm=a))) for a in algorithms]
-        lines.append(f"| {title} | " + " | ".join(cells) + " |")
-    caught = [sum(err > 1.0 for err in values("err_wrapped", algorithm=a)) for a in algorithms]
-    lines.append("| runs above 1, phase wrapped | " + " | ".join(map(str, caught)) + " |")
-    return "\n".join(lines)
+        rows.append([title, *(f"{summary(values(key, a)):.{digits}f}" for a in algorithms)])
+    caught = [sum(err > 1.0 for err in values("err_wrapped", a)) for a in algorithms]
+    return table(["case", *algorithms], [*rows, ["runs above 1, phase wrapped", *caught]])
 
 
 def several_table(runs: list[Run]) -> str:
     """Quantiles of Err% over the vectors."""
-    lines = [
-        "| | median | 90th percentile | worst | above 1 | above 5 |",
-        "|---|--:|--:|--:|--:|--:|",
-    ]
+    rows = []
     for title, key in (("paper's Err%", "err"), ("phase wrapped", "err_wrapped")):
-        e = np.array([run[key] for run in runs], dtype=float)
-        lines.append(
-            f"| {title} | {np.median(e):.2f} | {np.percentile(e, 90):.2f} | {e.max():.1f} | "
-            f"{np.sum(e > 1)} of {e.size} | {np.sum(e > 5)} of {e.size} |"
+        e = np.array([run[key] for run in runs])
+        above = [f"{np.sum(e > limit)} of {e.size}" for limit in (1, 5)]
+        rows.append(
+            [title, f"{np.median(e):.2f}", f"{np.percentile(e, 90):.2f}", f"{e.max():.1f}", *above]
         )
-    cost = np.array([run["evaluations"] for run in runs], dtype=float)
-    lines.append("")
+    lines = [table(["", "median", "90th percentile", "worst", "above 1", "above 5"], rows), ""]
+    cost = np.array([run["evaluations"] for run in runs])
     lines.append(
         f"simulations: mean {cost.mean():.0f}, median {np.median(cost):.0f}, most {cost.max():.0f}"
     )
     for run in runs:
-        if float(run["err_wrapped"]) > 1.0:  # type: ignore[arg-type]
+        if run["err_wrapped"] > 1.0:
             injected = np.round(run["injected"], 2).tolist()
             lines.append(
                 f"- {run['case']} {injected}: Err% {run['err_wrapped']:.1f}, "
-                f"misfit {100 * float(run['relative_misfit']):.2f} %, stopped: {run['stopped']}"  # type: ignore[arg-type]
+                f"misfit {100 * run['relative_misfit']:.2f} %, stopped: {run['stopped']}"
             )
     return "\n".join(lines)
 
@@ -208,8 +173,13 @@ def main() -> None:
     options = parser.parse_args()
     algorithms = options.algorithms.split(",")
     if options.paper:
-        seeds = range(options.first, options.first + options.seeds)
-        runs = paper_runs(algorithms, seeds, options.noise, options.workers)
+        tasks = [
+            (case, Faults(**values), algorithm, seed, options.noise)
+            for algorithm in algorithms
+            for case, values in PAPER_CASES.items()
+            for seed in range(options.first, options.first + options.seeds)
+        ]
+        runs = runs_of(tasks, options.workers)
         text = paper_table(runs, algorithms)
     else:
         if options.near_stall:
@@ -219,7 +189,11 @@ def main() -> None:
         if options.most < 1.0:
             scaled = [v.vector * np.where(HEALTHY == 0.0, options.most, 1.0) for v in vectors]
             vectors = [Faults.of(k) for k in scaled]
-        runs = several_runs(algorithms[0], vectors, options.noise, options.workers)
+        tasks = [
+            (f"vector {n}", injected, algorithms[0], n + 1, options.noise)
+            for n, injected in enumerate(vectors)
+        ]
+        runs = runs_of(tasks, options.workers)
         text = coverage_table(runs) if options.coverage else several_table(runs)
     print(json.dumps(runs) if options.json else text)
 

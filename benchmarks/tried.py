@@ -36,8 +36,8 @@ def tangents(count: int, seed: int) -> str:
             one_run(str(n), faults, "multistart", n + 1, noise)
             for n, faults in enumerate(random_faults(count, seed))
         ]
-        errors = [float(run["err_wrapped"]) for run in runs]  # type: ignore[arg-type]
-        spent = [float(run["evaluations"]) for run in runs]  # type: ignore[arg-type]
+        errors = [run["err_wrapped"] for run in runs]
+        spent = [run["evaluations"] for run in runs]
         lines.append(
             f"| {title} | {statistics.median(errors):.2f} | {np.quantile(errors, 0.9):.2f} | "
             f"{max(errors):.2f} | {statistics.fmean(spent):.0f} |"

@@ -71,5 +71,5 @@ if __name__ == "__main__":
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Python puts this folder first; the parts are found from the root of the repository.
     root = Path(__file__).resolve().parents[2]
-    sys.path[:1] = [str(root), str(root / "tests")]
+    sys.path[:1] = [str(root), str(root / "benchmarks"), str(root / "tests")]
     sys.exit(main())

@@ -17,15 +17,17 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
-from benchmarks.peers.measure import Line, Part, missing, number, progress, version
+from benchmarks.identification import random_faults
+from benchmarks.peers.measure import Line, Part, missing, number, progress, versions
 
-from ematwin import Faults, simulate
+from ematwin import simulate
 from ematwin.estimation.multistart import Multistart
 from ematwin.estimation.problem import Problem
-from ematwin.models.bldc.faults import FAULTS, HEALTHY, error_percent_wrapped
+from ematwin.models.bldc.faults import error_percent_wrapped
 
 SEED = 2026
 VECTORS = 5
@@ -220,14 +222,6 @@ def pints_with(problem: Problem, seed: int, name: str) -> None:
                 break
 
 
-def pints_cmaes(problem: Problem, seed: int) -> None:
-    pints_with(problem, seed, "CMAES")
-
-
-def pints_xnes(problem: Problem, seed: int) -> None:
-    pints_with(problem, seed, "XNES")
-
-
 def cma_alone(problem: Problem, seed: int) -> None:
     import cma
 
@@ -260,21 +254,10 @@ METHODS = (
     Method("pyPESTO multistart, scipy trf", pypesto_scipy, ("pypesto",), "pypesto"),
     Method("pyPESTO multistart, fides", pypesto_fides, ("pypesto", "fides"), "pypesto fides"),
     Method("DFO-LS, multistart", dfo_ls, ("dfols",), "DFO-LS"),
-    Method("PINTS, CMA-ES", pints_cmaes, ("pints", "cma"), "pints cma"),
-    Method("PINTS, xNES", pints_xnes, ("pints",), "pints"),
+    Method("PINTS, CMA-ES", partial(pints_with, name="CMAES"), ("pints", "cma"), "pints cma"),
+    Method("PINTS, xNES", partial(pints_with, name="XNES"), ("pints",), "pints"),
     Method("cma, restarts", cma_alone, ("cma",), "cma"),
 )
-
-
-def random_faults(count: int) -> list[Faults]:
-    """Vectors with three to eight faults, each magnitude uniform in [0, 1]."""
-    rng, vectors = np.random.default_rng(SEED), []
-    for _ in range(count):
-        k = HEALTHY.copy()
-        chosen = rng.choice(len(FAULTS), rng.integers(3, 9), replace=False)
-        k[chosen] = rng.random(len(chosen))
-        vectors.append(Faults.of(k))
-    return vectors
 
 
 def one_run(method: Method, problem: Watched, watch: Watch, seed: int) -> None:
@@ -292,7 +275,7 @@ def one_run(method: Method, problem: Watched, watch: Watch, seed: int) -> None:
 def run(*, quick: bool, repeats: int) -> Part:
     """Identify each recording by each method; `repeats` beyond the vectors are not made."""
     del repeats  # the spread is over the vectors
-    vectors = random_faults(1 if quick else VECTORS)
+    vectors = random_faults(1 if quick else VECTORS, SEED)
     patience, budget = (3.0, 1000) if quick else (SECONDS, BUDGET)
     problems: list[Watched] = []
     for faults in vectors:
@@ -343,9 +326,5 @@ def run(*, quick: bool, repeats: int) -> Part:
         ("evaluations, median", "solved"),
         tuple(lines),
         tuple(remarks),
-        {
-            name: known
-            for name in ("scipy", "pypesto", "fides", "DFO-LS", "pints", "cma")
-            if (known := version(name))
-        },
+        versions("scipy", "pypesto", "fides", "DFO-LS", "pints", "cma"),
     )

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 from ematwin.numerics.side_by_side import cores
@@ -111,24 +112,25 @@ def in_turn(
     return found
 
 
-def version(package: str) -> str:
-    """Of an installed package, or an empty text."""
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return ""
+def versions(*packages: str) -> dict[str, str]:
+    """Of those packages that are installed."""
+    found = {}
+    for name in packages:
+        with suppress(importlib.metadata.PackageNotFoundError):
+            found[name] = importlib.metadata.version(name)
+    return found
 
 
-def program_version(program: str) -> str:
-    """Version that ``program --version`` prints, or an empty text."""
+def program_version(program: str) -> dict[str, str]:
+    """The version that ``program --version`` prints, by its name; empty if there is none."""
     path = shutil.which(program)
     if path is None:
-        return ""
+        return {}
     done = subprocess.run([path, "--version"], capture_output=True, text=True)
     for line in (done.stdout + done.stderr).splitlines():
         if numbers := re.findall(r"\d+(?:\.\d+)*", line):
-            return str(numbers[-1])
-    return "unknown"
+            return {program: numbers[-1]}
+    return {program: "unknown"}
 
 
 def missing(module: str, install: str, what: str) -> str:

@@ -12,7 +12,6 @@ hysteresis band.
 """
 
 import math
-import shutil
 import tempfile
 from pathlib import Path
 
@@ -128,15 +127,14 @@ def run(*, quick: bool, repeats: int) -> Part:
         return simulate("reference", faults=FAULTS, actuator=actuator)
 
     own()
-    remarks, versions = [], {}
+    remarks, versions = [], program_version("ngspice")
     lines: list[Line] = []
     pairs: list[tuple[float, float]] = []
-    if shutil.which("ngspice") is None:
+    if not versions:
         remarks.append(
             "ngspice is left out: it is not installed (Debian: apt-get install ngspice)."
         )
     else:
-        versions["ngspice"] = program_version("ngspice")
         progress("ngspice: comparing currents")
         off = disagreement(run_ngspice(record, actuator, length), record)
         if off <= LIMIT:

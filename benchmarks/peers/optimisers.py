@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from benchmarks.peers.measure import Line, Part, missing, progress, version
+from benchmarks.peers.measure import Line, Part, missing, progress, versions
 
 from ematwin.optimizers import Box
 from ematwin.optimizers.registry import find
@@ -228,9 +228,5 @@ def run(*, quick: bool, repeats: int) -> Part:
         ("compared with",),
         tuple(lines),
         tuple(remarks),
-        {
-            name: found
-            for name in ("scipy", "pymoo", "pygmo", "cma", "nevergrad")
-            if (found := version(name))
-        },
+        versions("scipy", "pymoo", "pygmo", "cma", "nevergrad"),
     )

@@ -22,7 +22,7 @@ from benchmarks.peers.measure import (
     program_version,
     progress,
     seconds,
-    version,
+    versions,
 )
 from benchmarks.peers.task import Task
 
@@ -154,13 +154,5 @@ def run(*, quick: bool, repeats: int) -> Part:
         ("ns a step", "costs differ by"),
         tuple(lines),
         tuple(remarks),
-        {
-            name: found
-            for name, found in (
-                ("numpy", version("numpy")), ("numba", version("numba")),
-                ("scipy", version("scipy")), ("jax", version("jax")),
-                ("g++", program_version("g++")),
-            )
-            if found
-        },
-    )  # fmt: skip
+        versions("numpy", "numba", "scipy", "jax") | program_version("g++"),
+    )

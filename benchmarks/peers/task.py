@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.signal import butter, lfilter, lfilter_zi
 
 from ematwin import simulate
 from ematwin.models.bldc.comparison import BldcComparison
@@ -144,19 +145,13 @@ class Task:
 
 
 def butterworth(rate: float, first: float) -> Filter:
-    """The low-pass of docs/models.md by the bilinear transform, at rest at ``first``."""
-    t = math.tan(math.pi * CUTOFF / rate)
-    whole = 1.0 + math.sqrt(2.0) * t + t * t
-    b, a1 = t * t / whole, 2.0 * (t * t - 1.0) / whole
-    a2 = (1.0 - math.sqrt(2.0) * t + t * t) / whole
-    z2 = (b - a2) * first
-    return Filter(b, a1, a2, (2.0 * b - a1) * first + z2, z2)
+    """The low-pass of docs/models.md, at rest at ``first``."""
+    b, a = butter(2, CUTOFF, fs=rate)
+    return Filter(b[0], a[1], a[2], *(lfilter_zi(b, a) * first))
 
 
 def scored(currents: np.ndarray, task: Task) -> np.ndarray:
     """Costs (B,) of mean currents (B, S - 1) of the sampling intervals, by scipy's filter."""
-    from scipy.signal import lfilter
-
     f = task.filter
     at_rest = np.broadcast_to([f.z1, f.z2], (len(currents), 2))
     filtered, _ = lfilter(

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from benchmarks.peers.measure import Line, Part, missing, number, progress, version
+from benchmarks.peers.measure import Line, Part, missing, number, progress, versions
 
 from ematwin import Noise, identify, simulate
 from ematwin.estimation.joint import Joint
@@ -241,7 +241,7 @@ def run(*, quick: bool, repeats: int) -> Part:
         columns=("simulations", *SHOWN, ""),
         lines=tuple(lines),
         remarks=tuple(remarks),
-        versions={"pypesto": version("pypesto"), "emcee": version("emcee")},
+        versions=versions("pypesto", "emcee"),
     )
 
 
