@@ -35,32 +35,30 @@ Costs = Callable[[np.ndarray], np.ndarray]
 Problem = tuple[Costs, float, float]
 
 
-def sphere(points: np.ndarray, centre: np.ndarray = OPTIMUM) -> np.ndarray:
-    z = 10.24 * (points - centre)
+def sphere(z: np.ndarray) -> np.ndarray:
     return (z**2).sum(axis=1)
 
 
-def rosenbrock(points: np.ndarray) -> np.ndarray:
-    z = 1.0 + 4.096 * (points - OPTIMUM)
-    return (100 * (z[:, 1:] - z[:, :-1] ** 2) ** 2 + (1 - z[:, :-1]) ** 2).sum(axis=1)
+def rosenbrock(z: np.ndarray) -> np.ndarray:
+    y = 1.0 + z
+    return (100.0 * (y[:, 1:] - y[:, :-1] ** 2) ** 2 + (1.0 - y[:, :-1]) ** 2).sum(axis=1)
 
 
-def rastrigin(points: np.ndarray) -> np.ndarray:
-    z = 10.24 * (points - OPTIMUM)
-    return (z**2 - 10 * np.cos(2 * np.pi * z) + 10).sum(axis=1)
+def rastrigin(z: np.ndarray) -> np.ndarray:
+    return (z**2 - 10.0 * np.cos(2.0 * np.pi * z) + 10.0).sum(axis=1)
 
 
-def ackley(points: np.ndarray) -> np.ndarray:
-    z = 65.536 * (points - OPTIMUM)
-    hollow = -20 * np.exp(-0.2 * np.sqrt((z**2).mean(axis=1)))
-    return hollow - np.exp(np.cos(2 * np.pi * z).mean(axis=1)) + 20 + np.e
+def ackley(z: np.ndarray) -> np.ndarray:
+    hollow = -20.0 * np.exp(-0.2 * np.sqrt((z**2).mean(axis=1)))
+    return hollow - np.exp(np.cos(2.0 * np.pi * z).mean(axis=1)) + 20.0 + np.e
 
 
-def corner(points: np.ndarray) -> np.ndarray:
-    return sphere(points, np.zeros(DIMENSION))
+def shifted(formula: Costs, width: float, centre: np.ndarray = OPTIMUM) -> Problem:
+    """A function of z in [0, 1]^8, z = width (x - centre), with its minimum at the centre."""
+    return lambda points: formula(width * (points - centre)), 0.0, 1.0
 
 
-FOUR = (sphere, rosenbrock, rastrigin, ackley)
+FOUR = {sphere: 10.24, rosenbrock: 4.096, rastrigin: 10.24, ackley: 65.536}  # widths
 
 
 def bbob(number: int) -> Problem:
@@ -79,8 +77,9 @@ def problems(suite: str) -> dict[str, Problem]:
     if suite == "bbob":
         return {f"f{number}": bbob(number) for number in BBOB}
     if suite == "origin":
-        return {"centred in the corner": (corner, 0.0, 1.0), "centred inside": (sphere, 0.0, 1.0)}
-    return {costs.__name__: (costs, 0.0, 1.0) for costs in FOUR}
+        corner = shifted(sphere, 10.24, np.zeros(DIMENSION))
+        return {"centred in the corner": corner, "centred inside": shifted(sphere, 10.24)}
+    return {formula.__name__: shifted(formula, width) for formula, width in FOUR.items()}
 
 
 def finals(name: str, problem: Problem, seeds: int) -> list[float]:

@@ -51,11 +51,9 @@ from ematwin.optimizers.particle_swarm import (
     GrowingRing,
     Ring,
 )
+from optimizers import DIMENSION, ITERATIONS, POPULATION, Costs, ackley, rastrigin, rosenbrock
 
-POPULATION, ITERATIONS, DIMENSION = 50, 200, 8
 SEED = 2026
-
-Costs = Callable[[np.ndarray], np.ndarray]
 Settings = dict[str, Any]
 
 
@@ -71,17 +69,6 @@ def functions() -> dict[str, Costs]:
 
     def ellipsoid(z: np.ndarray) -> np.ndarray:
         return (z**2) @ 1e4 ** np.linspace(0.0, 1.0, DIMENSION)
-
-    def rosenbrock(z: np.ndarray) -> np.ndarray:
-        y = 1.0 + z
-        return (100.0 * (y[:, 1:] - y[:, :-1] ** 2) ** 2 + (1.0 - y[:, :-1]) ** 2).sum(axis=1)
-
-    def rastrigin(z: np.ndarray) -> np.ndarray:
-        return (z**2 - 10.0 * np.cos(2.0 * np.pi * z) + 10.0).sum(axis=1)
-
-    def ackley(z: np.ndarray) -> np.ndarray:
-        hollow = -20.0 * np.exp(-0.2 * np.sqrt((z**2).mean(axis=1)))
-        return hollow - np.exp(np.cos(2.0 * np.pi * z).mean(axis=1)) + 20.0 + np.e
 
     def griewank(z: np.ndarray) -> np.ndarray:
         waves = np.cos(z / np.sqrt(np.arange(1, DIMENSION + 1))).prod(axis=1)
