@@ -22,7 +22,8 @@ import argparse
 import hashlib
 import json
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -58,19 +59,16 @@ class Store:
     def __init__(self, folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self._path = folder / "rows.jsonl"
+        self._path.touch()
 
     def rows(self) -> list[dict[str, Any]]:
         """All rows, in the order in which they came."""
-        if not self._path.exists():
-            return []
         lines = self._path.read_text(encoding="utf-8").split("\n")
         return [json.loads(line) for line in lines[:-1] if line.endswith("}")]
 
     def add(self, row: dict[str, Any]) -> None:
         """One row more."""
-        start = ""
-        if self._path.exists() and not self._path.read_bytes().endswith(b"\n"):
-            start = "\n"
+        start = "" if self._path.read_bytes()[-1:] in (b"", b"\n") else "\n"
         with self._path.open("a", encoding="utf-8") as file:
             file.write(f"{start}{json.dumps(row)}\n")
 
@@ -107,35 +105,34 @@ def run(tasks: Sequence[Task], store: Store, workers: int) -> list[dict[str, Any
     return [row for row in store.rows() if task_of(row) in wanted and row.get("code") == own]
 
 
-def tasks_of(given: argparse.Namespace, populations: Sequence[str]) -> Iterator[Task]:
+def tasks_of(given: argparse.Namespace) -> list[Task]:
     """All tasks of an experiment; the first recordings of each part before the next ones."""
-    for seed in range(given.first, given.first + given.records):
-        for population in populations:
-            for knowledge in given.knowledge:
-                for fidelity in given.fidelity:
-                    for method in given.methods:
-                        yield Task(population, knowledge, fidelity, seed, method)
+    parts = product(given.populations, given.knowledge, given.fidelity, given.methods)
+    seeds = range(given.first, given.first + given.records)
+    return [Task(*part[:3], seed, part[3]) for seed, part in product(seeds, list(parts))]
 
 
-def stored(given: argparse.Namespace, populations: Sequence[str], store: Store) -> list[Any]:
+def stored(tasks: Sequence[Task], store: Store) -> list[dict[str, Any]]:
     """Rows of an experiment that are there, whatever their seeds."""
-    wanted = (populations, given.knowledge, given.fidelity, given.methods)
-    found = []
-    for row in store.rows():
-        task = task_of(row)
-        have = (task.population, task.knowledge, task.fidelity, task.method)
-        if all(one in several for one, several in zip(have, wanted, strict=True)):
-            found.append(row)
-    return found
+    wanted = {task._replace(seed=0) for task in tasks}
+    return [row for row in store.rows() if task_of(row)._replace(seed=0) in wanted]
 
 
-METHODS = ("laplace", "profile", "posterior")
-# experiment -> populations, knowledge, fidelities and methods unless others are asked for
-EXPERIMENTS: dict[str, tuple[Sequence[str], ...]] = {
-    "coverage": (("mixture",), ("exact", "drifted"), ("monitor", "reference"), METHODS),
-    "calibration": (("middle",), ("exact",), ("monitor",), ("laplace own", "posterior own")),
-    "verdicts": (("healthy", "slight"), ("exact", "drifted"), ("reference",), ("laplace",)),
-}
+# what each experiment takes unless others are asked for
+EXPERIMENTS: dict[str, dict[str, Sequence[str]]] = {
+    "coverage": {
+        "populations": ("mixture",), "knowledge": ("exact", "drifted"),
+        "fidelity": ("monitor", "reference"), "methods": ("laplace", "profile", "posterior"),
+    },
+    "calibration": {
+        "populations": ("middle",), "knowledge": ("exact",), "fidelity": ("monitor",),
+        "methods": ("laplace own", "posterior own"),
+    },
+    "verdicts": {
+        "populations": ("healthy", "slight"), "knowledge": ("exact", "drifted"),
+        "fidelity": ("reference",), "methods": ("laplace",),
+    },
+}  # fmt: skip
 
 
 def main(arguments: Sequence[str] | None = None) -> str:
@@ -154,18 +151,12 @@ def main(arguments: Sequence[str] | None = None) -> str:
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--quick", action="store_true", help=f"{QUICK} recordings")
     given = parser.parse_args(arguments)
-    populations, knowledge, fidelity, which = EXPERIMENTS[given.experiment]
-    given.knowledge = given.knowledge or knowledge
-    given.fidelity = given.fidelity or fidelity
-    given.methods = given.methods or which
-    populations = given.populations or populations
+    for name, usual in EXPERIMENTS[given.experiment].items():
+        setattr(given, name, getattr(given, name) or usual)
     if given.quick:
         given.records = min(given.records, QUICK)
-    store = Store(given.store)
-    if given.stored:
-        rows = stored(given, populations, store)
-    else:
-        rows = run(list(tasks_of(given, populations)), store, given.workers)
+    tasks, store = tasks_of(given), Store(given.store)
+    rows = stored(tasks, store) if given.stored else run(tasks, store, given.workers)
     text = tables.TABLES[given.experiment](rows)
     if given.figure is not None:
         given.figure.write_text(tables.FIGURES[given.experiment](rows), encoding="utf-8")

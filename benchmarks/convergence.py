@@ -1,6 +1,6 @@
 """How the error of both models falls with their step, in a smooth case and in the default case.
 
-    python benchmarks/convergence.py [--json]
+    python benchmarks/convergence.py
     python benchmarks/convergence.py --gap 60
     python benchmarks/convergence.py --faulty 24
 
@@ -16,9 +16,8 @@ of the monitor model with single faults, and with so many vectors of random ones
 """
 
 import argparse
-import json
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -156,7 +155,6 @@ def gaps(count: int) -> np.ndarray:
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--json", action="store_true", help="for programs")
     parser.add_argument("--gap", type=int, metavar="N", help="gap of the models over N vectors")
     parser.add_argument("--faulty", type=int, metavar="N", help="errors with faults")
     given = parser.parse_args()
@@ -165,16 +163,12 @@ def main() -> None:
         for name, row in faulty(given.faulty).items():
             print(f"| {name} |", " | ".join(f"{100.0 * error:.3f}" for error in row), "|")
         return
-    as_json = given.json
     if given.gap is not None:
         found = 100.0 * np.quantile(gaps(given.gap), [0.1, 0.5, 0.75, 0.9, 1.0])
         print("gap, % of RMS: 10th percentile, median, 75th, 90th, worst")
         print(", ".join(f"{value:.2f}" for value in found))
         return
     rows = [row for model in STEPS for case in ("smooth", "default") for row in table(model, case)]
-    if as_json:
-        print(json.dumps([asdict(row) for row in rows], indent=2))
-        return
     print("| model | case | step, us | error, % of RMS | order |")
     print("|---|---|---|---|---|")
     for row in rows:

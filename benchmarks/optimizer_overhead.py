@@ -1,6 +1,6 @@
 """The optimisers' own time: ask and tell at 50 x 8, in microseconds an evaluation.
 
-python benchmarks/optimizer_overhead.py [--json] [--repeats 5] [NAME ...]
+python benchmarks/optimizer_overhead.py [--repeats 5] [NAME ...]
 
 Processor time; the objective's is left out. Each figure is the least of the repeats: what else ran
 on the machine only adds to it.
@@ -9,7 +9,6 @@ on the machine only adds to it.
 from __future__ import annotations
 
 import argparse
-import json
 import time
 
 import numpy as np
@@ -45,19 +44,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--json", action="store_true")
     options = parser.parse_intermixed_args()
     names = options.names or [found.name for found in algorithms() if found.installed]
-    figures = {
-        name: min(microseconds(name, seed) for seed in range(1, options.repeats + 1))
-        for name in names
-    }
-    if options.json:
-        print(json.dumps({"unit": "us per evaluation", "own_time": figures}, indent=2))
-        return
     print("| algorithm | own time, us an evaluation |\n|---|---|")
-    for name, figure in figures.items():
-        print(f"| `{name}` | {figure:.2f} |")
+    for name in names:
+        figure = min(microseconds(name, seed) for seed in range(1, options.repeats + 1))
+        print(f"| `{name}` | {figure:.2f} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """How much of the machine the lanes of the monitor model use: operations, seconds, share of peak.
 
-    python benchmarks/roofline.py [--figure roofline.svg] [--json]
+    python benchmarks/roofline.py [--figure roofline.svg]
 
 Operations are counted in the machine code of the loop over the lanes, as compiled here; peak is
 what a loop of nothing but fused multiply-adds reaches on the same core, memory bandwidth that of a
@@ -10,7 +10,6 @@ copy of arrays that no cache holds. One thread. The figure needs matplotlib (ext
 # ruff: noqa: E402
 
 import argparse
-import json
 import os
 import re
 import tempfile
@@ -155,14 +154,10 @@ def main() -> None:
     """Measure, print, draw."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--figure", type=Path, metavar="FILE.svg")
-    parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     found = measure()
-    if options.json:
-        print(json.dumps(found))
-    else:
-        for title, number in found.items():
-            print(f"{title:38} {number:10.3g}")
+    for title, number in found.items():
+        print(f"{title:38} {number:10.3g}")
     if options.figure is not None:
         draw(found, options.figure)
 
