@@ -28,7 +28,6 @@ import argparse
 import math
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -211,7 +210,7 @@ def of_unstated(
         grid = np.arange(0.0, scenario.duration + 1e-9, 5e-5)
         parameters = other.parameters_of(truth)
         begins = np.random.default_rng([seed, number, 43]).uniform()  # among the samples
-        now = replace(structure, sampling_phase=float(begins))
+        now = structure._replace(sampling_phase=float(begins))
         found = other.simulate(
             parameters, grid, *scenario.histories(grid), faults, now, seed=seed + number
         )

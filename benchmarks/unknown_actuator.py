@@ -39,8 +39,8 @@ import argparse
 import json
 import math
 import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -51,6 +51,7 @@ from joblib import Parallel, delayed
 from counted import MAGNITUDES, NOISE, holds, silently_wrong
 from ematwin import Noise, identify, simulate
 from ematwin.errors import EmatwinError
+from ematwin.estimation.learn import learn
 from ematwin.models.bldc.channels import PHASES, VOLTAGES
 from ematwin.models.bldc.faults import FAULTS, HEALTHY, error_percent_wrapped
 from ematwin.models.bldc.parameters import BldcActuator
@@ -62,9 +63,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 
 SHEET = load_actuator("servo48")
 VOLTAGE_NOISE, VOLTAGE_STEP = 0.5, 0.03  # V: 1 % of the supply, 12 bits of +-60 V
-VOLTAGE_GAIN = (
-    0.005  # standard deviation of what a rig's voltages, or its supply's current, are off
-)
+VOLTAGE_GAIN = 0.005  # standard deviation of a rig's voltages, or of its supply's current
 CURRENT_DRIFT = 0.02  # by which the sensors of the phases change in every other recording
 PHASE_GAIN, PHASE_OFFSET = 0.01, 0.2  # A; standard deviations of the sensor of each phase
 MOTOR_ZERO, OUTPUT_ZERO = np.radians(5.0), 0.05  # electrical; rad, motor shaft; of their sensors
@@ -93,6 +92,7 @@ DRIFTS: dict[str, dict[str, float]] = {
     "load": {"load": 1.1},
     "skew": {"skew": 200e-6},
 }
+ALL_DRIFTS = {name: x for part in DRIFTS.values() for name, x in part.items()}
 CASES: tuple[dict[str, float], ...] = (
     {},
     {"friction": 0.25, "short_b": 0.15},
@@ -214,8 +214,6 @@ def judged(
 
 def learnt(recordings: Sequence[Recording], template: BldcActuator) -> Any:
     """What healthy recordings say of an actuator."""
-    from ematwin.estimation.learn import learn
-
     model = model_of(template)
     return learn(model, template, [model.compare(r, template, threads=1) for r in recordings])
 
@@ -233,11 +231,7 @@ def of_actuator(mode: str, seed: int, faulty: int) -> list[Outcome]:
         if mode == "drift":
             names = [*DRIFTS, "all"]
             group = names[(seed + n) % len(names)]
-            drift = (
-                {k: v for one in DRIFTS.values() for k, v in one.items()}
-                if group == "all"
-                else DRIFTS[group]
-            )
+            drift = ALL_DRIFTS if group == "all" else DRIFTS[group]
         record = recorded(true, faults, 100 + n, drift)
         found.append(judged(group, record, known, true, faults))
     return found
@@ -359,9 +353,9 @@ def of_structure(seed: int, faulty: int, known_loops: bool = False) -> list[Outc
     group = ("with PI current loop", "PI loop without delay", "ideal current loop")[seed % 3]
     if group == "PI loop without delay":
         interval = min(structure.control_interval, 1e-4)
-        structure = replace(structure, current_delay=0, control_interval=interval)
+        structure = structure._replace(current_delay=0, control_interval=interval)
     if group == "ideal current loop":
-        structure = replace(structure, current_interval=0.0, control_interval=0.0)
+        structure = structure._replace(current_interval=0.0, control_interval=0.0)
     gain, parameters = "controller.speed_gain", other.parameters_of(true)
     template = SHEET
     if group != "PI loop without delay":
@@ -397,7 +391,7 @@ def of_structure(seed: int, faulty: int, known_loops: bool = False) -> list[Outc
     ]
 
 
-def of_forms(seed: int) -> list[Outcome]:
+def of_forms(seed: int, faulty: int) -> list[Outcome]:
     """Faults of forms that the twin does not have, judged by the data sheet."""
     true = actuator_off(seed)
     rng = np.random.default_rng([7, seed])
@@ -419,8 +413,6 @@ SPECIAL = {"friction": 0.25, "short_b": 0.15}
 
 def special_recordings(true: BldcActuator) -> dict[str, Recording]:
     """Recordings from which nothing, or not everything, can be told."""
-    from ematwin.models.scenario import Scenario
-
     faults = SPECIAL
     usual = recorded(true, faults, 100, {})
 
@@ -429,22 +421,15 @@ def special_recordings(true: BldcActuator) -> dict[str, Recording]:
         scenario = Scenario(duration=0.5, command=parts)
         return simulate("reference", scenario, faults, true, noise=NOISE, seed=100)
 
-    channels = {k: v for k, v in usual.channels.items() if k != "load"}
-    no_load = Recording(usual.time, channels, units=usual.units)
     in_degrees = usual.changed(command=np.degrees(usual.channels["command"]))
-    clipped = usual.changed(
-        **{
-            k: np.clip(usual.channels[k], -1.5, 1.5)
-            for k in ("current_a", "current_b", "current_c")
-        }
-    )
+    clipped = usual.changed(**{k: np.clip(usual.channels[k], -1.5, 1.5) for k in PHASES})
     coarse = simulate(
         "reference", faults=faults, actuator=true, noise=Noise(white=0.02, bits=10), seed=100
     )
     return {
         "motion of 20 urad": chirp(20e-6),
         "motion of 200 urad": chirp(200e-6),
-        "no load column": no_load,
+        "no load column": usual.changed(load=None),
         "degrees for radians": in_degrees,
         "saturated currents": clipped,
         "ten bits": coarse,
@@ -518,17 +503,18 @@ COLUMNS = (
 )  # fmt: skip
 HEADER = f"| | {' | '.join(COLUMNS)} |\n|---|{'--:|' * len(COLUMNS)}"
 
-
-BY_MODE = {
+KNOWN = ("calibrated", "sheet", "drift", "uncalibrated")  # by what is known of the actuator
+BY_MODE: dict[str, Callable[[int, int], list[Outcome]]] = {
+    **{mode: partial(of_actuator, mode) for mode in KNOWN},
     "evidence": of_evidence, "sensors": of_sensors, "zeros": of_zeros, "structure": of_structure,
-    "loops": partial(of_structure, known_loops=True),
+    "loops": partial(of_structure, known_loops=True), "forms": of_forms,
 }  # fmt: skip
 
 
 def unless_refused(of: Any, seed: int, faulty: int) -> list[Outcome]:
     """Those of an actuator; none, and why, where it is refused: unstable, or not as its sheet."""
     try:
-        return list(of(seed, faulty))
+        return of(seed, faulty)
     except EmatwinError as refusal:
         print(f"actuator {seed} is refused: {refusal}", file=sys.stderr)
         return []
@@ -537,9 +523,7 @@ def unless_refused(of: Any, seed: int, faulty: int) -> list[Outcome]:
 def main() -> None:
     """Run one part of the benchmark."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    modes = ("calibrated", "sheet", "drift", "uncalibrated", "evidence", "sensors", "zeros",
-             "structure", "loops", "forms", "special")  # fmt: skip
-    parser.add_argument("mode", choices=modes)
+    parser.add_argument("mode", choices=(*BY_MODE, "special"))
     parser.add_argument("--actuators", type=int, default=10)
     parser.add_argument("--faulty", type=int, default=5, help="recordings of each actuator")
     parser.add_argument("--first", type=int, default=0, help="seed of the first actuator")
@@ -551,15 +535,9 @@ def main() -> None:
         true = actuator_off(given.first)
         healthy = [recorded(true, {}, 10 + n, {}) for n in range(HEALTHY_RECORDINGS)]
         parts = [special(true, learnt(healthy, SHEET))]
-    elif given.mode == "forms":
-        parts = Parallel(given.workers)(delayed(of_forms)(s) for s in seeds)
-    elif given.mode in BY_MODE:
+    else:
         of = BY_MODE[given.mode]
         parts = Parallel(given.workers)(delayed(unless_refused)(of, s, given.faulty) for s in seeds)
-    else:
-        parts = Parallel(given.workers)(
-            delayed(of_actuator)(given.mode, s, given.faulty) for s in seeds
-        )
     runs = [one for part in parts for one in part]
     if given.json is not None:
         given.json.write_text(json.dumps([vars(one) for one in runs], indent=1), encoding="utf-8")

@@ -18,7 +18,6 @@ the output position of `simulate`, which are those of the output.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -32,19 +31,12 @@ _ROUNDED = 2.0 * math.pi / (3.0 * math.sqrt(3.0))  # amplitude of a sine with th
 _SMALL_CURRENT = 0.1  # A: below it the lost voltage falls to zero, as ripple makes it do
 
 HEALTHY = {
-    "friction": 0.0,
-    "backlash": 0.0,
-    "short_a": 0.0,
-    "short_b": 0.0,
-    "short_c": 0.0,
-    "eccentricity": 0.0,
-    "eccentricity_phase": 0.5,
-    "gain": 0.5,
-}
+    "friction": 0.0, "backlash": 0.0, "short_a": 0.0, "short_b": 0.0, "short_c": 0.0,
+    "eccentricity": 0.0, "eccentricity_phase": 0.5, "gain": 0.5,
+}  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Structure:
+class Structure(NamedTuple):
     """What this actuator has and the twin has not; everything is off by default.
 
     Parameters
@@ -86,7 +78,7 @@ class Structure:
     control_interval: float = 0.0
     speed_integral: float = 0.0
     current_interval: float = 0.0
-    current_delay: int = 1
+    current_delay: float = 1.0
     current_bandwidth: float = 4000.0
     lost_voltage: float = 0.0
     sampling_phase: float = 0.0
@@ -111,9 +103,7 @@ class Structure:
 
     def only(self, *terms: str) -> Self:
         """This structure with all but some of the `TERMS` switched off."""
-        neutral = type(self)()
-        names = [name for term in terms for name in TERMS[term]]
-        return replace(neutral, **{name: getattr(self, name) for name in names})
+        return type(self)(**{name: getattr(self, name) for term in terms for name in TERMS[term]})
 
 
 # The terms of `Structure.realistic`, by name: engineering values, tuned on nothing.
@@ -146,7 +136,7 @@ COGGING_CYCLES = (6, 12, 24, 36)
 
 
 class Plant(NamedTuple):
-    """Parameters, faults and structure as the loop takes them, SI, on the motor shaft."""
+    """Parameters with faults as the loop takes them, SI, on the motor shaft."""
 
     r: Any  # (3,) ohm, of each phase
     l: Any  # (3,) H
@@ -175,25 +165,13 @@ class Plant(NamedTuple):
     damping: float
     low: float
     high: float
-    cogging: float
-    cycles: float
-    cogging_phase: float
-    rounding: float
-    bristle: float
-    bristle_damping: float
-    stribeck: float
     control_every: int  # steps; 0 is each
-    speed_integral: float
     current_every: int  # steps; 0 is hysteresis
-    delayed: bool  # the voltage answers the current one interval late
     k_proportional: float  # V/A
     k_integral: float  # V/(A s)
-    lost: float
     late: int  # steps, by which samples come after the start
     lines: float  # counts of the motor's encoder in a radian; 0 is a perfect one
     output_lines: float
-    count_phase: float
-    speed_lag: float  # s
 
 
 def parameters_of(actuator: Any) -> dict[str, float]:
@@ -262,9 +240,11 @@ def simulate(
     load = np.zeros(time.shape) if load is None else np.asarray(load, dtype=float)
     command = np.asarray(command, dtype=float)
     fine = time[0] + dt * np.arange((samples - 1) * substeps)
-    plant = _plant(parameters, {**HEALTHY, **(faults or {})}, structure or Structure(), dt)
+    extra = Structure(*map(float, structure or Structure()))  # compiled once
+    plant = _plant(parameters, {**HEALTHY, **(faults or {})}, extra, dt)
     currents, motor, output = _run(
         plant,
+        extra,
         np.interp(fine, time, command) * ratio,
         np.interp(fine, time, load) / ratio,
         initial_position * ratio,
@@ -334,26 +314,14 @@ def _plant(
         damping=structure.gear_damping if own_gear else p["transmission.contact_damping"],
         low=p["transmission.travel_low"] * p["transmission.ratio"],
         high=p["transmission.travel_high"] * p["transmission.ratio"],
-        cogging=structure.cogging,
-        cycles=float(structure.cogging_cycles),
-        cogging_phase=structure.cogging_phase,
-        rounding=structure.emf_rounding,
-        bristle=structure.bristle_stiffness,
-        bristle_damping=structure.bristle_damping,
-        stribeck=structure.stribeck_speed,
         control_every=round(structure.control_interval / dt),
-        speed_integral=structure.speed_integral,
         current_every=round(structure.current_interval / dt),
-        delayed=bool(structure.current_delay),
         # the zero of the PI cancels the winding, so its bandwidth is what it is asked to be
         k_proportional=structure.current_bandwidth * p["motor.inductance"],
         k_integral=structure.current_bandwidth * p["motor.resistance"],
-        lost=structure.lost_voltage,
         late=round(structure.sampling_phase * structure.control_interval / dt),
         lines=structure.encoder_lines / (2.0 * math.pi),
         output_lines=structure.output_lines / (2.0 * math.pi),
-        count_phase=structure.encoder_phase,
-        speed_lag=structure.speed_lag,
     )
 
 
@@ -450,7 +418,7 @@ def advance_currents(i, v, driven, emf, plant, on, slope, charge, dt):
 
 
 @njit(cache=True)
-def _run(plant, command, load, start, samples, substeps, dt):
+def _run(plant, extra, command, load, start, samples, substeps, dt):
     """Mean currents (S, 3), motor and output positions (S,) on the motor shaft."""
     third = 2.0 * math.pi / 3.0
     firsts = np.array([0, 0, 1, 1, 2, 2])
@@ -462,7 +430,7 @@ def _run(plant, command, load, start, samples, substeps, dt):
     on, driven = np.zeros(3, dtype=np.bool_), np.zeros(3, dtype=np.bool_)
     theta_m, theta_o, w_m, w_o, z_m, z_o = start, start, 0.0, 0.0, 0.0, 0.0
     i_ref, u, u_next, integral, wound = 0.0, plant.v_supply, 0.0, 0.0, 0.0
-    last, speed = counted(start, plant.lines, plant.count_phase), 0.0
+    last, speed = counted(start, plant.lines, extra.encoder_phase), 0.0
     if plant.current_every > 0:
         u = 0.0
     for n in range(samples - 1):
@@ -470,21 +438,21 @@ def _run(plant, command, load, start, samples, substeps, dt):
             clock = now - plant.late
             # position and speed loop
             if plant.control_every == 0 or clock % plant.control_every == 0:
-                output_now = counted(theta_o, plant.output_lines, plant.count_phase)
+                output_now = counted(theta_o, plant.output_lines, extra.encoder_phase)
                 w_ref = plant.k_position * (command[now] - output_now)
                 w_ref = min(max(w_ref, -plant.w_max), plant.w_max)
                 if plant.lines > 0.0 and plant.control_every > 0:
                     span, angle = (
                         plant.control_every * dt,
-                        counted(theta_m, plant.lines, plant.count_phase),
+                        counted(theta_m, plant.lines, extra.encoder_phase),
                     )
                     fresh = (angle - last) / span
-                    stays = math.exp(-span / plant.speed_lag) if plant.speed_lag > 0.0 else 0.0
+                    stays = math.exp(-span / extra.speed_lag) if extra.speed_lag > 0.0 else 0.0
                     speed, last = stays * speed + (1.0 - stays) * fresh, angle
                 else:
                     speed = w_m
                 late = w_ref - speed
-                more = wound + plant.speed_integral * max(plant.control_every, 1) * dt * late
+                more = wound + extra.speed_integral * max(plant.control_every, 1) * dt * late
                 asked = (plant.k_speed * late + more) / (2.0 * plant.k_e)
                 i_ref = min(max(asked, -plant.i_max), plant.i_max)
                 if i_ref == asked or asked * late < 0.0:  # no wind-up
@@ -509,18 +477,18 @@ def _run(plant, command, load, start, samples, substeps, dt):
                 u_next = min(max(wish, -plant.v_supply), plant.v_supply)
                 if u_next == wish or (wish - u_next) * error < 0.0:  # no wind-up
                     integral += plant.k_integral * error * plant.current_every * dt
-                if not plant.delayed:
+                if extra.current_delay == 0.0:
                     u = u_next
             for k in range(3):
                 driven[k] = k in (first, second)
                 lean = min(max(i[k] / _SMALL_CURRENT, -1.0), 1.0)
                 way = 1.0 if k == first else -1.0
-                v[k] = 0.5 * (plant.v_supply + way * u) - plant.lost * lean
+                v[k] = 0.5 * (plant.v_supply + way * u) - extra.lost_voltage * lean
 
             # three phases
             for k in range(3):
                 gap = 1.0 + plant.zeta * math.cos(theta_m + plant.phi - k * third)
-                shape = emf_shape(theta_e - k * third, plant.rounding)
+                shape = emf_shape(theta_e - k * third, extra.emf_rounding)
                 kappa[k] = plant.h[k] * plant.k_e * gap * shape
                 emf[k] = kappa[k] * w_m
                 charge[k] = 0.0
@@ -540,16 +508,15 @@ def _run(plant, command, load, start, samples, substeps, dt):
                 gear = plant.stiffness * (twist + plant.half_gap) + plant.damping * (w_m - w_o)
                 gear = min(gear, 0.0)
             act_m = torque - plant.viscous * w_m - gear
-            act_m -= plant.cogging * math.sin(plant.cycles * theta_m + plant.cogging_phase)
+            act_m -= extra.cogging * math.sin(extra.cogging_cycles * theta_m + extra.cogging_phase)
             act_o = gear - load[now]
             way_o = w_o if w_o != 0.0 else act_o
             share = plant.opposing if way_o * load[now] > 0.0 else plant.aiding
             t_o = plant.t_o + share * abs(load[now])
-            if plant.bristle > 0.0:
-                z_m, held_m = lugre(z_m, w_m, plant.t_m, plant.static_ratio, plant.bristle,
-                                    plant.bristle_damping, plant.stribeck, dt)  # fmt: skip
-                z_o, held_o = lugre(z_o, w_o, t_o, plant.static_ratio, plant.bristle,
-                                    plant.bristle_damping, plant.stribeck, dt)  # fmt: skip
+            if extra.bristle_stiffness > 0.0:
+                bristles = extra.bristle_stiffness, extra.bristle_damping, extra.stribeck_speed
+                z_m, held_m = lugre(z_m, w_m, plant.t_m, plant.static_ratio, *bristles, dt)
+                z_o, held_o = lugre(z_o, w_o, t_o, plant.static_ratio, *bristles, dt)
                 w_m += dt * (act_m - held_m) / plant.j_m
                 w_o += dt * (act_o - held_o) / plant.j_o
             else:
@@ -561,6 +528,6 @@ def _run(plant, command, load, start, samples, substeps, dt):
                 theta_o, w_o = plant.low, max(w_o, 0.0)
             elif theta_o >= plant.high:
                 theta_o, w_o = plant.high, min(w_o, 0.0)
-        motor[n + 1] = counted(theta_m, plant.lines, plant.count_phase)
-        output[n + 1] = counted(theta_o, plant.output_lines, plant.count_phase)
+        motor[n + 1] = counted(theta_m, plant.lines, extra.encoder_phase)
+        output[n + 1] = counted(theta_o, plant.output_lines, extra.encoder_phase)
     return currents, motor, output

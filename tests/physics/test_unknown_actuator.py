@@ -48,8 +48,7 @@ def test_on_a_calibrated_actuator_faults_are_named_and_intervals_hold(known, cas
 
 def test_drift_of_all_kinds_at_once_makes_no_fault(known) -> None:
     true = bench.actuator_off(7)
-    drift = {name: x for part in bench.DRIFTS.values() for name, x in part.items()}
-    one = bench.judged("", recorded(true, {}, 100, drift), known, true, {})
+    one = bench.judged("", recorded(true, {}, 100, bench.ALL_DRIFTS), known, true, {})
     assert one.grade in ("healthy", "changed")
     assert not bench.is_silently_wrong(one)
 

@@ -1,7 +1,6 @@
 """Equations along a recorded motion: against plain Python, and a simulator of other make."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -364,7 +363,7 @@ def test_masses_are_found_again_where_friction_is_far_off(share):
 def test_motor_and_output_keep_their_momentum_where_counts_are_coarse():
     """Aided by the load, the output leaves its face in each turn; its own counts are fine."""
     structure, actuator = as_built(2_000)
-    record = recorded(replace(structure, output_lines=8192), actuator)
+    record = recorded(structure._replace(output_lines=8192), actuator)
     balance = TorqueBalance(Motion(record, actuator))
     share = np.linalg.norm(balance.left(actuator)) / balance.size
     assert share < 1.15 * balance.least(actuator)
@@ -404,7 +403,7 @@ def test_ripple_of_a_comparator_is_noise_of_the_angle_in_the_gap():
 def test_an_output_that_friction_stops_in_the_gap_does_not_count_as_moving():
     """Speeds by coarse counts are smoothed: they show a stop later than the recorded angle."""
     structure, actuator = as_built(4096)
-    structure = replace(structure, output_lines=8192)
+    structure = structure._replace(output_lines=8192)
     faults = {"friction": 0.6, "backlash": 0.2}
     record = recorded(structure, actuator, faults=faults, noise=0.02)
     balance = TorqueBalance(Motion(record, actuator))
@@ -430,7 +429,7 @@ def test_a_crossing_that_is_straight_to_the_last_digit_shows_no_less_than_noise(
 def test_a_gear_that_gives_more_than_its_file_says_does_not_seem_to_cross_its_gap():
     """While its faces touch the output feels the motor, at twists that a stiff gear never has."""
     structure, actuator = as_built()
-    soft = replace(structure, gear_stiffness=100.0)
+    soft = structure._replace(gear_stiffness=100.0)
     balance = TorqueBalance(Motion(recorded(soft, actuator), actuator))
     apart = Contact(balance, actuator).apart()
     output = Crossing(balance, apart, actuator, of_motor=False)
