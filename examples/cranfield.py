@@ -12,7 +12,6 @@ python examples/cranfield.py runs_1_to_5.parquet --drift     (healthy runs made 
 
 import argparse
 import itertools
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -134,14 +133,6 @@ def calibrated(
     return ematwin.calibrate(healthy, known=known, name="cranfield")
 
 
-@dataclass
-class Stroke:
-    """One way of the motion: its transient and its steady part, slices of samples."""
-
-    transient: slice
-    steady: slice
-
-
 def pca(motions: Motions, judged: Motions) -> dict[str, list[bool]]:
     """Alarms of T2 and Q of a PCA on 20 features of a motion, rebuilt after the data's paper.
 
@@ -156,16 +147,17 @@ def pca(motions: Motions, judged: Motions) -> dict[str, list[bool]]:
         print("(without the columns of PCA: they need scikit-learn)\n")
         return {}
 
-    ways = (Stroke(slice(0, 35), slice(35, 125)), Stroke(slice(200, 240), slice(240, 324)))
+    # samples of the transient and of the steady part, out and back
+    ways = ((slice(0, 35), slice(35, 125)), (slice(200, 240), slice(240, 324)))
 
     def features(motion: ematwin.Recording) -> list[float]:
         values = []
-        for way in ways:
+        for transient, steady in ways:
             for signal in (motion.current, motion.position_error):
-                start, steady = signal[way.transient], signal[way.steady]
+                start, rest = signal[transient], signal[steady]
                 values += [
                     start.mean(), np.abs(start).max(), float(np.abs(start).argmax()),
-                    steady.mean(), steady.std(),
+                    rest.mean(), rest.std(),
                 ]  # fmt: skip
         return values
 

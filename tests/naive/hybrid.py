@@ -5,7 +5,7 @@ Between events the motion is smooth and scipy integrates it to its own tolerance
 knows of steps, so it shows what the fixed steps of the kernels converge to.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -27,6 +27,11 @@ class Mode:
     face: int
     motor_way: int
     output_way: int
+
+
+def way_of(x):
+    """Sign of a speed or torque, as the direction of a motion."""
+    return int(np.sign(x))
 
 
 class TwoMasses:
@@ -74,18 +79,16 @@ class TwoMasses:
             found.append((lambda t, y: self.half_gap - abs(y[0] - y[2]), "meet"))
             return found
         if mode.motor_way:
-            found.append((lambda t, y: mode.motor_way * y[1], "both stop"))
-            found.append((lambda t, y: self.pressure(t, y, mode), "part"))
-            return found
-        found.append(
-            (lambda t, y: self.motor.static + mode.face * self.motor_torque(t, y), "motor leaves")
-        )
-        found.append(
+            return [
+                (lambda t, y: mode.motor_way * y[1], "both stop"),
+                (lambda t, y: self.pressure(t, y, mode), "part"),
+            ]
+        return [
+            (lambda t, y: self.motor.static + mode.face * self.motor_torque(t, y), "motor leaves"),
             (lambda t, y: self.output.static - mode.face * self.output_torque(t, y),
-             "output leaves")
-        )  # fmt: skip
-        found.append((lambda t, y: self.hold(t, y), "both break loose"))
-        return found
+             "output leaves"),
+            (self.hold, "both break loose"),
+        ]  # fmt: skip
 
     def pressure(self, t, y, mode):
         """Torque on the touching face, positive while it pushes."""
@@ -102,26 +105,22 @@ class TwoMasses:
         """The mode that follows at this instant, and the state."""
         y = list(y)
         act_m, act_o = self.motor_torque(t, y), self.output_torque(t, y)
-        ways = {}
-        for name, body, torque, at in (("motor", self.motor, act_m, 1),
-                                       ("output", self.output, act_o, 3)):  # fmt: skip
-            loose = int(np.sign(torque)) if abs(torque) >= body.static else 0
-            ways[name] = int(np.sign(y[at])) if y[at] != 0.0 else loose
+
+        def way(body, torque, speed):
+            loose = torque if abs(torque) >= body.static else 0.0
+            return way_of(speed if speed != 0.0 else loose)
+
+        apart = Mode(0, way(self.motor, act_m, y[1]), way(self.output, act_o, y[3]))
         if mode.face == 0:
-            return Mode(0, ways["motor"], ways["output"]), y
+            return apart, y
         if y[1] != 0.0:
-            way = int(np.sign(y[1]))
-            together = Mode(mode.face, way, way)
-            if self.pressure(t, y, together) < 0.0:
-                return Mode(0, way, way), y
-            return together, y
-        leaves = ways["motor"] * mode.face < 0 or ways["output"] * mode.face > 0
-        if leaves:
-            return Mode(0, ways["motor"], ways["output"]), y
-        if self.hold(t, y) <= 0.0:
-            way = int(np.sign(act_m + act_o))
-            return Mode(mode.face, way, way), y
-        return Mode(mode.face, 0, 0), y
+            together = Mode(mode.face, way_of(y[1]), way_of(y[1]))
+            pulls = self.pressure(t, y, together) < 0.0
+            return (replace(together, face=0) if pulls else together), y
+        if apart.motor_way * mode.face < 0 or apart.output_way * mode.face > 0:
+            return apart, y  # one of them leaves
+        both = way_of(act_m + act_o) if self.hold(t, y) <= 0.0 else 0
+        return Mode(mode.face, both, both), y
 
     def run(self, y, times):
         """States (T, 4) at ``times``, and the events as ``(time, what)``."""
@@ -156,7 +155,9 @@ class TwoMasses:
         return states, log
 
     def after(self, what, t, y, mode):
+        """The mode that an event leads to, and the state."""
         y = list(y)
+        act_m, act_o = self.motor_torque(t, y), self.output_torque(t, y)
         if what in ("motor stops", "both stop"):
             y[1] = 0.0
         if what in ("output stops", "both stop"):
@@ -168,12 +169,9 @@ class TwoMasses:
         if what == "part":
             return Mode(0, mode.motor_way, mode.output_way), y
         if what in ("motor breaks loose", "motor leaves"):
-            way = int(np.sign(self.motor_torque(t, y)))
-            return Mode(0, way, mode.output_way), y
+            return Mode(0, way_of(act_m), mode.output_way), y
         if what in ("output breaks loose", "output leaves"):
-            way = int(np.sign(self.output_torque(t, y)))
-            return Mode(0, mode.motor_way, way), y
+            return Mode(0, mode.motor_way, way_of(act_o)), y
         if what == "both break loose":
-            way = int(np.sign(self.motor_torque(t, y) + self.output_torque(t, y)))
-            return Mode(mode.face, way, way), y
+            return Mode(mode.face, way_of(act_m + act_o), way_of(act_m + act_o)), y
         return self.settle(t, y, mode)

@@ -36,15 +36,9 @@ class Coils:
         p = self.p
         places = np.array([PHASES[n] for n in self.phase]) - theta_e
         d, q = self.share * np.cos(places), self.share * np.sin(places)
-        main = (
-            2.0
-            / 3.0
-            * (
-                (p["l_d"] - p["leakage"]) * np.outer(d, d)
-                + (p["l_q"] - p["leakage"]) * np.outer(q, q)
-            )
-        )
-        return main + np.diag(self.share * p["leakage"])
+        main = (p["l_d"] - p["leakage"]) * np.outer(d, d)
+        main += (p["l_q"] - p["leakage"]) * np.outer(q, q)
+        return 2.0 / 3.0 * main + np.diag(self.share * p["leakage"])
 
     def emf_over_speed(self, theta_m):
         """(4,) V s/rad."""
