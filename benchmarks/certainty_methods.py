@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 import unknown_actuator as rig
-from counted import MAGNITUDES, holds
+from counted import MAGNITUDES, holds, table
 from ematwin import identify
 from ematwin.estimation.posterior import Posterior
 from ematwin.estimation.profile import Profiles
@@ -65,15 +65,16 @@ def main() -> None:
                     f"width {beside:.2f} {'; '.join(out) or 'all held'}",
                     flush=True,
                 )
-    print("| | intervals that hold, % | median width over Laplace's | s | converged, % |")
-    print("|---|--:|--:|--:|--:|")
+    lines = []
     for name, found in rows.items():
         out, beside, spent, finished = (np.array(one) for one in zip(*found, strict=True))
-        held = 100.0 * (1.0 - out.sum() / (len(out) * len(MAGNITUDES)))
-        print(
-            f"| {name} | {held:.1f} of {len(out) * len(MAGNITUDES)} | {np.median(beside):.2f} | "
-            f"{np.median(spent):.0f} | {100.0 * finished.mean():.0f} |"
-        )
+        count = len(out) * len(MAGNITUDES)
+        lines.append([
+            name, f"{100.0 * (1.0 - out.sum() / count):.1f} of {count}", f"{np.median(beside):.2f}",
+            f"{np.median(spent):.0f}", f"{100.0 * finished.mean():.0f}",
+        ])  # fmt: skip
+    columns = ("intervals that hold, %", "median width over Laplace's", "s", "converged, %")
+    print(table(["", *columns], lines))
 
 
 if __name__ == "__main__":

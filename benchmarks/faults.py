@@ -132,8 +132,20 @@ class Bench:
             found["FAULTS_LEASE"] = str(self._lease)
         return found
 
-    def check(self, where: str | Path) -> None:
-        """Ids and numbers are those of the undisturbed study."""
+    def under_way(
+        self, where: str | Path, *arguments: object, least: int = 0, most: int = RUNS - 6,
+        **environment: str,
+    ) -> tuple["subprocess.Popen[str]", int]:  # fmt: skip
+        """A study that has begun, and how many runs it has stored."""
+        main = start("--store", where, *arguments, **environment)
+        stored = self.chance.randrange(least, most)
+        wait_for(where, stored, main)
+        return main, stored
+
+    def check(self, where: str | Path, *mains: "subprocess.Popen[str]") -> None:
+        """Commands end well; ids and numbers are those of the undisturbed study."""
+        for main in mains:
+            assert finish(main)["counts"] == {"done": RUNS}
         assert numbers(where) == self.undisturbed, f"{where} differs from the undisturbed study"
 
     def close(self) -> None:
@@ -171,10 +183,8 @@ def kill_main(bench: Bench) -> str:
 def kill_worker(bench: Bench) -> str:
     """kill -9 of one to four worker processes, one right after the other."""
     where = bench.store()
-    main = start("--store", where, "--workers", bench.chance.choice([1, 2]))
-    stored, kills = bench.chance.randrange(RUNS - 6), bench.chance.randint(1, 4)
-    wait_for(where, stored, main)
-    done = 0
+    main, stored = bench.under_way(where, "--workers", bench.chance.choice([1, 2]))
+    kills, done = bench.chance.randint(1, 4), 0
     while done < kills and main.poll() is None:
         with contextlib.suppress(psutil.Error):
             alive = workers_of(main)
@@ -182,8 +192,7 @@ def kill_worker(bench: Bench) -> str:
                 bench.chance.choice(alive).kill()
                 done += 1
         time.sleep(0.02)
-    assert finish(main)["counts"] == {"done": RUNS}
-    bench.check(where)
+    bench.check(where, main)
     return f"{done} kills from {stored} runs on"
 
 
@@ -191,16 +200,13 @@ def kill_dask_worker(bench: Bench) -> str:
     """kill -9 of a Dask worker under its nanny, or of both."""
     where = bench.store()
     with bench.cluster() as cluster:
-        main = start("--store", where, "--scheduler", cluster.address)
-        stored = bench.chance.randrange(RUNS - 6)
-        wait_for(where, stored, main)
+        main, stored = bench.under_way(where, "--scheduler", cluster.address)
         family = cluster.workers[0].children(recursive=True)
         both = bench.chance.random() < 0.5
         for one in family if not both else [cluster.workers[0], *family]:
             with contextlib.suppress(psutil.Error):
                 one.kill()
-        assert finish(main)["counts"] == {"done": RUNS}
-    bench.check(where)
+        bench.check(where, main)
     return f"after {stored} runs, {'with' if both else 'without'} its nanny"
 
 
@@ -208,27 +214,21 @@ def kill_dask_scheduler(bench: Bench) -> str:
     """kill -9 of the Dask scheduler; a new one and new workers come at the same address."""
     where = bench.store()
     with bench.cluster() as cluster:
-        main = start("--store", where, "--scheduler", cluster.address)
-        stored = bench.chance.randrange(RUNS - 6)
-        wait_for(where, stored, main)
+        main, stored = bench.under_way(where, "--scheduler", cluster.address)
         cluster.scheduler.kill()
         cluster.restart()
-        assert finish(main)["counts"] == {"done": RUNS}
-    bench.check(where)
+        bench.check(where, main)
     return f"after {stored} runs"
 
 
 def postgres_stopped(bench: Bench) -> str:
     """PostgreSQL is stopped for ten seconds."""
     where = bench.database()
-    main = start("--store", where, "--workers", 2)
-    stored = bench.chance.randrange(RUNS - 6)
-    wait_for(where, stored, main)
+    main, stored = bench.under_way(where, "--workers", 2)
     bench.postgres.stop()
     time.sleep(10.0)
     bench.postgres.start()
-    assert finish(main)["counts"] == {"done": RUNS}
-    bench.check(where)
+    bench.check(where, main)
     return f"after {stored} runs"
 
 
@@ -281,9 +281,7 @@ def stopped_beyond_lease(bench: Bench) -> str:
     """
     where = bench.store()
     environment = bench.environment()
-    main = start("--store", where, "--workers", 1, **environment)
-    stored = bench.chance.randrange(1, RUNS - 6)
-    wait_for(where, stored, main)
+    main, stored = bench.under_way(where, "--workers", 1, least=1, **environment)
     main.send_signal(signal.SIGSTOP)
     second = start("--store", where, "--workers", 1, **environment)
     try:
@@ -295,8 +293,7 @@ def stopped_beyond_lease(bench: Bench) -> str:
         second = start("--store", where, "--workers", 1, **environment)
     other = finish(second)
     assert other["counts"] == {"done": RUNS}
-    assert finish(main)["counts"] == {"done": RUNS}
-    bench.check(where)
+    bench.check(where, main)
     return f"after {stored} runs; the other waited and took {other['seconds']:.0f} s"
 
 
@@ -324,14 +321,11 @@ def clock_set_back(bench: Bench) -> str:
     """The clock of one of two commands is set back by an hour, under way."""
     where, clock = bench.store(), bench.folder / "clock"
     clock.write_text("0")
-    main = start("--store", where, "--workers", 1, **bench.environment(clock))
-    stored = bench.chance.randrange(1, RUNS // 2)
-    wait_for(where, stored, main)
+    environment = bench.environment(clock)
+    main, stored = bench.under_way(where, "--workers", 1, least=1, most=RUNS // 2, **environment)
     clock.write_text("-3600")
     other = start("--store", where, "--workers", 1, **bench.environment())
-    for one in (main, other):
-        assert finish(one)["counts"] == {"done": RUNS}
-    bench.check(where)
+    bench.check(where, main, other)
     return f"after {stored} runs"
 
 

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 import ematwin
-from counted import MAGNITUDES, NOISE, holds
+from counted import MAGNITUDES, NOISE, holds, table
 from populations import SHEET
 
 GROUPS: Mapping[str, tuple[str, ...]] = {
@@ -53,12 +53,12 @@ def main() -> None:
     found = [
         row for seed in range(given.first, given.first + given.recordings) for row in rows(seed)
     ]
-    print("| 95 % intervals that hold, % | Laplace | profile |")
-    print("|---|--:|--:|")
-    groups = {title: [row for row in found if row[0] in names] for title, names in GROUPS.items()}
-    for title, some in groups.items():
-        shares = [f"{100.0 * np.mean([row[n] for row in some]):.0f}" for n in (1, 2)]
-        print(f"| {title} ({len(some)}) | {' | '.join(shares)} |")
+    lines = []
+    for title, names in GROUPS.items():
+        some = [row[1:] for row in found if row[0] in names]
+        shares = [f"{share:.0f}" for share in 100.0 * np.mean(some, axis=0)]
+        lines.append([f"{title} ({len(some)})", *shares])
+    print(table(["95 % intervals that hold, %", "Laplace", "profile"], lines))
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ import statistics
 
 import numpy as np
 
+from counted import table
 from ematwin import Noise
 from ematwin.estimation import levenberg_marquardt
 from identification import one_run, random_faults
@@ -21,10 +22,7 @@ _SHORT = 1e-7  # share of a range: the tangent, but for rounding
 def tangents(count: int, seed: int) -> str:
     """Err% of the default search with its own differences and with tangents."""
     noise = Noise.parse("white=0.02,bits=12")
-    lines = [
-        "| differences | median Err% | P90 | worst | simulations |",
-        "|---|--:|--:|--:|--:|",
-    ]
+    lines = []
     own = levenberg_marquardt.LONGEST_DIFFERENCE, levenberg_marquardt._SHORTEST_DIFFERENCE
     for title, (longest, shortest) in (
         (f"{own[1]:g} to {own[0]:g} of a range", own),
@@ -38,11 +36,11 @@ def tangents(count: int, seed: int) -> str:
         ]
         errors = [run["err_wrapped"] for run in runs]
         spent = [run["evaluations"] for run in runs]
-        lines.append(
-            f"| {title} | {statistics.median(errors):.2f} | {np.quantile(errors, 0.9):.2f} | "
-            f"{max(errors):.2f} | {statistics.fmean(spent):.0f} |"
-        )
-    return "\n".join(lines)
+        lines.append([
+            title, f"{statistics.median(errors):.2f}", f"{np.quantile(errors, 0.9):.2f}",
+            f"{max(errors):.2f}", f"{statistics.fmean(spent):.0f}",
+        ])  # fmt: skip
+    return table(["differences", "median Err%", "P90", "worst", "simulations"], lines)
 
 
 def main() -> None:
