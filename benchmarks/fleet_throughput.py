@@ -54,14 +54,11 @@ def made(folder: Path, actuators: int, recordings: int) -> list[tuple[Path, Path
     of = [n % actuators for n in range(recordings)]
     twins = [folder / f"actuator{n:04d}.toml" for n in range(actuators)]
     files = [folder / f"{n:06d}.parquet" for n in range(recordings)]
-    missing = [n for n, path in enumerate(twins) if not path.exists()]
-    steps = Parallel(2, return_as="generator")(delayed(_calibrate)(n, twins[n]) for n in missing)
-    for _ in track(steps, "calibrating", len(missing)):
-        pass
-    absent = [n for n, path in enumerate(files) if not path.exists()]
-    steps = Parallel(2, return_as="generator")(delayed(_record)(of[n], n, files[n]) for n in absent)
-    for _ in track(steps, "recording", len(absent)):
-        pass
+    calibrate = [delayed(_calibrate)(n, path) for n, path in enumerate(twins) if not path.exists()]
+    record = [delayed(_record)(of[n], n, path) for n, path in enumerate(files) if not path.exists()]
+    for title, tasks in (("calibrating", calibrate), ("recording", record)):
+        for _ in track(Parallel(2, return_as="generator")(tasks), title, len(tasks)):
+            pass
     return [(file, twins[n]) for n, file in zip(of, files, strict=True)]
 
 

@@ -6,8 +6,7 @@ python benchmarks/monitoring.py --steps
 
 import argparse
 import statistics
-import time
-from collections.abc import Callable
+import timeit
 
 import numpy as np
 
@@ -34,9 +33,12 @@ def main() -> None:
         for motion in range(1, 6)
     ]
     report = ematwin.calibrate(motions)  # compiles, or loads what an earlier process compiled
-    calibrating = statistics.median(timed(lambda: ematwin.calibrate(motions)) for _ in range(5))
-    judging = statistics.median(
-        timed(lambda: ematwin.detect(motions, report.calibration)) for _ in range(5)
+    calibrating, judging = (
+        statistics.median(timeit.repeat(call, number=1))
+        for call in (
+            lambda: ematwin.calibrate(motions),
+            lambda: ematwin.detect(motions, report.calibration),
+        )
     )
     print(f"calibration on {len(motions)} motions: {calibrating:.2f} s")
     print(f"detection: {len(motions) / judging:.0f} motions a second")
@@ -63,13 +65,6 @@ def steps() -> None:
             for now, best in zip(traces(step), finest, strict=True)
         ]
         print(f"{1e3 * step:>8g} {100 * errors[0]:>13.2f} {100 * errors[1]:>20.2f}")
-
-
-def timed(call: Callable[[], object]) -> float:
-    """Seconds that a call takes."""
-    start = time.perf_counter()
-    call()
-    return time.perf_counter() - start
 
 
 if __name__ == "__main__":

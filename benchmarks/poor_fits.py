@@ -10,7 +10,8 @@ needed. Linear algebra has one thread, as in a command.
 import argparse
 import os
 import statistics
-import time
+import timeit
+from functools import partial
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read where numpy is loaded
 
@@ -52,12 +53,9 @@ def main() -> None:
     print("| recording | parameters | s | misfit, % | verdict |\n|---|---|--:|--:|---|")
     for name, record in recordings().items():
         for parameters, exact in (("exact", True), ("data sheet", False)):
-            ematwin.identify(record, "servo48", exact=exact)
-            spent = []
-            for _ in range(given.repeats):
-                begin = time.perf_counter()
-                found = ematwin.identify(record, "servo48", exact=exact)
-                spent.append(time.perf_counter() - begin)
+            again = partial(ematwin.identify, record, "servo48", exact=exact)
+            found = again()
+            spent = timeit.repeat(again, number=1, repeat=given.repeats)
             print(
                 f"| {name} | {parameters} | {statistics.median(spent):.2f} |"
                 f" {100.0 * found.relative_misfit:.2g} | {found.verdict.grade} |",

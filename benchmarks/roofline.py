@@ -13,7 +13,7 @@ import argparse
 import os
 import re
 import tempfile
-import time
+import timeit
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -66,12 +66,7 @@ def copy(source, target):
 def fastest(work: Callable[[], object], repeats: int = 9) -> float:
     """Seconds of the fastest of some calls, after a first."""
     work()
-    seconds = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        work()
-        seconds.append(time.perf_counter() - start)
-    return min(seconds)
+    return min(timeit.repeat(work, number=1, repeat=repeats))
 
 
 def over_lanes(code: str) -> tuple[Counter[str], int]:

@@ -10,6 +10,7 @@ import statistics
 import subprocess
 import sys
 import time
+import timeit
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -93,9 +94,7 @@ def number(value: float) -> str:
 
 def seconds(work: Callable[[], object]) -> float:
     """How long one call takes."""
-    started = time.perf_counter()
-    work()
-    return time.perf_counter() - started
+    return timeit.timeit(work, number=1)
 
 
 def in_turn(
