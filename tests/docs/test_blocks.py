@@ -19,6 +19,7 @@ from itertools import dropwhile
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import typer
 
@@ -222,7 +223,7 @@ def _toml(block: Block, names: dict[str, Any], shell: Shell) -> None:
     elif "kind" in table:
         load_actuator(file)
     elif "duration" in table:
-        model_of(load_actuator()).load_scenario(file).histories(load_scenario_times())
+        model_of(load_actuator()).load_scenario(file).histories(np.linspace(0.0, 0.5, 11))
     elif "cases" in table:
         assert cases_of(str(file))
     elif "limits" in table:
@@ -231,13 +232,6 @@ def _toml(block: Block, names: dict[str, Any], shell: Shell) -> None:
         assert ChannelMap.of(file, model_of(load_actuator()).channels).columns
     else:
         raise AssertionError(f"{block}: say with a comment what this is part of")
-
-
-def load_scenario_times() -> Any:
-    """Times at which a scenario is asked for its command, s."""
-    import numpy as np
-
-    return np.linspace(0.0, 0.5, 11)
 
 
 KINDS: dict[str, Callable[[Block, dict[str, Any], Shell], None]] = {

@@ -133,7 +133,6 @@ class Nevergrad(PopulationOptimizer):
         import nevergrad
 
         super().__init__(box, **settings)
-        self.name = name
         # The unit cube: nevergrad then draws first points over all of it, whatever the box.
         space = nevergrad.p.Array(shape=(box.dimension,), lower=0.0, upper=1.0)
         space.random_state = np.random.RandomState(self.seed % 2**32)
