@@ -226,7 +226,9 @@ class ParameterSet(BaseModel):
         for place, value in values.items():
             self._field(place)
             key, _, name = place.partition(".")
-            table[key] = {**dict(table[key] or {}), name: value}  # others are validated already
+            if not isinstance(table[key], dict):
+                table[key] = dict(table[key] or {})  # sections that stay are validated already
+            table[key][name] = value
         try:
             variant = type(self).model_validate(table)
         except ValidationError as error:

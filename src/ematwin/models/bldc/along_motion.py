@@ -10,12 +10,19 @@ current belongs to one of them (direct identification; Ljung 1999, System Identi
 import math
 from collections.abc import Sequence
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ematwin.models.bldc.along_currents import LEAST, RECENT
-from ematwin.models.bldc.constants import TruerState, fault_state, kernel_constants, truer_constants
+from ematwin.models.bldc.constants import (
+    Constants,
+    Truer,
+    TruerState,
+    fault_state,
+    kernel_constants,
+    truer_constants,
+)
 from ematwin.models.bldc.faults import HELD, ZERO, fault_vector
 from ematwin.models.bldc.motion import Motion, between
 from ematwin.models.bldc.motor import SIXTH_TURN
@@ -35,6 +42,8 @@ from ematwin.numerics.signals import LowPass, white_noise
 _INSTANT = 1e-10  # s: what is so near is now
 _STEP = 2.5e-5  # s, at most, behind a current loop: leaves less than `LEAST`
 _, read_more, _ = columns(TruerState)
+_, constants_of, _ = columns(Constants)
+_, truer_of, _ = columns(Truer)
 
 
 @loop
@@ -67,58 +76,78 @@ def until_commutation(theta_e, w_e, dt):  # type: ignore[no-untyped-def]
 
 
 @loop
-def currents_along(k, command, motion, spacing, interval, c, longest, samples, truer, i, more):  # type: ignore[no-untyped-def]
-    """Mean phase currents (S, 3), A, of each interval from 0 s on.
+def currents_along(ks, commands, motions, spacing, interval, cs, longest, samples, truers, i, more):  # type: ignore[no-untyped-def]
+    """Mean phase currents (B, S, 3), A, of each interval from 0 s on, of B candidates.
 
     Parameters
     ----------
-    k : (8,) array, fault vector
-    command : (G,) array, rad on the motor shaft; straight lines between points
-    motion : (6, G) array, angle and speed of the motor, and angle of the output, on its shaft;
-        constants of the EMF of each phase, shares of ``c.k_e``
-    spacing, interval, longest : s, of these points from 0 s on, of the means, and of a step
-    c, truer, more : as of `batch.reference_trace`
+    ks : (B, 8) array, fault vectors
+    commands : (B, G) array, rad on the motor shaft; straight lines between points
+    motions : (B, 6, G) array, angle and speed of the motor, and angle of the output, on its shaft;
+        constants of the EMF of each phase, shares of ``k_e``
+    spacing, interval : s, of these points from 0 s on, and of the means
+    cs, truers : (fields, B) arrays of `Constants` and `Truer`
+    longest : (B,) array, s, of a step
     samples : S
-    i : (3,) array, A, phase currents at first
+    i, more : (B, 3) and (B, 17) arrays, A, phase currents at first, and fields of `TruerState`
     """
-    fault = fault_state(k, c.half_gap)
-    now_more = read_more(more.reshape(-1, 1), 0)
-    i_a, i_b, i_c, pair_sign = i[0], i[1], i[2], 1.0
-    found = np.zeros((samples, 3))
-    last = command.size - 2
-    begin, sample = 0.0, 0
-    while sample < samples:
-        bound = (sample + 1) * interval
-        dt = until_event(
-            now_more.wait, now_more.late, truer.speed_loop_sample_time, truer.speed_loop_delay,
-            min(longest, bound - begin),
-        )  # fmt: skip
-        dt = until_event(
-            now_more.voltage_wait, now_more.voltage_late, truer.current_loop_sample_time,
-            truer.current_loop_delay, dt,
-        )  # fmt: skip
-        at = begin / spacing
-        g = min(int(at), last)
-        s = at - g
-        theta_m, w_m = between(motion[0], g, s), between(motion[1], g, s)
-        dt = until_commutation(c.pole_pairs * theta_m, c.pole_pairs * w_m, dt)
-        now = ReferenceState(
-            i_a, i_b, i_c, w_m, theta_m, 0.0, between(motion[2], g, s), pair_sign,
-            0.0, 0.0, 0.0, 0.0, 0.0,
-        )  # fmt: skip
-        kappas = (
-            c.k_e * between(motion[3], g, s), c.k_e * between(motion[4], g, s),
-            c.k_e * between(motion[5], g, s),
-        )  # fmt: skip
-        done = drive(now, now_more, between(command, g, s), kappas, fault, c, truer, dt)
-        i_a, i_b, i_c = done.i
-        pair_sign, now_more = done.pair_sign, done.more
-        for n in range(3):
-            found[sample, n] += dt / interval * done.means[n]
-        begin += dt
-        if bound - begin < _INSTANT:
-            begin, sample = bound, sample + 1
+    found = np.zeros((len(ks), samples, 3))
+    last = commands.shape[1] - 2
+    for n in range(len(ks)):
+        c, truer, motion, command = (
+            constants_of(cs, n),
+            truer_of(truers, n),
+            motions[n],
+            commands[n],
+        )
+        fault, now_more = fault_state(ks[n], c.half_gap), read_more(more[n].reshape(-1, 1), 0)
+        i_a, i_b, i_c, pair_sign = i[n, 0], i[n, 1], i[n, 2], 1.0
+        begin, sample = 0.0, 0
+        while sample < samples:
+            bound = (sample + 1) * interval
+            dt = until_event(
+                now_more.wait, now_more.late, truer.speed_loop_sample_time, truer.speed_loop_delay,
+                min(longest[n], bound - begin),
+            )  # fmt: skip
+            dt = until_event(
+                now_more.voltage_wait, now_more.voltage_late, truer.current_loop_sample_time,
+                truer.current_loop_delay, dt,
+            )  # fmt: skip
+            at = begin / spacing
+            g = min(int(at), last)
+            s = at - g
+            theta_m, w_m = between(motion[0], g, s), between(motion[1], g, s)
+            dt = until_commutation(c.pole_pairs * theta_m, c.pole_pairs * w_m, dt)
+            now = ReferenceState(
+                i_a, i_b, i_c, w_m, theta_m, 0.0, between(motion[2], g, s), pair_sign,
+                0.0, 0.0, 0.0, 0.0, 0.0,
+            )  # fmt: skip
+            kappas = (
+                c.k_e * between(motion[3], g, s), c.k_e * between(motion[4], g, s),
+                c.k_e * between(motion[5], g, s),
+            )  # fmt: skip
+            done = drive(now, now_more, between(command, g, s), kappas, fault, c, truer, dt)
+            i_a, i_b, i_c = done.i
+            pair_sign, now_more = done.pair_sign, done.more
+            for m in range(3):
+                found[n, sample, m] += dt / interval * done.means[m]
+            begin += dt
+            if bound - begin < _INSTANT:
+                begin, sample = bound, sample + 1
     return found
+
+
+class _Asked(NamedTuple):
+    """On what a simulated current depends: of the recorded one sensors change no more."""
+
+    actuator: Any
+    faults: tuple[float, ...]
+    others: tuple[tuple[str, float], ...]  # values, by name, on which the motion depends
+    skew: float  # s, of the command
+    first: float  # s, when loops sampled first
+    held: float  # A, by an integral term at first
+    faster: float
+    counts: bool
 
 
 class Controller:
@@ -126,7 +155,7 @@ class Controller:
 
     def __init__(self, motion: Motion, low_pass: LowPass) -> None:
         self.motion, self._low_pass = motion, low_pass
-        self._answer = lru_cache(maxsize=RECENT)(self._simulated)
+        self._recent: dict[_Asked, np.ndarray] = {}
         self._states = lru_cache(maxsize=RECENT)(self._moved)
         self._known: tuple[Any, np.ndarray] | None = None  # EMF along the motion
         rate = motion.rate
@@ -150,72 +179,96 @@ class Controller:
         return self._low_pass.apply(signed, self.motion.rate)
 
     def left(
-        self, actuator: Any, values: Values | None = None, windings: Values | None = None, *,
-        faster: float = 1.0, counts: bool = False,
+        self, actuator: Any, values: Values | None = None, windings: Values | None = None,
+        **how: Any,
     ) -> np.ndarray:  # fmt: skip
-        """Simulated less recorded current (S - 1,), A; ``faster`` divides the step.
+        """Simulated less recorded current (S - 1,), A, as of `each`."""
+        return self.each([(actuator, values or {})], windings, **how)[0]
 
-        Where ``windings`` are given, the current has these faults and the motion those in values.
+    def each(
+        self, candidates: Sequence[Candidate], windings: Values | None = None, *,
+        faster: float = 1.0, counts: bool = False,
+    ) -> list[np.ndarray]:  # fmt: skip
+        """Simulated less recorded current (S - 1,), A, of candidates; ``faster`` divides the step.
+
+        Where ``windings`` are given, the current has these faults and the motion those of the
+        candidates.
 
         At which instants an encoder is read is not known, nor the motion within a count: the loops
         know the mean speed of a sample time and its filter. With ``counts`` they see it in counts
         of any beginning.
         """
-        given = values or {}
-        first, skew = given.get(FIRST_SAMPLE, self.motion.first_sample), given.get("skew", 0.0)
-        # of what was recorded sensors change an answer, and not the simulation
-        faults = tuple(fault_vector({**given, **(windings or {})}).tolist())
-        others = tuple((name, given[name]) for name in self.motion.moves if name in given)
-        current = self._answer(
-            actuator, faults, others, skew, first, given.get(HELD, 0.0), faster, counts
-        )
-        gain, offset = given.get("current_gain", 1.0), given.get("current_offset", 0.0)
-        return gain * current + offset - self._seen
+        motion = self.motion
+        if motion.masses is not None:
+            motion.masses.moved_each(candidates)
+        every = [
+            _Asked(
+                actuator, tuple(fault_vector({**given, **(windings or {})}).tolist()),
+                tuple((name, given[name]) for name in motion.moves if name in given),
+                given.get("skew", 0.0), given.get(FIRST_SAMPLE, motion.first_sample),
+                given.get(HELD, 0.0), faster, counts,
+            )
+            for actuator, given in candidates
+        ]  # fmt: skip
+        found = {one: x for one in every if (x := self._recent.get(one)) is not None}
+        if new := [one for one in dict.fromkeys(every) if one not in found]:
+            found |= (fresh := dict(zip(new, self._simulated(new), strict=True)))
+            self._recent |= fresh
+            for one in list(self._recent)[:-RECENT]:
+                self._recent.pop(one, None)
+        return [
+            own.get("current_gain", 1.0) * found[one] + own.get("current_offset", 0.0) - self._seen
+            for one, (_, own) in zip(every, candidates, strict=True)
+        ]
 
-    def each(
-        self, candidates: Sequence[Candidate], windings: Values | None = None
-    ) -> list[np.ndarray]:
-        """The same of several candidates, whose masses move side by side."""
-        assert self.motion.masses is not None
-        self.motion.masses.moved_each(candidates)
-        return [self.left(actuator, values, windings) for actuator, values in candidates]
+    def _simulated(self, some: Sequence[_Asked]) -> list[np.ndarray]:
+        """Simulated equivalent currents (S - 1,), A."""
+        grid, motion, shape = self._grid, self.motion, (len(some), self._grid.time.size)
+        commands, motions = np.empty(shape), np.empty((shape[0], 6, shape[1]))
+        rows: tuple[list[Any], ...] = [], [], [], [], [], []
+        for n, one in enumerate(some):
+            actuator = one.actuator
+            commands[n] = np.interp(grid.time + one.skew, motion.time, motion.command)
+            if actuator.current_loop is None:  # a comparator overshoots by the change in a step
+                dt = grid.step / max(1, round(one.faster * grid.step / actuator.steps.reference))
+            else:
+                dt = 1.0 / motion.rate / math.ceil(one.faster / motion.rate / _STEP)
+            c, truer = kernel_constants(actuator), truer_constants(actuator)
+            if truer.motor_step > 0.0 and not one.counts:
+                # rad: counts of such an encoder do not show
+                truer = truer._replace(motor_step=1e-9, output_step=0.0)
+            states, emf = self._states_of(one, c, truer)
+            # command and output are counted from the same zero, the motor from its own
+            motions[n, :2], motions[n, 2] = states[:2], states[2] + dict(one.others).get(ZERO, 0.0)
+            motions[n, 3:] = emf
+            angle, speed = states[:2, 0]
+            loops = started(truer, actuator.motor, self._begins, angle, speed, one.first, one.held)
+            phases = phases_of(self._begins, actuator.motor.pole_pairs * angle)
+            for every, row in zip(rows, (one.faults, c, dt, truer, phases, loops), strict=True):
+                every.append(row)
+        ks, cs, longest, truers, i, more = (np.array(row, dtype=float) for row in rows)
+        currents = currents_along(
+            ks, commands, motions, grid.time[1], 1.0 / motion.rate, cs.T.copy(), longest,
+            self._seen.size, truers.T.copy(), i, more,
+        )  # fmt: skip
+        return [self._equivalent(one) for one in currents]
 
-    def _simulated(
-        self, actuator: Any, faults: tuple[float, ...], others: tuple[tuple[str, float], ...],
-        skew: float, first: float, held: float, faster: float, counts: bool,
-    ) -> np.ndarray:  # fmt: skip
-        """Simulated equivalent current (S - 1,), A; arguments as of `left`."""
-        grid, motion = self._grid, self.motion
-        command = np.interp(grid.time + skew, motion.time, motion.command)
-        if actuator.current_loop is None:  # a comparator overshoots by the change in a step
-            dt = grid.step / max(1, round(faster * grid.step / actuator.steps.reference))
-        else:
-            dt = 1.0 / motion.rate / math.ceil(faster / motion.rate / _STEP)
-        truer = truer_constants(actuator)
-        if truer.motor_step > 0.0 and not counts:
-            # rad: counts of such an encoder do not show
-            truer = truer._replace(motor_step=1e-9, output_step=0.0)
-        states = self._fixed
-        if motion.moves:
-            sections = tuple(getattr(actuator, name) for name in motion.sections)
-            states = self._states(sections, others)
-        angle, speed, _ = states[:, 0]
-        c, k = kernel_constants(actuator), np.array(faults)
-        windings = actuator.emf, actuator.torque_ripple, actuator.eccentricity
-        key, known = (faults[2:7], windings, actuator.shorted_turns), self._known
+    def _states_of(self, one: _Asked, c: Any, truer: Truer) -> tuple[np.ndarray, np.ndarray]:
+        """States (3, G) as of `Motion.states`, and constants of the EMF there (3, G)."""
+        motion, states = self.motion, self._fixed
+        if motion.masses is not None:
+            states = motion.states(self._grid, one.actuator, dict(one.others))
+        elif motion.moves:
+            sections = tuple(getattr(one.actuator, name) for name in motion.sections)
+            states = self._states(sections, one.others)
+        own = one.actuator
+        windings = own.emf, own.torque_ripple, own.eccentricity, own.shorted_turns
+        key, known = (one.faults[2:7], windings), self._known
         if motion.masses is not None or known is None or known[0] != key:
             # most candidates have the windings of the last one, and the motion
-            emf = emf_along(k, states[0], c._replace(k_e=1.0), truer)
+            emf = emf_along(np.array(one.faults), states[0], c._replace(k_e=1.0), truer)
             self._known = known = key, emf
-        # command and output are counted from the same zero, the motor from its own
-        zero = np.array([[0.0], [0.0], [dict(others).get(ZERO, 0.0)]])
-        loops = started(truer, actuator.motor, self._begins, angle, speed, first, held)
-        currents = currents_along(
-            k, command, np.vstack([states + zero, known[1]]), grid.time[1], 1.0 / motion.rate, c,
-            dt, self._seen.size, truer,
-            np.array(phases_of(self._begins, actuator.motor.pole_pairs * angle)), np.array(loops),
-        )  # fmt: skip
-        return self._equivalent(currents)
+        return states, known[1]
 
     def _moved(
         self, sections: tuple[Any, ...], values: tuple[tuple[str, float], ...]

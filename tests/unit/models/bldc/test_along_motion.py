@@ -54,9 +54,10 @@ def test_currents_along_a_motion_are_those_of_the_naive_loop(actuator):
     command, output = 1.3 * np.sin(150.0 * time), 0.6 * np.sin(150.0 * time - 0.02)
     faults, c, more = Faults.of({}), kernel_constants(actuator), truer_constants(actuator)
     emf = along_motion.emf_along(faults.vector, angle, c, more) / c.k_e
-    fast = along_motion.currents_along(
-        faults.vector, command, np.array([angle, speed, output, *emf]), dt, dt, c, dt, count,
-        more, np.zeros(3), np.array(TruerState()),
+    motion = np.array([[angle, speed, output, *emf]])
+    (fast,) = along_motion.currents_along(
+        faults.vector[None], command[None], motion, dt, dt, np.array(c)[:, None], np.array([dt]),
+        count, np.array(more)[:, None], np.zeros((1, 3)), np.array([TruerState()]),
     )  # fmt: skip
     slow = naive.currents(actuator, faults, command, np.array([angle, speed, output]), dt)
     np.testing.assert_allclose(fast, slow, atol=1e-8)
