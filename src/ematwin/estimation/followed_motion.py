@@ -35,7 +35,11 @@ _SHORTEST, _LONGEST = 1e-4, 0.2  # of a coordinate: within less, jumps and rippl
 class Regression(MotionFit):
     """A fit by statistical linear regression, with what is known so far as ``information``."""
 
-    def regressed(self, z: np.ndarray, most: float = math.inf) -> tuple[np.ndarray, float]:
+    step: tuple[float, float]  # squared standard deviations before it, and as promised after it
+
+    def regressed(
+        self, z: np.ndarray, most: float = math.inf, last: tuple[float, float] | None = None
+    ) -> tuple[np.ndarray, float]:
         """Coordinates (1, d) nearer to least squares, and how far those are.
 
         The latter in squared standard deviations; infinite where jumps hide much of an equation.
@@ -44,7 +48,8 @@ class Regression(MotionFit):
         Autom. Control 47(8), 1406-1408). Each point changes all of them, by an orthogonal design
         and its mirror image, so that jumps average over all points (Plackett and Burman 1946,
         Biometrika 33, 305-325). How far a residual is from its regression counts as its noise:
-        where one jumps it tells little. `TooFarError` as of `descended`.
+        where one jumps it tells little. `TooFarError` as of `descended`, where a step promises as
+        much as the ``last`` one has kept.
         """
         chart, free = self._problem.chart, self._free
         here, (same, asked) = self.residuals(z), self._known_slopes(z)
@@ -82,8 +87,11 @@ class Regression(MotionFit):
         self._learn(weights * slopes)
         step = self._least(z, weights * here, weights * slopes)
         change = step[free] @ slopes
-        cost, least = float(here @ here), float(np.sum((here + change) ** 2))
-        if cost - 2.0 * (cost - least) > most:
+        cost, least = self.step = float(here @ here), float(np.sum((here + change) ** 2))
+        kept = 1.0
+        if last is not None and last[0] > last[1]:
+            kept = min(1.0, max(0.0, (last[0] - cost) / (last[0] - last[1])))
+        if cost - 2.0 * kept * (cost - least) > most:
             raise TooFarError
         tried = [chart.project(z + share * step) for share in _SHARES]
         points = chart.to_values(np.vstack(tried))
@@ -155,15 +163,15 @@ def followed(
     def fit_with(width: np.ndarray) -> Regression:
         return Regression(actuator, problem, every, remainders, aliases, (), width)
 
-    before = math.inf
+    before, last = math.inf, None
     for _ in range(_REGRESSIONS):
         every = there(ahead=like is None)
         fit = fit_with(width)
         if not np.isfinite(fit.residuals(z)).all():
             return None
-        z, moved = fit.regressed(z, most)
+        z, moved = fit.regressed(z, most, last)
         assert fit.information is not None
-        width, gained = fit.information, before - fit.cost
+        width, gained, last = fit.information, before - fit.cost, fit.step
         # beside another problem noise is the same each time
         if moved < _STAYS**2 * len(fit.free) or (like is not None and gained < WORTH):
             break

@@ -14,7 +14,9 @@ from ematwin.estimation.along_motion import informed
 from ematwin.estimation.assess import unassessed
 from ematwin.estimation.baseline import Baseline, with_all_free
 from ematwin.estimation.closed_loop import closed_loop
+from ematwin.estimation.descent import TooFarError
 from ematwin.estimation.findings import obstacles_to
+from ematwin.estimation.followed_motion import Regression
 from ematwin.estimation.motion_fit import Along, MotionFit
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Found
@@ -159,6 +161,30 @@ def test_a_step_beyond_a_minimum_is_made_shorter(recording):
     fit = MotionFit(DRIVE, problem, [Along(0, equation)], {}, partial(MODEL.aliases, DRIVE))
     end = fit.descended(problem.chart.from_values(start[None]))
     assert problem.chart.to_values(end)[0, own] == pytest.approx(gain, rel=0.001)
+
+
+def test_a_step_promises_what_the_last_one_kept(recording):
+    places = ("controller.speed_gain",)
+    noise, shape = np.random.default_rng(1).standard_normal((2, 200))
+    gain, size = 1.02 * DRIVE.controller.speed_gain, 100.0 * np.linalg.norm(shape)
+
+    def left(actuator, values):
+        return 100.0 * (actuator.controller.speed_gain / gain - 1.0) * shape + noise
+
+    equation = Equation(
+        "controller", left, size, lambda _: np.linalg.norm(noise) / size, places, (), step=0.0
+    )
+    problem = everything_free(recording)
+    z, width = problem.chart.from_values(problem.healthy[None]), 1e4 * np.eye(len(problem.names))
+    given = DRIVE, problem, [Along(0, equation)], {}, partial(MODEL.aliases, DRIVE), (), width
+    first = Regression(*given)
+    first.regressed(z)
+    before, promised = first.step
+    most = 0.5 * (before + promised)
+    assert promised < 0.5 * before
+    Regression(*given).regressed(z, most)  # which may be reached
+    with pytest.raises(TooFarError):  # the same was promised before, and nothing gained
+        Regression(*given).regressed(z, most, first.step)
 
 
 def test_what_equations_leave_tells_a_recording_that_they_do_not_explain(recording, found):

@@ -40,7 +40,8 @@ from ematwin.numerics.side_by_side import side_by_side
 from ematwin.numerics.signals import LowPass, white_noise
 
 _INSTANT = 1e-10  # s: what is so near is now
-_STEP = 2.5e-5  # s, at most, behind a current loop: leaves less than `LEAST`
+_STEP = 1.25e-5  # s, at most, behind a current loop: sample times show
+_COARSER = 2.0  # times that where currents drive the motor: still leaves less than `LEAST`
 _, read_more, _ = columns(TruerState)
 _, constants_of, _ = columns(Constants)
 _, truer_of, _ = columns(Truer)
@@ -226,13 +227,14 @@ class Controller:
         grid, motion, shape = self._grid, self.motion, (len(some), self._grid.time.size)
         commands, motions = np.empty(shape), np.empty((shape[0], 6, shape[1]))
         rows: tuple[list[Any], ...] = [], [], [], [], [], []
+        longest = _STEP if motion.masses is None else _COARSER * _STEP
         for n, one in enumerate(some):
             actuator = one.actuator
             commands[n] = np.interp(grid.time + one.skew, motion.time, motion.command)
             if actuator.current_loop is None:  # a comparator overshoots by the change in a step
                 dt = grid.step / max(1, round(one.faster * grid.step / actuator.steps.reference))
             else:
-                dt = 1.0 / motion.rate / math.ceil(one.faster / motion.rate / _STEP)
+                dt = 1.0 / motion.rate / math.ceil(one.faster / motion.rate / longest)
             c, truer = kernel_constants(actuator), truer_constants(actuator)
             if truer.motor_step > 0.0 and not one.counts:
                 # rad: counts of such an encoder do not show
@@ -246,9 +248,9 @@ class Controller:
             phases = phases_of(self._begins, actuator.motor.pole_pairs * angle)
             for every, row in zip(rows, (one.faults, c, dt, truer, phases, loops), strict=True):
                 every.append(row)
-        ks, cs, longest, truers, i, more = (np.array(row, dtype=float) for row in rows)
+        ks, cs, steps, truers, i, more = (np.array(row, dtype=float) for row in rows)
         currents = currents_along(
-            ks, commands, motions, grid.time[1], 1.0 / motion.rate, cs.T.copy(), longest,
+            ks, commands, motions, grid.time[1], 1.0 / motion.rate, cs.T.copy(), steps,
             self._seen.size, truers.T.copy(), i, more,
         )  # fmt: skip
         return [self._equivalent(one) for one in currents]
