@@ -57,9 +57,9 @@ class Along(NamedTuple):
     ) -> "Along":
         """The same at better values, by noise ``known`` of it, or that for a nearer estimate."""
         at, like = self.equation.at, known.get(self.name)
-        found = self.equation if at is None else at(values, None if like is None else like.noise)
-        one = found.at(values, found.noise.ahead) if ahead and found.at and found.noise else found
-        return self._replace(equation=one)
+        if at is None:
+            return self
+        return self._replace(equation=at(values, None if like is None else like.noise, ahead))
 
 
 class MotionFit:

@@ -139,10 +139,11 @@ class Equation(NamedTuple):
     rests: str = ""  # name of the equation on whose estimates it rests
     judged: bool = True  # whether a verdict needs it to be explained
     step: float = 0.001  # of a coordinate, that is differenced; 0 where it is rough, and regressed
-    # it, for values of these unknowns, and for this noise of its motion, which is the likeliest one
-    # there where it is None
-    at: "Callable[[Values, Any], Equation] | None" = None
-    noise: Any = None  # of its motion, if that was not recorded; ``ahead``, for a nearer estimate
+    # it, for values of these unknowns, and for this noise of its motion; where it is None, for the
+    # likeliest one there, or if so asked for that of a nearer estimate, of which this one's error
+    # is no part
+    at: "Callable[[Values, Any, bool], Equation] | None" = None
+    noise: Any = None  # of its motion, if that was not recorded
     # share of the currents that only this noise accounts for, with faults, load and sensors by name
     unexplained: Callable[[ParameterSet, Values], float] = lambda actuator, values: 0.0
     discrepancy: float = 0.0  # share of this noise that no sensor makes: torques that are not known

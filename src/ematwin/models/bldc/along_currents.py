@@ -112,12 +112,17 @@ class Masses:
         self._recent: dict[_Key, Moved] = {}
         self._beside = lru_cache(maxsize=RECENT)(self._at)
 
-    def at(self, actuator: Any, values: Values, noise: Noise | None = None) -> "Masses":
-        """The same with this noise, or the likeliest one at these values."""
-        return self._beside(actuator, _given(values), noise)
+    def at(
+        self, actuator: Any, values: Values, noise: Noise | None = None, ahead: bool = False
+    ) -> "Masses":
+        """The same with this noise, or the likeliest one at these values.
+
+        ``ahead`` asks for that of a nearer estimate, of which the error of this one is no part.
+        """
+        return self._beside(actuator, _given(values), noise, ahead)
 
     def _at(
-        self, actuator: Any, given: tuple[tuple[str, float], ...], noise: Noise | None
+        self, actuator: Any, given: tuple[tuple[str, float], ...], noise: Noise | None, ahead: bool
     ) -> "Masses":
         if noise is not None:
             return self._with(noise=noise, begins={})
@@ -149,7 +154,7 @@ class Masses:
             moved = best.moved(actuator, begins).motor
             best = best._with(_seen=self._every.placed(moved, self._seen.near))
         best.begins = {name: x for name, x in begins.items() if x != values.get(name)}
-        return best
+        return best._with(noise=best.noise.ahead, begins={}) if ahead else best
 
     def _with(self, **changed: Any) -> "Masses":
         other = copy.copy(self)

@@ -168,9 +168,9 @@ class Controller:
         self._seen = self._equivalent(motion.currents[1:count])
         self.size = float(np.linalg.norm(self._seen))
 
-    def at(self, values: Values, noise: Any) -> "Controller":
+    def at(self, values: Values, noise: Any, ahead: bool) -> "Controller":
         """The same along the motion at other values (`Motion.at`)."""
-        motion = self.motion.at(values, noise)
+        motion = self.motion.at(values, noise, ahead)
         return self if motion is self.motion else Controller(motion, self._low_pass)
 
     def _equivalent(self, currents: np.ndarray) -> np.ndarray:

@@ -309,7 +309,7 @@ def _controller(controller: Controller, actuator: Any, values: Values) -> Equati
         (INTEGRAL, *sampled),
         ("gain", "skew", HELD, *_SENSOR, *others),
         rests="mechanics",
-        at=lambda values, noise: _controller(controller.at(values, noise), actuator, values),
+        at=lambda values, *how: _controller(controller.at(values, *how), actuator, values),
         noise=None if motion.masses is None else motion.masses.noise,
         step=0.0 if motion.masses is not None else 0.01 if motion.follows else 0.001,
         # how soon a loop answers hardly matters at a wrong sample time
@@ -334,8 +334,8 @@ def _bristles(actuator: Any) -> tuple[str, ...]:
 def _masses(masses: Masses, actuator: Any) -> Equation:
     """Motor and output as the recorded currents drive them."""
 
-    def at(values: Values, noise: Any) -> Equation:
-        return _masses(masses.at(with_values(actuator, values), values, noise), actuator)
+    def at(values: Values, noise: Any, ahead: bool) -> Equation:
+        return _masses(masses.at(with_values(actuator, values), values, noise, ahead), actuator)
 
     return Equation(
         "mechanics", masses.left, masses.size, masses.least,
@@ -354,7 +354,7 @@ def _mechanics(balance: TorqueBalance) -> Equation:
         ("motor.emf_constant", "motor.inertia", "transmission.output_inertia",
          "motor.viscous_damping", "motor.friction_torque", *_FRICTION), _OF_MASSES,
         ("friction", *_WINDINGS, *LOAD, *_SENSOR),
-        at=(lambda values, _: _mechanics(balance.at(values))) if balance.motion.follows else None,
+        at=(lambda values, *_: _mechanics(balance.at(values))) if balance.motion.follows else None,
     )  # fmt: skip
 
 
@@ -366,7 +366,7 @@ def _contact(balance: TorqueBalance, actuator: Any, values: Values) -> Equation:
         ("transmission.backlash", "transmission.output_inertia", *_FRICTION), (COMPLIANT,),
         ("friction", "backlash", *LOAD),
         rests="mechanics", judged=False,
-        at=lambda values, _: _contact(balance, actuator, values),
+        at=lambda values, *_: _contact(balance, actuator, values),
         alike=lambda actuator: LEAST,
     )  # fmt: skip
 
@@ -381,7 +381,7 @@ def _alone(balance: TorqueBalance, actuator: Any, of_motor: bool, values: Values
         ("friction", *_WINDINGS, *_SENSOR) if of_motor else ("friction", *LOAD),
         # few samples of small angles
         rests="mechanics", judged=False,
-        at=lambda values, _: _alone(balance, actuator, of_motor, values),
+        at=lambda values, *_: _alone(balance, actuator, of_motor, values),
         # friction of a motor that has just turned round bends bristles first
         alike=lambda actuator: 0.01 if of_motor else LEAST,
     )  # fmt: skip

@@ -173,16 +173,16 @@ class Motion:
         moved = self.masses.moved(self.sheet, self.values)
         return moved.motor, moved.output if output is None else output
 
-    def at(self, values: Values, noise: Noise | None = None) -> "Motion":
+    def at(self, values: Values, noise: Noise | None, ahead: bool) -> "Motion":
         """The same where the currents drive both masses at other values, parameters among them.
 
-        ``noise`` is as of `Masses.at`.
+        ``noise`` and ``ahead`` are as of `Masses.at`.
         """
         if self.masses is None:
             return self
         other = copy.copy(self)
         other.sheet, other.values = with_values(self.sheet, values), values
-        other.masses = self.masses.at(other.sheet, values, noise)
+        other.masses = self.masses.at(other.sheet, values, noise, ahead)
         other._move(*other._completed(None), self.cutoff)
         return other
 
