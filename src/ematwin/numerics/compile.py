@@ -23,8 +23,8 @@ can write.
 Processes that need the same machine code at once, such as workers of a study, wait for the first
 of them, which compiles it.
 
-The only private parts of numba in this file are the lock of its compiler, the cache of a function
-and how a `CompileResult` is pickled (numba 0.61 to 0.68).
+The only private parts of numba in this file are the lock of its compiler, its runtime, the cache of
+a function and how a `CompileResult` is pickled (numba 0.61 to 0.68).
 """
 
 import functools
@@ -44,6 +44,7 @@ import numba
 from numba.core.caching import NullCache
 from numba.core.compiler import CompileResult
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
 from numba.extending import register_jitable
 
@@ -123,7 +124,8 @@ class _OneFile(NullCache):
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         with suppress(Exception):  # missing, or damaged (pickle raises anything): compile it
-            target_context.refresh()
+            # what it compiles from is loaded in a quarter of a second, and machine code needs none
+            rtsys.initialize(target_context)
             return CompileResult._rebuild(target_context, *pickle.loads(self._path.read_bytes()))
         return None
 

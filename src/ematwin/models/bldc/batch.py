@@ -201,7 +201,10 @@ def monitor_scores(
     left = np.empty(k.shape[0], np.int64)  # the candidates whose cost is still wanted
     saved = np.empty((k.shape[0], _HELD))
     # samples after which ranks are closed; 64 saves no more, 512 less
-    segment = 128 if not keep and limits.min() < math.inf else samples
+    limited = False
+    for n in range(k.shape[0]):  # the minimum of an array would load half of numba
+        limited |= limits[n] < math.inf
+    segment = 128 if limited and not keep else samples
     for s in range(starts.size):
         here = starts[s]
         command, load = commands[here : here + samples], loads[here : here + samples]
