@@ -95,12 +95,8 @@ def currents_along(ks, commands, motions, spacing, interval, cs, longest, sample
     found = np.zeros((len(ks), samples, 3))
     last = commands.shape[1] - 2
     for n in range(len(ks)):
-        c, truer, motion, command = (
-            constants_of(cs, n),
-            truer_of(truers, n),
-            motions[n],
-            commands[n],
-        )
+        c, truer = constants_of(cs, n), truer_of(truers, n)
+        motion, command = motions[n], commands[n]
         fault, now_more = fault_state(ks[n], c.half_gap), read_more(more[n].reshape(-1, 1), 0)
         i_a, i_b, i_c, pair_sign = i[n, 0], i[n, 1], i[n, 2], 1.0
         begin, sample = 0.0, 0
