@@ -40,7 +40,7 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=3)
     options = parser.parse_args()
     record = ematwin.simulate("reference", faults={"friction": 0.25})
-    problems = [kind.of(record, threads=1) for kind in (WithoutLimits, Problem)]
+    problems = [kind.of(record, "servo48", threads=1) for kind in (WithoutLimits, Problem)]
     for problem in problems:
         problem.costs(problem.healthy[None])
     print("| method | without limits, s | with limits, s | gain |\n|---|--:|--:|--:|")
