@@ -159,7 +159,8 @@ def _recorded(
         every = there(every)
     every = [along for along in every if along.equation.size > 0.0]
     fit = MotionFit(actuator, problem, every, remainders, aliases, (), width)
-    stable = (one for one in (z, begun) if np.isfinite(fit.residuals(one)).all())
+    starts = z, begun, problem.chart.from_values(problem.healthy[None])
+    stable = (one for one in starts if np.isfinite(fit.residuals(one)).all())
     if (here := next(stable, None)) is None:
         return None
     z = fit.descended(here, most, rough=like is None)

@@ -196,6 +196,16 @@ def test_what_equations_leave_tells_a_recording_that_they_do_not_explain(recordi
     assert known.information.unexplained > 0.1
 
 
+def test_a_start_at_which_loops_are_unstable_gives_way_to_what_is_known(recording):
+    problem = everything_free(recording)
+    start = problem.start.copy()
+    start[problem.names.index("current_loop.proportional_gain")] = 20.0
+    with pytest.raises(ParameterError, match="the current loop is unstable"):
+        DRIVE.changed({"current_loop.proportional_gain": 20.0})
+    away, errors = away_from(FAULTS, (problem, *informed(MODEL, DRIVE, problem, start)))
+    assert (away < 4.0 * errors + 1e-3).all()
+
+
 def test_evidence_is_told_where_the_loops_would_be_unstable(recording):
     """The controller along a recorded motion does not depend on inertias, by which loops settle."""
     problem = everything_free(recording)
