@@ -35,7 +35,7 @@ _SHORTEST, _LONGEST = 1e-4, 0.2  # of a coordinate: within less, jumps and rippl
 class Regression(MotionFit):
     """A fit by statistical linear regression, with what is known so far as ``information``."""
 
-    step: tuple[float, float]  # squared standard deviations before it, and as promised after it
+    promise: tuple[float, float]  # squared standard deviations before a step, and after it
 
     def regressed(
         self, z: np.ndarray, most: float = math.inf, last: tuple[float, float] | None = None
@@ -87,7 +87,7 @@ class Regression(MotionFit):
         self._learn(weights * slopes)
         step = self._least(z, weights * here, weights * slopes)
         change = step[free] @ slopes
-        cost, least = self.step = float(here @ here), float(np.sum((here + change) ** 2))
+        cost, least = self.promise = float(here @ here), float(np.sum((here + change) ** 2))
         kept = 1.0
         if last is not None and last[0] > last[1]:
             kept = min(1.0, max(0.0, (last[0] - cost) / (last[0] - last[1])))
@@ -171,7 +171,7 @@ def followed(
             return None
         z, moved = fit.regressed(z, most, last)
         assert fit.information is not None
-        width, gained, last = fit.information, before - fit.cost, fit.step
+        width, gained, last = fit.information, before - fit.cost, fit.promise
         # beside another problem noise is the same each time
         if moved < _STAYS**2 * len(fit.free) or (like is not None and gained < WORTH):
             break

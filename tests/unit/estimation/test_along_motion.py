@@ -179,12 +179,12 @@ def test_a_step_promises_what_the_last_one_kept(recording):
     given = DRIVE, problem, [Along(0, equation)], {}, partial(MODEL.aliases, DRIVE), (), width
     first = Regression(*given)
     first.regressed(z)
-    before, promised = first.step
+    before, promised = first.promise
     most = 0.5 * (before + promised)
     assert promised < 0.5 * before
     Regression(*given).regressed(z, most)  # which may be reached
     with pytest.raises(TooFarError):  # the same was promised before, and nothing gained
-        Regression(*given).regressed(z, most, first.step)
+        Regression(*given).regressed(z, most, first.promise)
 
 
 def test_what_equations_leave_tells_a_recording_that_they_do_not_explain(recording, found):

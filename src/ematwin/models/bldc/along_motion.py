@@ -16,7 +16,6 @@ import numpy as np
 
 from ematwin.models.bldc.along_currents import LEAST, RECENT
 from ematwin.models.bldc.constants import (
-    Constants,
     Truer,
     TruerState,
     fault_state,
@@ -24,6 +23,7 @@ from ematwin.models.bldc.constants import (
     truer_constants,
 )
 from ematwin.models.bldc.faults import HELD, ZERO, fault_vector
+from ematwin.models.bldc.masses_filter import constants_of, truer_of
 from ematwin.models.bldc.motion import Motion, between
 from ematwin.models.bldc.motor import SIXTH_TURN
 from ematwin.models.bldc.reference_step import (
@@ -43,8 +43,6 @@ _INSTANT = 1e-10  # s: what is so near is now
 _STEP = 1.25e-5  # s, at most, behind a current loop: sample times show
 _COARSER = 2.0  # times that where currents drive the motor: still leaves less than `LEAST`
 _, read_more, _ = columns(TruerState)
-_, constants_of, _ = columns(Constants)
-_, truer_of, _ = columns(Truer)
 
 
 @loop
