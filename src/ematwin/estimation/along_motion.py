@@ -20,7 +20,7 @@ import numpy as np
 
 from ematwin.estimation.followed_motion import followed
 from ematwin.estimation.local import LocalDescent
-from ematwin.estimation.motion_fit import Along, MotionFit, values_at
+from ematwin.estimation.motion_fit import Along, MotionFit, nearer, values_at
 from ematwin.estimation.problem import Problem
 from ematwin.estimation.search import Search, named
 from ematwin.models.base import Model
@@ -136,10 +136,6 @@ def _recorded(
     known = None if like is None else like.information
     remainders = {} if known is None else known.remainders
 
-    def there(some: Sequence[Along]) -> list[Along]:
-        values = values_at(problem, z)
-        return [along.at(values[along.recording], remainders) for along in some]
-
     aliases = partial(model.aliases, actuator)
     rests, begun = {along.equation.rests for along in every}, z
     named = {along.equation.name for along in every}
@@ -153,12 +149,12 @@ def _recorded(
     for names in stages:
         some = [along for along in every if along.equation.name in names]
         held = () if names & first else told
-        fit = MotionFit(actuator, problem, some, remainders, aliases, held, width)
+        fit = MotionFit(actuator, problem, z, some, remainders, aliases, held, width)
         z = fit.descended(z, most, rough=True)
         told, width = fit.free, fit.information
-        every = there(every)
+        every = nearer(every, problem, z, remainders)
     every = [along for along in every if along.equation.size > 0.0]
-    fit = MotionFit(actuator, problem, every, remainders, aliases, (), width)
+    fit = MotionFit(actuator, problem, z, every, remainders, aliases, (), width)
     starts = z, begun, problem.chart.from_values(problem.healthy[None])
     stable = (one for one in starts if np.isfinite(fit.residuals(one)).all())
     if (here := next(stable, None)) is None:

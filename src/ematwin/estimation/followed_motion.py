@@ -16,7 +16,7 @@ import numpy as np
 from ematwin.estimation.constants import SMALLEST, WORTH
 from ematwin.estimation.descent import TooFarError
 from ematwin.estimation.laplace import principal
-from ematwin.estimation.motion_fit import Along, MotionFit, values_at
+from ematwin.estimation.motion_fit import Along, MotionFit, nearer
 from ematwin.estimation.problem import Problem
 from ematwin.models.base import Model
 from ematwin.models.optional import Candidate
@@ -156,16 +156,12 @@ def followed(
     aliases = partial(model.aliases, actuator)
     width = _known_so_far(model, actuator, problem, z, like) / _FIRST**2
 
-    def there(ahead: bool) -> list[Along]:
-        values = values_at(problem, z)
-        return [along.at(values[along.recording], remainders, ahead) for along in every]
-
     def fit_with(width: np.ndarray) -> Regression:
-        return Regression(actuator, problem, every, remainders, aliases, (), width)
+        return Regression(actuator, problem, z, every, remainders, aliases, (), width)
 
     before, last = math.inf, None
     for _ in range(_REGRESSIONS):
-        every = there(ahead=like is None)
+        every = nearer(every, problem, z, remainders, like is None)
         fit = fit_with(width)
         if not np.isfinite(fit.residuals(z)).all():
             return None
@@ -178,7 +174,7 @@ def followed(
         before = fit.cost
     if like is None:
         noise = [along.equation.noise for along in every]
-        every, found = there(ahead=False), fit.finds_first_samples(z)
+        every, found = nearer(every, problem, z, remainders), fit.finds_first_samples(z)
         if found:
             problem = problem.sampled_first(fit.first_samples)
         if found or noise != [along.equation.noise for along in every]:

@@ -22,7 +22,7 @@ from ematwin.estimation.levenberg_marquardt import NOTHING
 from ematwin.estimation.prior import Information, Remainder
 from ematwin.estimation.problem import Problem
 from ematwin.models.comparison import correlation_time
-from ematwin.models.optional import FIRST_SAMPLE, Candidate, Equation, Values
+from ematwin.models.optional import FIRST_SAMPLE, Candidate, Equation
 from ematwin.models.parameter_set import ParameterSet
 from ematwin.numerics.linear_algebra import bounded_squares
 from ematwin.numerics.side_by_side import in_blocks, side_by_side
@@ -52,23 +52,27 @@ class Along(NamedTuple):
         """Of the equation among those of all recordings."""
         return self.recording, self.equation.name
 
-    def at(
-        self, values: Values, known: Mapping[tuple[int, str], Remainder], ahead: bool = False
-    ) -> "Along":
-        """The same at better values, by noise ``known`` of it, or that for a nearer estimate."""
-        at, like = self.equation.at, known.get(self.name)
-        if at is None:
-            return self
-        return self._replace(equation=at(values, None if like is None else like.noise, ahead))
+
+def nearer(
+    every: Sequence[Along], problem: Problem, z: np.ndarray,
+    known: Mapping[tuple[int, str], Remainder], ahead: bool = False,
+) -> list[Along]:  # fmt: skip
+    """Equations at coordinates (1, d), by noise ``known`` of them, or for a nearer estimate."""
+    values, noises = values_at(problem, z), {name: one.noise for name, one in known.items()}
+    return [
+        Along(n, one.at(values[n], noises.get((n, one.name)), ahead) if one.at else one)
+        for n, one in every
+    ]
 
 
 class MotionFit:
-    """Some equations with their priors."""
+    """Some equations with their priors, about coordinates ``z`` (1, d)."""
 
     def __init__(
         self,
         actuator: ParameterSet,
         problem: Problem,
+        z: np.ndarray,
         every: Sequence[Along],
         known: Mapping[tuple[int, str], Remainder],
         aliases: Aliases,
@@ -86,14 +90,16 @@ class MotionFit:
             for other, places in zip(every, self._matters, strict=True):
                 if one.equation.noise and one.recording == other.recording:
                     given |= places
-        left = side_by_side(lambda one: one.equation.left(actuator, {}), every)
-        self._counts = [each.size for each in left]
+        point = problem.chart.to_values(z)[0]
+        stable = [self.candidate(n, point) or (actuator, {}) for n in range(len(every))]
+        pairs = zip(every, stable, strict=True)
+        lefts = side_by_side(lambda pair: pair[0].equation.left(*pair[1]), pairs)
+        self._counts = [each.size for each in lefts]
         ends = np.cumsum(self._counts).tolist()
         self._parts = [slice(a, b) for a, b in zip([0, *ends], ends, strict=False)]
         self._known = [known.get(one.name) for one in every]
         # an error of the equations is the same in each recording: no mean of several makes it less
-        many = math.sqrt(len(problem.comparisons))
-        alike = [many * one.equation.alike(actuator) for one in every]
+        alike = [math.sqrt(len(problem.comparisons)) * x.equation.alike(actuator) for x in every]
         # what noise and their own errors leave of equations, before a fit
         self._remainders = [
             before
@@ -106,8 +112,8 @@ class MotionFit:
         matters = {name: n for places in self._matters for name, n in places.items()}
         self.free = matters.keys() - {*held}
         self._free = np.array(sorted({matters[name] for name in self.free}), dtype=int)
-        self._last: tuple[np.ndarray, np.ndarray] | None = None
-        self._fresh = False
+        self._last: Any = None  # residuals (K,), and slopes (f, K), where a descent ended
+        self._fresh = False  # these slopes
         self._weights: list[Any] = [one.weights for one in self._remainders]  # of residuals
 
     def descended(self, z: np.ndarray, most: float = math.inf, rough: bool = False) -> np.ndarray:
@@ -176,13 +182,11 @@ class MotionFit:
     @property
     def cost(self) -> float:
         """Squared standard deviations that are left where a fit ended."""
-        assert self._last is not None
         return float(self._last[0] @ self._last[0])
 
     def evidence(self, z: np.ndarray) -> Information:
         """What the equations tell at coordinates (1, d) at which `descended` ended."""
         self.counts_more()
-        assert self._last is not None
         here, slopes = (one[..., : self._parts[-1].stop] for one in self._last)
         rotation, root = np.linalg.qr(slopes.T)
         every = np.zeros((self._free.size + 1, z.shape[1]))
@@ -209,7 +213,6 @@ class MotionFit:
 
         Where the other fit leaves more, what is left here counts. Whether that is so anywhere.
         """
-        assert self._last is not None
         more = False
         for n, (known, part) in enumerate(zip(self._known, self._parts, strict=True)):
             norm = float(np.linalg.norm(self._last[0][part])) / self._scales[n]
@@ -221,7 +224,6 @@ class MotionFit:
 
     def _rescale(self, n: int, deviation: float) -> None:
         """Weigh the nth equation by another standard deviation, its last residuals too."""
-        assert self._last is not None
         ratio, part = 1.0 / deviation / self._scales[n], self._parts[n]
         self._scales[n] = 1.0 / deviation
         for one in self._last:
@@ -232,7 +234,6 @@ class MotionFit:
 
         Whether that explains more of a recording than another instant may by chance.
         """
-        assert self._last is not None
         here, slopes = self._last
         basis, found = np.linalg.qr(slopes.T)[0], False
         point = self._problem.chart.to_values(z)[0]
@@ -354,7 +355,6 @@ class MotionFit:
 
         The unknowns of an equation explain most of its residual at a start that is far away.
         """
-        assert self._last is not None
         here, slopes = self._last
         for n, part in enumerate(self._parts):
             if self._known[n] is None:

@@ -237,10 +237,12 @@ class ParameterSet(BaseModel):
         variant._tolerances.update(self._tolerances)
         return variant
 
-    def _field(self, place: str) -> FieldInfo:
+    @classmethod
+    @cache
+    def _field(cls, place: str) -> FieldInfo:
         """The declaration of a parameter."""
         key, _, name = place.partition(".")
-        section = self.section(key)
+        section = cls.section(key)
         if section is None or name not in section.model_fields:
             raise ParameterError(
                 f"{place!r} is not a parameter of an actuator; use section.name such as "

@@ -134,8 +134,10 @@ def test_a_fit_follows_a_narrow_curved_minimum(recording):
     own = [problem.names.index(place) for place in places]
     start = problem.healthy.copy()
     start[own] = 0.009, 0.021
-    fit = MotionFit(DRIVE, problem, [Along(0, equation)], {}, partial(MODEL.aliases, DRIVE))
-    end = fit.descended(problem.chart.from_values(start[None]))
+    z = problem.chart.from_values(start[None])
+    end = MotionFit(
+        DRIVE, problem, z, [Along(0, equation)], {}, partial(MODEL.aliases, DRIVE)
+    ).descended(z)
     found = problem.chart.to_values(end)[0, own]
     assert found.sum() == pytest.approx(0.03, rel=1e-5)
     assert found == pytest.approx([0.015, 0.015], rel=0.01)
@@ -158,8 +160,10 @@ def test_a_step_beyond_a_minimum_is_made_shorter(recording):
     [own] = (problem.names.index(place) for place in places)
     start = problem.healthy.copy()
     start[own] = 0.6 * gain
-    fit = MotionFit(DRIVE, problem, [Along(0, equation)], {}, partial(MODEL.aliases, DRIVE))
-    end = fit.descended(problem.chart.from_values(start[None]))
+    z = problem.chart.from_values(start[None])
+    end = MotionFit(
+        DRIVE, problem, z, [Along(0, equation)], {}, partial(MODEL.aliases, DRIVE)
+    ).descended(z)
     assert problem.chart.to_values(end)[0, own] == pytest.approx(gain, rel=0.001)
 
 
@@ -176,7 +180,7 @@ def test_a_step_promises_what_the_last_one_kept(recording):
     )
     problem = everything_free(recording)
     z, width = problem.chart.from_values(problem.healthy[None]), 1e4 * np.eye(len(problem.names))
-    given = DRIVE, problem, [Along(0, equation)], {}, partial(MODEL.aliases, DRIVE), (), width
+    given = DRIVE, problem, z, [Along(0, equation)], {}, partial(MODEL.aliases, DRIVE), (), width
     first = Regression(*given)
     first.regressed(z)
     before, promised = first.promise
@@ -211,8 +215,9 @@ def test_evidence_is_told_where_the_loops_would_be_unstable(recording):
     problem = everything_free(recording)
     chart = problem.chart
     every = [Along(0, one) for one in MODEL.equations(recording, DRIVE, {})]
-    fit = MotionFit(DRIVE, problem, every, {}, partial(MODEL.aliases, DRIVE))
-    point = chart.to_values(fit.descended(chart.from_values(problem.healthy[None])))
+    z = chart.from_values(problem.healthy[None])
+    fit = MotionFit(DRIVE, problem, z, every, {}, partial(MODEL.aliases, DRIVE))
+    point = chart.to_values(fit.descended(z))
     each = {
         "motor.inertia": 0.3 * DRIVE.motor.inertia,
         "controller.speed_gain": 3.0 * DRIVE.controller.speed_gain,

@@ -33,7 +33,7 @@ from ematwin.models.bldc.reference_step import (
     started,
 )
 from ematwin.models.bldc.simulate import phases_of
-from ematwin.models.optional import FIRST_SAMPLE, Candidate, Values
+from ematwin.models.optional import FIRST_SAMPLE, Candidate, Values, with_values
 from ematwin.numerics.compile import loop, step
 from ematwin.numerics.lanes import columns
 from ematwin.numerics.side_by_side import side_by_side
@@ -292,6 +292,8 @@ class Controller:
         noise = noise_of(self._signed, self._low_pass, self.motion.rate, self._seen.size)
         # of recorded positions, or of how the currents drive them, and of counts in the loops
         values = self.motion.values
+        if self.motion.masses is not None:  # that moved with these values, parameters among them
+            actuator = with_values(actuator, values)
         here, squares = self.left(actuator, values), 0.0
         if self._anew:
             lefts = side_by_side(lambda one: one.left(actuator, values), self._anew)

@@ -143,6 +143,13 @@ class Truer(NamedTuple):
     filter_share: float = 1.0  # of a new speed that the filter passes with each sample
 
 
+# fields of `Truer`, and their names in the section of a form
+_OF_FORMS = {
+    key: [(name, name[len(key) + 1 :]) for name in Truer._fields if name.startswith(f"{key}_")]
+    for key in law.REFERENCE_ALONE
+}
+
+
 class TruerState(NamedTuple):
     """State of the truer forms; by default at rest."""
 
@@ -169,10 +176,9 @@ def truer_constants(actuator: BldcActuator, count_offset: float = 0.5) -> Truer:
     """Constants of the reference's forms; counts begin at ``count_offset`` of a step."""
     found: dict[str, float] = {} if actuator.shorted_turns is None else {"loops": 1.0}
     for key in law.REFERENCE_ALONE:
-        section, start = getattr(actuator, key), f"{key}_"
+        section = getattr(actuator, key)
         if section is not None:
-            fields = (name for name in Truer._fields if name.startswith(start))
-            found |= {name: 1.0 * getattr(section, name.removeprefix(start)) for name in fields}
+            found |= {name: 1.0 * getattr(section, own) for name, own in _OF_FORMS[key]}
     if actuator.supply is not None:
         found["link_time"] = actuator.supply.resistance * actuator.supply.capacitance
     encoder, speed = actuator.encoder, actuator.speed_loop

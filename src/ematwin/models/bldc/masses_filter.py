@@ -216,7 +216,9 @@ def masses_along(  # type: ignore[no-untyped-def]
     when : (E,) array, in samples
     """
     wide_vectors()
-    batch, events = len(faults), seen.shape[1] + np.isfinite(shown).sum()
+    batch, events = len(faults), seen.shape[1]
+    for angle in shown:  # `isfinite(shown).sum()` would load scipy.linalg with numba's sums
+        events += angle == angle
     found, fixed = np.zeros((batch, 4, load.size)), np.zeros((batch, 4, events))
     left, when, dt, e = np.zeros((batch, 2, events)), np.zeros(events), spacing / substeps, 0
     c, truer, fault, sensed = new_constants(), new_truer(), new_fault(), new_sensed()
