@@ -14,6 +14,8 @@ converter of 12 bits. Seeds are of this benchmark alone. Prints a Markdown table
 measure), how many have a verdict, answers of the reference, and of all magnitudes errors over
 standard errors (root mean square) and the share that intervals hold.
 
+With ``--motions`` judged recordings are of other commands and sample rates, half of them healthy.
+
 With ``--unstated`` recordings are of a simulator that shares no code with the twin
 (tests/naive/another_actuator.py), the file states no form, and calibration has to find them:
 position gains of 40 to 80 1/s, stated to 1 %, loops of 50 to 125 us, encoders of 2,000 to 20,000
@@ -77,6 +79,32 @@ INTERVALS = (50e-6, 62e-6, 75e-6, 100e-6, 125e-6)  # s
 REVERSALS = Scenario(
     name="reversals", duration=0.6, command=[{"type": "sine", "amplitude": 0.004, "frequency": 4.0}]
 )
+MOVES = Scenario(  # there, a rest, further, and back
+    name="moves", duration=0.9, command=[
+        {"type": "profile", "time": [0.02, 0.12, 0.2, 0.38, 0.45, 0.6, 0.7, 0.75],
+         "value": [0.0, 0.01, 0.01, -0.01, -0.01, 0.005, 0.005, 0.0]},
+    ],
+)  # fmt: skip
+AGAINST = Scenario(
+    name="against a load", duration=1.0, command=[
+        {"type": "profile", "time": [0.02, 0.35, 0.5, 0.83], "value": [0.0, 0.03, 0.03, 0.0]},
+    ],
+    load=[{"type": "step", "value": 8.0, "time": 0.25}],
+)  # fmt: skip
+STEPS = Scenario(
+    name="steps", duration=0.6,
+    command=[{"type": "step", "value": x, "time": 0.1 * n}
+             for n, x in ((1, 0.004), (2, -0.004), (3, 0.004), (4, -0.004), (5, 0.004))],
+)  # fmt: skip
+SINE = Scenario(
+    name="sine", duration=0.7, command=[{"type": "sine", "amplitude": 0.004, "frequency": 3.0}],
+    load=[{"type": "sine", "amplitude": 3.0, "frequency": 1.3}],
+)  # fmt: skip
+# of recordings that are judged with ``--motions``, and their sample rates, Hz
+MOTIONS: tuple[tuple[Any, float], ...] = (
+    (AGAINST, 20e3), (MOVES, 20e3), (STEPS, 20e3), (SINE, 20e3), ("default", 10e3),
+    ("default", 5e3), (MOVES, 5e3), ("ramp", 20e3),
+)  # fmt: skip
 OFF = {  # standard deviations of logarithms
     "motor.resistance": 0.05, "motor.inertia": 0.04, "motor.emf_constant": 0.02,
     "motor.viscous_damping": 0.1, "motor.friction_torque": 0.1,
@@ -189,12 +217,13 @@ def forms_of(actuator: BldcActuator) -> set[str]:
 
 def of_unstated(
     name: str, seed: int, mixtures: int, without: tuple[str, ...] = (), healthy_too: bool = False,
-    one_current: bool = False,
+    one_current: bool = False, motions: bool = False,
 ) -> dict[str, Any]:  # fmt: skip
     """What calibration finds of a drive whose file states no form, and what follows.
 
     Judged recordings are ``without`` some channels, and healthy ones too if so asked. With
-    ``one_current`` all recordings hold the equivalent current in place of those of the phases.
+    ``one_current`` all recordings hold the equivalent current in place of those of the phases; with
+    ``motions`` judged ones are of `MOTIONS` in turn, and every second round of a healthy drive.
     """
     from bldc_inputs import with_one_current
     from naive import another_actuator as other
@@ -205,15 +234,16 @@ def of_unstated(
     sheet = load_actuator("servo48").changed({**GAINS, "controller.position_gain": gain})
     sheet = sheet.with_tolerances(dict.fromkeys(GAINS, 0.01))
 
-    def record(command: Any, faults: dict[str, float], number: int) -> Any:
+    def record(command: Any, faults: dict[str, float], number: int, rate: float = 20e3) -> Any:
         scenario = MODEL.load_scenario(command)
         grid = np.arange(0.0, scenario.duration + 1e-9, 5e-5)
         parameters = other.parameters_of(truth)
         begins = np.random.default_rng([seed, number, 43]).uniform()  # among the samples
         now = structure._replace(sampling_phase=float(begins))
         found = other.simulate(
-            parameters, grid, *scenario.histories(grid), faults, now, seed=seed + number
-        )
+            parameters, grid, *scenario.histories(grid), faults, now, seed=seed + number,
+            sample_rate=rate,
+        )  # fmt: skip
         if one_current:
             found = with_one_current(found)
         lacks = without if faults or healthy_too else ()
@@ -237,8 +267,11 @@ def of_unstated(
         "said": report.baseline.forms, "has": sorted(forms_of(report.actuator)),
     }  # fmt: skip
     for n in range(mixtures):
-        values = mixture(seed + n)
-        judged = record("default", values, 100 + n)
+        values, command = mixture(seed + n), ("default", 20e3)
+        if motions:
+            command = MOTIONS[n % len(MOTIONS)]
+            values = MODEL.values_of(None, {}) if n // len(MOTIONS) % 2 else values
+        judged = record(command[0], values, 100 + n, command[1])
         begun = time.process_time()
         seen = identify(judged, report.calibration, threads=1)
         took = time.process_time() - begun
@@ -295,6 +328,7 @@ def main() -> None:
     parser.add_argument("--without", default="", help="channels that judged recordings lack")
     parser.add_argument("--healthy-too", action="store_true", help="healthy ones lack them as well")
     parser.add_argument("--one-current", action="store_true", help="in place of three phases")
+    parser.add_argument("--motions", action="store_true", help="other commands and sample rates")
     parser.add_argument("--workers", type=int, default=2)
     asked = parser.parse_args()
     if asked.unstated:
@@ -309,11 +343,9 @@ def main() -> None:
         for name in UNSTATED:
             if asked.only in (None, name):
                 seeds = [asked.first + 1000 * (1 + n) for n in range(asked.unstated)]
+                how = without, asked.healthy_too, asked.one_current, asked.motions
                 found = Parallel(asked.workers)(
-                    delayed(of_unstated)(
-                        name, seed, asked.mixtures, without, asked.healthy_too, asked.one_current
-                    )
-                    for seed in seeds
+                    delayed(of_unstated)(name, seed, asked.mixtures, *how) for seed in seeds
                 )
                 for one in found:
                     print(one, file=sys.stderr)

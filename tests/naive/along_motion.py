@@ -103,8 +103,8 @@ def masses(actuator, faults, currents, load, dt, every, seen, known, begin, show
     which angles are known, the density of the acceleration's noise, and the share of what is no
     commutation in a sector; ``begin`` the angle at first and its standard deviation; ``shown``
     angles of the output by sample, of a standard deviation ``of_output``. A Kalman filter in
-    matrices: state [angle, speed], white noise of the acceleration between what is seen; in the gap
-    motor and output have one each.
+    matrices: state [angle, speed], white noise of the acceleration between what is seen, and speeds
+    that the motor's damping makes less; in the gap motor and output have one each.
     """
     gear, windings = actuator.transmission, truer.Windings(actuator, faults)
     worn, half_gap = 1 + 2 * faults.friction, gear.backlash / 2 * (1 + 99 * faults.backlash)
@@ -114,21 +114,24 @@ def masses(actuator, faults, currents, load, dt, every, seen, known, begin, show
     x_m, w_m, x_o, w_o = begin[0], 0.0, begin[0], 0.0
     covariance, last, waiting = np.diag([begin[1] ** 2, 0.0]), 0.0, list(seen)
     found, innovations = [(x_m, x_o)], []
-    rested, comparator = 0.0, not actuator.current_loop
-    own, own_last = covariance, 0.0
+    rested, corrected, comparator = 0.0, 0.0, not actuator.current_loop
+    own = covariance
 
-    def grown(covariance, span):
-        moves = np.array([[1.0, span], [0.0, 1.0]])
+    def grown(covariance, span, inertia):
+        slower = actuator.motor.viscous_damping / inertia * span
+        moves = np.array([[1.0, span], [0.0, 1.0 - slower]])
         grows = density * np.array([[span**3 / 3, span**2 / 2], [span**2 / 2, span]])
         return moves @ covariance @ moves.T + grows
 
     for step in range(every * (len(currents) - 1)):
         sample, part = divmod(step, every)
+        touch = abs(x_m - x_o) >= half_gap
+        moved = actuator.motor.inertia + (gear.output_inertia if touch else 0.0)
+        covariance = grown(covariance, step * dt - last, moved)
+        own, last = grown(own, step * dt - last, math.inf), step * dt
         if part == 0 and sample in shown:
-            touch = abs(x_m - x_o) >= half_gap
             if touch:
-                own, own_last = covariance, last
-            own, own_last = grown(own, step * dt - own_last), step * dt
+                own = covariance
             away, deviation = shown[sample] - x_o, math.sqrt(own[0, 0] + of_output**2)
             innovations.append((away, deviation))
             surprise = max(1.0, (away / (3 * deviation)) ** 2)
@@ -138,7 +141,7 @@ def masses(actuator, faults, currents, load, dt, every, seen, known, begin, show
             turns = gain[1] * away if w_o != 0 or surprise > 1 else 0.0
             x_o, w_o = x_o + gain[0] * away, w_o + turns
             if touch:
-                x_m, w_m, covariance, last = x_m + gain[0] * away, w_m + turns, own, own_last
+                x_m, w_m, covariance, corrected = x_m + gain[0] * away, w_m + turns, own, last
         share = (part + 0.5) / every
         pushes = load[sample] * (1 - share) + load[sample + 1] * share
         current, pair = currents[sample + 1], np.array(pairs[math.floor(x_m / sector - 0.5) % 6])
@@ -163,8 +166,11 @@ def masses(actuator, faults, currents, load, dt, every, seen, known, begin, show
         rested = (step + 1) * dt if w_m == 0 else rested
         while waiting and waiting[0][0] <= (step + 1) * dt:
             time, angle = waiting.pop(0)
-            covariance, began = grown(covariance, time - last), last
-            last = time
+            touch = abs(x_m - x_o) >= half_gap
+            moved = actuator.motor.inertia + (gear.output_inertia if touch else 0.0)
+            covariance = grown(covariance, time - last, moved)
+            own, last = grown(own, time - last, math.inf), time
+            began, corrected = corrected, time
             if comparator and rested >= began:  # its peaks end a rest by chance
                 gained = 0.5 * w_m * np.array([time - rested, 1.0])
                 covariance = covariance + np.diag(gained**2)

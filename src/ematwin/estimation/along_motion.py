@@ -80,7 +80,7 @@ def _begun(problem: Problem, z: np.ndarray, every: Sequence[Along]) -> np.ndarra
     point, chart = problem.chart.to_values(z), problem.chart
     for along in every:
         places = problem.places(along.recording)
-        for name, value in along.equation.begins.items():
+        for name, value in along.equation.begins().items():
             if name in places:
                 point[0, places[name]] = value
     return chart.project(chart.from_values(point))

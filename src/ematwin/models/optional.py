@@ -6,7 +6,6 @@ Each is a small object that a `Model` holds or gives; without it the kind is tre
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -147,7 +146,8 @@ class Equation(NamedTuple):
     # share of the currents that only this noise accounts for, with faults, load and sensors by name
     unexplained: Callable[[ParameterSet, Values], float] = lambda actuator, values: 0.0
     discrepancy: float = 0.0  # share of this noise that no sensor makes: torques that are not known
-    begins: Values = MappingProxyType({})  # values of unknowns that are nearer than healthy ones
+    # values of unknowns from which to set out, where they are likelier than those it is for
+    begins: Callable[[], Values] = dict
     # values by place of one form after the other, some with `FIRST_SAMPLE`, to be chosen together,
     # as times of two loops may pass for one another; tried while more than noise is left
     together: Sequence[Choices] = ()

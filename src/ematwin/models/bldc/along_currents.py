@@ -12,8 +12,9 @@ known badly, the filter trusts it less.
 
 import copy
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import cached_property, lru_cache
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,9 +38,11 @@ _TRUST = tuple(10.0**n for n in range(-1, 8))  # times the density of what noise
 _DOUBT = tuple(10.0 ** (0.5 * n) for n in range(5))  # times the noise of the output's angle
 _NEAR = 10.0  # times that density: the torques are known
 _AHEAD = 10.0  # by which the noise of a nearer estimate may be less
+_CLEARLY = 3.0  # logarithm of a ratio of densities
 _LOST = 1e3  # times that density: something is far off
 _ASTRAY = 0.15  # rad: outputs by currents and as recorded are a fiftieth of it apart
-_FRICTIONS = (0.1, 0.2, 0.3, 0.45, 0.6)  # faults
+_FRICTIONS = (0.0, 0.1, 0.2, 0.3, 0.45, 0.6)  # faults
+_GAPS = (0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.7)
 # sections of an actuator on which their motion depends
 OF_GEAR = ("transmission", "presliding", "compliance")
 OF_MOTOR = ("motor", "cogging", "emf", "torque_ripple", "eccentricity")
@@ -74,7 +77,8 @@ class Moved(NamedTuple):
     speed: np.ndarray  # rad/s
     output: np.ndarray  # rad
     left: np.ndarray  # (K,), innovations in standard deviations
-    log_density: float  # of what was seen
+    log_density: float  # of all that was seen
+    of_turns: float  # of commutations alone
 
 
 class Masses:
@@ -107,7 +111,6 @@ class Masses:
         self._usual = Noise(density, max(SWITCHED, deviation), least)
         self._whole = (unit * usual) ** 2 / rate  # of noise as large as the currents
         self.noise = self._usual._replace(output=math.inf)
-        self.begins: Values = {}  # nearer than those that were given
         self._output = output
         self._recent: dict[_Key, Moved] = {}
         self._beside = lru_cache(maxsize=RECENT)(self._at)
@@ -125,42 +128,59 @@ class Masses:
         self, actuator: Any, given: tuple[tuple[str, float], ...], noise: Noise | None, ahead: bool
     ) -> "Masses":
         if noise is not None:
-            return self._with(noise=noise, begins={})
+            return self._with(noise=noise)
         values = dict(given)
-        own = values.get("friction", 0.0)
-
-        def best_of(noises: Iterable[Noise], some: Sequence[Values]) -> tuple[Masses, Values]:
-            tried = [(one, each) for one in noises for each in some]
-            candidates = [(actuator, each) for _, each in tried]
-            moved = self.moved_each(candidates, [one for one, _ in tried])
-            noise, begins = tried[int(np.argmax([one.log_density for one in moved]))]
-            return self._with(noise=noise), begins
-
-        usual = self._usual.density
-        densities = [self.noise._replace(density=x * usual, output=math.inf) for x in _TRUST]
-        best, begins = best_of(densities, [values])
-        if best.noise.density > _LOST * usual:
-            # between commutations a motor may be lost whose friction is far off
-            others = [{**values, "friction": one} for one in _FRICTIONS if one > own]
-            best, begins = best_of(densities, [values, *others])
-        elif self._output is not None and best.noise.density <= _NEAR * usual:
-            # beside wrong torques it would be noise, and beside a wrong gap it tells less
-            angles = [x * self._usual.output for x in _DOUBT]
-            best, _ = best_of([best.noise._replace(output=x) for x in angles], [values])
-            output = best.noise.output
-            best, _ = best_of([x._replace(output=output) for x in densities], [values])
-        if self._currents.shape[1] == 1 and best.noise.density <= _NEAR * usual:
+        near = _NEAR * self._usual.density
+        best = self._with(noise=self._likeliest(actuator, [values], angles=(math.inf,))[1])
+        if self._output is not None:
+            # beside a wrong gap it hides how the motor turns; in rests it alone tells
+            shown = self._with(noise=self._likeliest(actuator, [values])[1])
+            turns = [one.moved(actuator, values).of_turns for one in (best, shown)]
+            if best.noise.density <= near or turns[1] > turns[0] + _CLEARLY:
+                best = shown
+        if self._currents.shape[1] == 1 and best.noise.density <= near:
             # such a motion tells turns better than that near which it was
-            moved = best.moved(actuator, begins).motor
+            moved = best.moved(actuator, values).motor
             best = best._with(_seen=self._every.placed(moved, self._seen.near))
-        best.begins = {name: x for name, x in begins.items() if x != values.get(name)}
-        return best._with(noise=best.noise.ahead, begins={}) if ahead else best
+        return best._with(noise=best.noise.ahead) if ahead else best
+
+    def _likeliest(
+        self, actuator: Any, some: Sequence[Values], densities: Sequence[float] = _TRUST,
+        angles: Sequence[float] = _DOUBT,
+    ) -> tuple[Values, Noise]:  # fmt: skip
+        """Values, of some, and the noise, in multiples of the usual one, that are most likely."""
+        usual, seen = self._usual, (math.inf,) if self._output is None else angles
+        noises = [
+            usual._replace(density=x * usual.density, output=y * usual.output)
+            for x, y in product(densities, seen)
+        ]
+        tried = list(product(some, noises))
+
+        def log_densities(block: Sequence[tuple[Values, Noise]]) -> list[float]:
+            candidates = [(actuator, values) for values, _ in block]
+            moved = self.moved_each(candidates, [noise for _, noise in block])
+            return [one.log_density for one in moved]
+
+        return tried[int(np.argmax(in_blocks(log_densities, tried, LANES)))]
+
+    def begins(self, actuator: Any, values: Values) -> Values:
+        """Faults that are likelier than those of values, where these explain little.
+
+        Between commutations a motor is lost whose friction is far off, and an output whose gap is.
+        """
+        if self.noise.density <= _LOST * self._usual.density:
+            return {}
+        some = [{**values, "friction": one} for one in _FRICTIONS]
+        if self._output is not None:
+            some = [{**one, "backlash": gap} for one in (values, *some) for gap in _GAPS]
+        best, _ = self._likeliest(actuator, [values, *some], _TRUST[1:6:2], _DOUBT[:3:2])
+        return {name: x for name, x in best.items() if x != values.get(name)}
 
     def _with(self, **changed: Any) -> "Masses":
         other = copy.copy(self)
         other.__dict__.pop("size", None)
         other.__dict__ |= changed
-        if not changed.keys() <= {"noise", "begins"}:
+        if changed.keys() != {"noise"}:
             other._recent = {}
         other._beside = lru_cache(maxsize=RECENT)(other._at)
         return other
@@ -183,8 +203,9 @@ class Masses:
         noise = math.sqrt(max(0.0, self.noise.density - self._usual.density) / self._whole)
         if self._output is None or not self._seen.when.size:
             return noise
-        noisy = self.noise._replace(output=math.inf)
-        moved = self._with(noise=noisy).moved(actuator, values).output
+        if math.isfinite(self.noise.output):
+            return max(noise, self.noise.output / _ASTRAY)
+        moved = self.moved(actuator, values).output
         some = slice(int(self._seen.when[-1]))  # beyond, nothing shows where they are
         return max(noise, float(np.std((self._output - moved)[some])) / _ASTRAY)
 
@@ -263,8 +284,10 @@ class Masses:
         )  # fmt: skip
         evened(found, fixed, when, self._rate)
         each, spreads = left[:, 0] / left[:, 1], left[:, 1]
-        log_densities = -0.5 * np.sum(each**2, axis=1) - np.log(spreads).sum(axis=1)
-        moved = zip(found, each, log_densities.tolist(), strict=True)
+        log_densities = -0.5 * each**2 - np.log(spreads)
+        every = log_densities.sum(axis=1).tolist()
+        turns = log_densities[:, np.isin(when, seen.when)].sum(axis=1).tolist()
+        moved = zip(found, each, every, turns, strict=True)
         return [Moved(*motion[:3], *more) for motion, *more in moved]
 
     def left(self, actuator: Any, values: Values | None = None) -> np.ndarray:

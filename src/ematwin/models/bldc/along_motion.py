@@ -234,9 +234,7 @@ class Controller:
                 # rad: counts of such an encoder do not show
                 truer = truer._replace(motor_step=1e-9, output_step=0.0)
             states, emf = self._states_of(one, c, truer)
-            # command and output are counted from the same zero, the motor from its own
-            motions[n, :2], motions[n, 2] = states[:2], states[2] + dict(one.others).get(ZERO, 0.0)
-            motions[n, 3:] = emf
+            motions[n, :3], motions[n, 3:] = states, emf
             angle, speed = states[:2, 0]
             loops = started(truer, actuator.motor, self._begins, angle, speed, one.first, one.held)
             phases = phases_of(self._begins, actuator.motor.pole_pairs * angle)

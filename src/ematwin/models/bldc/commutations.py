@@ -26,7 +26,8 @@ _DIP = 0.35  # of the current, by which it falls at least: by half or more behin
 _STEADY = 0.15  # of that, the change from one sample to the next before, at most
 _AT_ONCE = 0.3  # of that, the fall until the next sample, at least
 _NEVER = 1e9  # rad: an angle that is known altogether
-_JITTER = 12e-6  # s, by which dips came out off, of a simulator of other make
+# of a sample, by which they came out off at 5 to 20 kHz, of a simulator of other make; and dips
+_JITTER, _OF_DIPS = 0.16, 0.24
 _OTHERS = 0.05  # of such falls, that are something else
 _SHARP = 4.0  # standard deviations of such falls anywhere, at least
 
@@ -39,7 +40,7 @@ class Commutations(NamedTuple):
     near: np.ndarray  # (S,), rad, near which it stood up to such; NaN where that is unknown
     turn: float  # rad
     within: float  # rad, the furthest that it is from ``near``: a sector
-    jitter: float = 8e-6  # s, standard deviation of ``when``, of a simulator of other make
+    jitter: float  # s, standard deviation of ``when``
     other: float = 0.0  # 1/rad, density of what is none
 
     def placed(self, motor: np.ndarray, near: np.ndarray) -> "Commutations":
@@ -78,7 +79,7 @@ def commutations(currents: np.ndarray, rate: float, actuator: BldcActuator) -> C
     when = before + shares.sum(axis=1) - falls
     order = np.argsort(when, kind="stable")
     angle = sector * (1.5 + 2.0 * third)
-    return Commutations(when[order], angle[order], near, 3.0 * sector, sector)
+    return Commutations(when[order], angle[order], near, 3.0 * sector, sector, _JITTER / rate)
 
 
 def _dips(current: np.ndarray, rate: float, actuator: BldcActuator) -> Commutations:
@@ -107,7 +108,7 @@ def _dips(current: np.ndarray, rate: float, actuator: BldcActuator) -> Commutati
     sector = SIXTH_TURN / actuator.motor.pole_pairs  # on the shaft
     return Commutations(
         n[sharpest] - shares - late, np.full(sharpest.size, 0.5 * sector),
-        np.full(current.size, math.nan), sector, sector, _JITTER, _OTHERS / sector,
+        np.full(current.size, math.nan), sector, sector, _OF_DIPS / rate, _OTHERS / sector,
     )  # fmt: skip
 
 

@@ -17,7 +17,7 @@ from typing import Self
 import numpy as np
 
 from ematwin.models.bldc import faults as table
-from ematwin.models.bldc.channels import PHASES, equivalent_current, phase_currents
+from ematwin.models.bldc.channels import PHASES, equivalent_current
 from ematwin.models.bldc.constants import constants_by_candidate, kernel_constants
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.bldc.phase_sensors import balanced
@@ -89,7 +89,7 @@ class BldcComparison(Comparison):
         }
         unseen |= {table.HELD} if actuator.integrates else set()
         shows_rotor = self.unplaced or recording.motor_position is not None
-        if unseen and shows_rotor and recording.output_position is None:
+        if unseen and (self.unplaced or (shows_rotor and recording.output_position is None)):
             unseen |= {table.ZERO}
         self.unseen = frozenset(unseen)
         self.ignores = frozenset(table.POWER) | ({table.HELD, table.ZERO} - self.unseen)
@@ -207,16 +207,15 @@ class BldcComparison(Comparison):
 
     def placed(self, values: Mapping[str, float]) -> Placed | None:
         """Counted from where phase currents show the rotor, where its angle was not recorded."""
-        currents = phase_currents(self.recording)
-        if currents is None or not self.unplaced:
+        if not self.unplaced:
             return None
         from ematwin.models.bldc.simulate import reference_answer
 
         # a fast model that lacks loops lags behind
         answer = reference_answer(self.recording, self.actuator, values, self.state[:5])
         current, _ = equivalent_current(answer, self.actuator.motor.pole_pairs)
-        angle = self.actuator.motor.pole_pairs * answer.channels["motor_position"][1:]
-        behind = turned(currents[1:], angle, current[1:])
+        assert answer.motor_position is not None
+        behind = turned(self.recording, self.actuator, current, answer.motor_position)
         return None if behind is None else behind.placed(self.recording, self.actuator)
 
     def restarted(self) -> "BldcComparison | None":

@@ -104,18 +104,22 @@ def nuisances(actuator: Any) -> tuple[Unknown, ...]:
     temperature. Loggers that do not share a clock are some samples apart. Voltages, by dividers,
     and a supply's current, by a shunt, are known to 1 % with 95 %. A drive takes some power for
     itself, and its switches drop a volt or two. What an integral term asks for at first is
-    within the current limit. Zeros of motor and output are some gaps apart, or known better.
+    within the current limit. Zeros of motor and output are some gaps apart, or known better; one
+    that currents show is known within 5 degrees electrical.
     """
     limit = actuator.drive.current_limit
     current, gap = _CURRENT_OFFSET * limit, actuator.transmission.backlash
     power = _POWER_OFFSET * limit * actuator.drive.supply_voltage
+    apart = max(gap, math.radians(2.5) / actuator.motor.pole_pairs)
     return (
         nuisance("skew", "s", "how late the command was recorded", 0.0, 1e-3, 2e-4),
         *load_nuisances(actuator, valleys=7),  # stiction holds elsewhere
         nuisance("current_gain", "", "gain of the current sensor", 1.0, 0.1, 0.01),
         nuisance("current_offset", "A", "offset of the current sensor", 0.0, 20 * current, current),
         nuisance(HELD, "A", "of the speed loop's integral term at first", 0.0, limit, 0.5 * limit),
-        nuisance(ZERO, "rad", "zero of command and output beside the motor's", 0.0, 20 * gap, gap),
+        nuisance(
+            ZERO, "rad", "zero of command and output beside the motor's", 0.0, 20 * apart, apart
+        ),
         nuisance("power_gain", "", "recorded over actual electrical power", 1.0, 0.2, 0.005),
         nuisance("power_offset", "W", "power beside that of the motor", 0.0, 20 * power, power),
         nuisance("voltage_drop", "V", "voltage lost in the drive", 0.0, 10.0, 1.0),

@@ -258,7 +258,7 @@ def equations(recording: Recording, actuator: Any, values: Values | None) -> tup
     low_pass = LowPass(comparable_cutoff(motion.steps[0]))
     of_controller = _controller(Controller(motion, low_pass), actuator, given)
     if motion.masses is not None:
-        return of_controller, _masses(motion.masses, actuator)
+        return of_controller, _masses(motion.masses, actuator, given)
     balance = TorqueBalance(motion, given)
     if motion.follows:
         return of_controller, _mechanics(balance)
@@ -331,17 +331,18 @@ def _bristles(actuator: Any) -> tuple[str, ...]:
     return () if actuator.presliding is None else places
 
 
-def _masses(masses: Masses, actuator: Any) -> Equation:
+def _masses(masses: Masses, actuator: Any, values: Values) -> Equation:
     """Motor and output as the recorded currents drive them."""
 
     def at(values: Values, noise: Any, ahead: bool) -> Equation:
-        return _masses(masses.at(with_values(actuator, values), values, noise, ahead), actuator)
+        own = with_values(actuator, values)
+        return _masses(masses.at(own, values, noise, ahead), actuator, values)
 
     return Equation(
         "mechanics", masses.left, masses.size, masses.least,
         (*_OF_MOTOR, "transmission.backlash", *_OF_OUTPUT, *_bristles(actuator)), _OF_MASSES,
         ("friction", "backlash", *_WINDINGS, *LOAD, *_SENSOR, ZERO),
-        at=at, noise=masses.noise, begins=masses.begins, step=0.0,
+        at=at, noise=masses.noise, step=0.0, begins=lambda: masses.begins(actuator, values),
         alike=masses.alike, unexplained=masses.unexplained, discrepancy=masses.discrepancy,
         each=masses.each,
     )  # fmt: skip

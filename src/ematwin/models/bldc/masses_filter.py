@@ -19,6 +19,7 @@ from ematwin.models.bldc.reference_step import (
 )
 from ematwin.numerics.compile import loop, part, step
 from ematwin.numerics.lanes import LANES, columns, lane_loop, wide_vectors
+from ematwin.numerics.scalar import fallen
 
 SWITCHED = 1e-4  # rad, by which a sensor of the rotor may switch sooner or later
 _SURELY = 3.0  # standard deviations of an innovation: more is a surprise
@@ -57,12 +58,12 @@ class Trust(NamedTuple):
     angle: float  # rad^2
     both: float
     speed: float
-    last: float  # samples, until which they have grown
     own_angle: float
     own_both: float
     own_speed: float
-    own_last: float
-    rested: float  # samples, when the motor was last at rest
+    last: float  # samples, until which they have grown
+    corrected: float  # samples, when the motor was last corrected
+    rested: float  # samples, when it was last at rest
 
 
 _RESTED = Trust._fields.index("rested")
@@ -93,10 +94,43 @@ def torque_of(currents, now, fault, c, truer, sensed, dt):  # type: ignore[no-un
 
 
 @step
-def grown(angle, both, speed, span, density):  # type: ignore[no-untyped-def]
-    """The covariance of angle and speed after a ``span`` (s) of noise of the acceleration."""
-    angle += span * (2.0 * both + span * (speed + density * span / 3.0))
-    return angle, both + span * (speed + density * span / 2.0), speed + density * span
+def growth_rates(w, fault, c, truer):  # type: ignore[no-untyped-def]
+    """Rates (1/s) at which errors of a speed ``w`` (rad/s) grow: of motor, output, both together.
+
+    Where friction falls with speed, a mass that is too fast becomes faster still.
+    """
+    x = w / truer.presliding_stribeck_speed
+    falls = 2.0 * abs(x) / truer.presliding_stribeck_speed * fallen(x * x)
+    falls = falls if truer.presliding_motor_stiffness > 0.0 else 0.0
+    excess = fault.friction * (c.static_ratio - 1.0) * falls
+    of_motor, of_output = excess * c.t_m - c.viscous, excess * c.t_o
+    together = c.mobility_both * (of_motor + of_output)
+    return c.mobility_m * of_motor, c.mobility_o * of_output, together
+
+
+@step
+def grown(angle, both, speed, span, density, rate, most):  # type: ignore[no-untyped-def]
+    """The covariance of angle and speed after a short ``span`` (s) of noise of the acceleration.
+
+    Errors of the speed grow by themselves at a ``rate`` (1/s), if positive up to ``most`` (rad/s).
+    """
+    more = 1.0 + span * (rate if speed < most * most else min(rate, 0.0))
+    noise = density * span
+    angle += span * (2.0 * both + span * (speed + noise / 3.0))
+    both = more * (both + span * speed) + 0.5 * span * noise
+    return angle, both, more * more * speed + noise
+
+
+@step
+def grown_until(when, now, trust, fault, c, truer, sensed, spacing):  # type: ignore[no-untyped-def]
+    """Trust at a time, in samples."""
+    span, most = (when - trust.last) * spacing, truer.presliding_stribeck_speed
+    alone, _, together = growth_rates(now.w_m, fault, c, truer)
+    rate = together if abs(now.theta_m - now.theta_o) >= fault.half_gap else alone
+    a, b, s = grown(trust.angle, trust.both, trust.speed, span, sensed.density, rate, most)
+    _, rate, _ = growth_rates(now.w_o, fault, c, truer)
+    own = grown(trust.own_angle, trust.own_both, trust.own_speed, span, sensed.density, rate, most)
+    return Trust(a, b, s, own[0], own[1], own[2], when, trust.corrected, trust.rested)
 
 
 @part
@@ -108,17 +142,16 @@ def gained(angle, both, speed, noise, share):  # type: ignore[no-untyped-def]
 
 
 @part
-def shown_at(g, angle, now, trust, fault, sensed, spacing, fixed):  # type: ignore[no-untyped-def]
-    """Masses and trust after the recorded ``angle`` (rad) of the output in sample ``g``.
+def shown_at(angle, now, trust, fault, sensed, fixed):  # type: ignore[no-untyped-def]
+    """Masses and trust after the recorded ``angle`` (rad) of the output now.
 
     Then the innovation and its standard deviation, rad; ``fixed`` (4,) takes by what that changed
     angles and speeds.
     """
     touch = abs(now.theta_m - now.theta_o) >= fault.half_gap
-    a, b, s, last = trust.own_angle, trust.own_both, trust.own_speed, trust.own_last
+    a, b, s = trust.own_angle, trust.own_both, trust.own_speed
     if touch:
-        a, b, s, last = trust.angle, trust.both, trust.speed, trust.last
-    a, b, s = grown(a, b, s, (g - last) * spacing, sensed.density)
+        a, b, s = trust.angle, trust.both, trust.speed
     away, noise = angle - sensed.zero - now.theta_o, sensed.output**2
     deviation = math.sqrt(a + noise)
     surprise = away**2 / (_SURELY**2 * (a + noise))
@@ -128,26 +161,25 @@ def shown_at(g, angle, now, trust, fault, sensed, spacing, fixed):  # type: igno
     turns = pace * away if (now.w_o != 0.0) | (surprise > 1.0) else 0.0
     fixed[2], fixed[3] = share * away, turns
     theta_m, w_m = now.theta_m, now.w_m
-    both = trust.angle, trust.both, trust.speed, trust.last
+    both = trust.angle, trust.both, trust.speed, trust.corrected
     if touch:
         fixed[0], fixed[1] = share * away, turns
         theta_m, w_m = theta_m + share * away, w_m + turns
-        both = a, b, s, float(g)
+        both = a, b, s, trust.last
     w_o, theta_o = now.w_o + turns, now.theta_o + share * away
     now = TwoMasses(w_m, theta_m, w_o, theta_o, now.bent_m, now.bent_o)
-    trust = Trust(both[0], both[1], both[2], both[3], a, b, s, float(g), trust.rested)
+    trust = Trust(both[0], both[1], both[2], a, b, s, trust.last, both[3], trust.rested)
     return now, trust, away, deviation
 
 
 @part
-def commutated(when, angle, end, now, trust, fault, c, sensed, known, spacing, fixed):  # type: ignore[no-untyped-def]
+def commutated(when, angle, end, now, trust, fault, c, known, spacing, fixed):  # type: ignore[no-untyped-def]
     """As `shown_at` after a commutation ``when`` (samples) the motor stood at an ``angle``, rad.
 
     ``end`` of the step is a little later.
     """
-    span = (when - trust.last) * spacing
-    a, b, s = grown(trust.angle, trust.both, trust.speed, span, sensed.density)
-    if (c.half_band > 0.0) & (trust.rested >= trust.last):
+    a, b, s = trust.angle, trust.both, trust.speed
+    if (c.half_band > 0.0) & (trust.rested >= trust.corrected):
         # peaks of the comparator's ripple end a rest by chance, sooner or later
         a += (_CHANCE * (when - trust.rested) * spacing * now.w_m) ** 2
         s += (_CHANCE * now.w_m) ** 2
@@ -178,8 +210,8 @@ def commutated(when, angle, end, now, trust, fault, c, sensed, known, spacing, f
         theta_o, w_o = theta_o + share * away, w_o + turns
     w_m, theta_m = now.w_m + turns, now.theta_m + share * away
     now = TwoMasses(w_m, theta_m, w_o, theta_o, now.bent_m, now.bent_o)
-    own = trust.own_angle, trust.own_both, trust.own_speed, trust.own_last
-    trust = Trust(a, b, s, when, own[0], own[1], own[2], own[3], trust.rested)
+    own = trust.own_angle, trust.own_both, trust.own_speed
+    trust = Trust(a, b, s, own[0], own[1], own[2], trust.last, when, trust.rested)
     return now, trust, shown, spread
 
 
@@ -234,7 +266,7 @@ def masses_along(  # type: ignore[no-untyped-def]
             own = sensed_of(sensed, n)
             write_fault(fault, n, fault_state(faults[who], constants_of(c, n).half_gap))
             write_masses(masses, n, TwoMasses(0.0, own.begin, 0.0, own.begin, 0.0, 0.0))
-            write_trust(trust, n, Trust(spread**2, 0.0, 0.0, 0.0, spread**2, 0.0, 0.0, 0.0, 0.0))
+            write_trust(trust, n, Trust(spread**2, 0.0, 0.0, spread**2, 0.0, 0.0, 0.0, 0.0, 0.0))
         for g in range(load.size):
             for n in range(inside):
                 now = masses_of(masses, n)
@@ -242,9 +274,14 @@ def masses_along(  # type: ignore[no-untyped-def]
                 found[first + n, 2, g], found[first + n, 3, g] = now.theta_o, now.w_o
             if shown[g] == shown[g]:
                 for n in range(inside):
+                    own = masses_of(masses, n)
+                    grew = grown_until(
+                        float(g), own, trust_of(trust, n), fault_of(fault, n), constants_of(c, n),
+                        truer_of(truer, n), sensed_of(sensed, n), spacing,
+                    )  # fmt: skip
                     now, of_both, away, deviation = shown_at(
-                        g, shown[g], masses_of(masses, n), trust_of(trust, n), fault_of(fault, n),
-                        sensed_of(sensed, n), spacing, fixed[first + n, :, e],
+                        shown[g], own, grew, fault_of(fault, n), sensed_of(sensed, n),
+                        fixed[first + n, :, e],
                     )  # fmt: skip
                     write_masses(masses, n, now)
                     write_trust(trust, n, of_both)
@@ -253,6 +290,11 @@ def masses_along(  # type: ignore[no-untyped-def]
             for m in range(substeps if g < load.size - 1 else 0):
                 if m % _TURNS == 0:  # they turn by a few milliradians meanwhile
                     for n in range(lanes):
+                        write_trust(trust, n, grown_until(
+                            g + m / substeps, masses_of(masses, n), trust_of(trust, n),
+                            fault_of(fault, n), constants_of(c, n), truer_of(truer, n),
+                            sensed_of(sensed, n), spacing,
+                        ))  # fmt: skip
                         torque[n], ripple[n] = torque_of(
                             currents[g + 1], masses_of(masses, n), fault_of(fault, n),
                             constants_of(c, n), truer_of(truer, n), sensed_of(sensed, n), dt,
@@ -279,10 +321,14 @@ def masses_along(  # type: ignore[no-untyped-def]
                     trust[_RESTED, n] = end if masses[0, n] == 0.0 else trust[_RESTED, n]
                 while j < seen.shape[1] and seen[0, j] <= end:
                     for n in range(inside):
+                        at = masses_of(masses, n)
+                        grew = grown_until(
+                            seen[0, j], at, trust_of(trust, n), fault_of(fault, n),
+                            constants_of(c, n), truer_of(truer, n), sensed_of(sensed, n), spacing,
+                        )  # fmt: skip
                         now, of_both, away, deviation = commutated(
-                            seen[0, j], seen[1, j], end, masses_of(masses, n), trust_of(trust, n),
-                            fault_of(fault, n), constants_of(c, n), sensed_of(sensed, n), known,
-                            spacing, fixed[first + n, :, e],
+                            seen[0, j], seen[1, j], end, at, grew, fault_of(fault, n),
+                            constants_of(c, n), known, spacing, fixed[first + n, :, e],
                         )  # fmt: skip
                         write_masses(masses, n, now)
                         write_trust(trust, n, of_both)

@@ -224,16 +224,17 @@ class Motion:
     def states(self, grid: TimeGrid, actuator: Any, values: Values) -> np.ndarray:
         """Angle and speed of the motor and angle of the output (3, T) at times of a `grid`.
 
-        What was not recorded moves as at these values.
+        What was not recorded moves as at these values. The output is counted as the command is.
         """
+        zero = values.get(ZERO, 0.0)
         if self.masses is not None:
             moved = self.masses.moved(actuator, values)
-            seen = moved.output if self._output is None else self.output.values
+            seen = moved.output + zero if self._output is None else self.output.values
             return np.array([moved.motor, moved.speed, seen])[:, : grid.samples]
         every = grid.samples, grid.decimation
         motor, output = self.motor, self.output
         if self.follows:
-            followed = self.followed(grid.time, actuator, values)[0]
+            followed = self.followed(grid.time, actuator, values)[0] + zero
             return np.array([motor.finely(*every), motor.finely(*every, 1), followed])
         return np.array([motor.finely(*every), motor.finely(*every, 1), output.finely(*every)])
 

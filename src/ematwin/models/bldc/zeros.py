@@ -15,6 +15,7 @@ import numpy as np
 
 from ematwin.models.bldc.channels import phase_currents, projected, signed_current
 from ematwin.models.bldc.commutations import commutations
+from ematwin.models.bldc.faults import backlash_factor
 from ematwin.models.bldc.parameters import BldcActuator
 from ematwin.models.comparison import Placed
 from ematwin.numerics.signals import Remembered, white_noise
@@ -26,7 +27,7 @@ _SURE = math.radians(0.75)
 _AGREE = 12.0  # logarithm of the odds that dips agree by chance, at least
 MOST = math.radians(15.0)  # electrical: beyond, phases may be swapped, or another sixth is right
 COHERENT = 0.85  # of the mean square current that lies on the right shapes
-_FOUND = Remembered[float | None]()
+_FOUND = Remembered[list[float] | None]()
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,8 @@ def zeros(recording: Recording, actuator: BldcActuator) -> Zeros | None:
         found = zero_by_dips(recording, actuator)
     elif len(ways) == 2:
         steps = np.arange(-MOST, MOST + 0.5 * _COARSE, _COARSE)
-        found = _best(currents[every], angle, steps, ways)
+        if tops := _tops(currents[every], angle, steps, ways):
+            found = sum(tops) / len(tops)
     if found is not None and _SURE <= abs(found) <= MOST:
         electrical = found / pole_pairs
     lacks = Zeros(electrical, _apart(recording, actuator, electrical) if len(ways) == 2 else 0.0)
@@ -136,26 +138,41 @@ class Turned:
         )
 
 
-def turned(currents: np.ndarray, angle: np.ndarray, current: np.ndarray) -> Turned | None:
-    """Lag of the electrical angle (S,), rad, of a twin with a signed current (S,), A.
+def turned(
+    recording: Recording, actuator: BldcActuator, current: np.ndarray, motor: np.ndarray
+) -> Turned | None:
+    """Lag of an angle of the motor behind the phase currents of a recording.
 
-    ``currents`` (S, 3) are the phases as recorded. None where the rotor turned too little, or the
-    twin diverged.
+    A twin shows the sign of the ``current`` (S,), A, and the angle ``motor`` (S,), rad. An output
+    that was recorded shows it better, but for half of the gap to one side or the other. None
+    without currents, or where the motor turned too little or the twin diverged.
     """
-    every = slice(None, None, -(-len(angle) // _LOOKED_AT))
-    currents, angle, current = currents[every], angle[every], current[every]
-    whole = float(np.mean((0.5 * np.abs(currents).sum(axis=1)) ** 2))
+    currents = phase_currents(recording)
+    if currents is None:
+        return None
+    within = math.radians(10.0)
+    if recording.output_position is not None:
+        motor = actuator.transmission.ratio * recording.output_position
+        widest = actuator.transmission.backlash * backlash_factor(1.0)
+        within = 0.5 * actuator.motor.pole_pairs * widest
+    every = slice(1, None, -(-len(motor) // _LOOKED_AT))  # at first nothing has been simulated
+    angle = actuator.motor.pole_pairs * motor[every]
+    currents, current = currents[every], current[every]
     ways = _ways(angle)
-    if whole == 0.0 or not ways:
+    turning = np.any(ways, axis=0) if ways else np.zeros(len(angle), dtype=bool)
+    whole = float(np.sum((0.5 * np.abs(currents[turning]).sum(axis=1)) ** 2))
+    if whole == 0.0 or not np.isfinite(current).all():
         return None
     steps = np.arange(-np.pi, np.pi, 5.0 * _COARSE)
     alike = [float(current @ projected(currents, angle + step)) for step in steps]
-    nearby = steps[int(np.argmax(alike))] + np.arange(-10, 11) * _COARSE
-    best = _best(currents, angle, nearby, ways)
-    if best is None:  # no top nearby: nothing fits
-        best = float(nearby[10])
-    (share,) = _shares(currents, angle, np.array([best]))
-    return Turned(math.remainder(best, 2.0 * math.pi), share / whole, len(ways) < 2)
+    nearby = steps[int(np.argmax(alike))] + np.arange(-within, within + 0.5 * _COARSE, _COARSE)
+    tops = _tops(currents, angle, nearby, ways)
+    if tops is None:  # nothing fits
+        tops = [float(nearby[nearby.size // 2])] * len(ways)
+    pairs = zip(ways, tops, strict=True)
+    seen = sum(np.sum(projected(currents[way], angle[way] + top) ** 2) for way, top in pairs)
+    lag = math.remainder(sum(tops) / len(tops), 2.0 * math.pi)
+    return Turned(lag, float(seen) / whole, len(ways) < 2)
 
 
 def _ways(angle: np.ndarray) -> list[np.ndarray]:
@@ -168,19 +185,19 @@ def _ways(angle: np.ndarray) -> list[np.ndarray]:
     return [way for way in ways if np.abs(moved[way]).sum() >= 2.0 * across * 2.0 * np.pi]
 
 
-def _best(
+def _tops(
     currents: np.ndarray, angle: np.ndarray, steps: np.ndarray, ways: list[np.ndarray]
-) -> float | None:
-    """The mean over ways of the angle with most current, near ``steps``; None at their ends."""
+) -> list[float] | None:
+    """For each way the angle with most current, near ``steps``; None at their ends."""
 
-    def look() -> float | None:
+    def look() -> list[float] | None:
         found = []
         for way in ways:
             best = int(np.argmax(_shares(currents[way], angle[way], steps)))
             if best in (0, len(steps) - 1):
                 return None
             found.append(_refined(currents[way], angle[way], float(steps[best])))
-        return sum(found) / len(found)
+        return found
 
     return _FOUND.of((currents, angle, steps, *ways), look)
 

@@ -16,12 +16,19 @@ from ematwin.models.bldc.channels import (
     trapezoid_shape,
 )
 from ematwin.models.bldc.commutations import commutations, divided
-from ematwin.models.bldc.constants import TruerState, kernel_constants, truer_constants
+from ematwin.models.bldc.constants import (
+    TruerState,
+    fault_state,
+    kernel_constants,
+    truer_constants,
+)
 from ematwin.models.bldc.faults import Faults
-from ematwin.models.bldc.masses_filter import Sensed, evened, masses_along
+from ematwin.models.bldc.masses_filter import Sensed, evened, growth_rates, masses_along
 from ematwin.models.bldc.motion import Motion, has_motion, output_along
 from ematwin.models.bldc.motor import SIXTH_TURN
 from ematwin.models.bldc.parameters import BldcActuator
+from ematwin.numerics.compile import plain
+from ematwin.numerics.friction import fading, sliding_torque
 from ematwin.numerics.signals import LowPass
 from naive import along_motion as naive
 from naive import another_actuator, truer
@@ -354,11 +361,85 @@ def test_masses_are_found_again_where_friction_is_far_off(share):
     record = recorded(structure, actuator, faults=faults, noise=0.02)
     without = record.changed(motor_position=None, output_position=None)
     masses = Motion(without, actuator).masses
-    begins = masses.begins.get("friction", 0.0)
+    begins = masses.begins(actuator, {}).get("friction", 0.0)
     assert abs(begins - share) <= 0.2
     known = Motion(record, actuator).motor.values
     moved = masses.moved(actuator, {"friction": begins})
     assert np.abs(moved.motor - known).max() < 0.3  # rad, of sectors of 0.5
+
+
+def test_the_output_tells_a_gap_that_is_far_off_and_where_the_motor_is_after_a_rest():
+    structure, actuator = as_built()
+    time, faults = np.arange(0.0, 0.6, 5e-5), {"friction": 0.3, "backlash": 0.4}
+    command = 0.006 * np.clip((time - 0.02) / 0.1, 0.0, 1.0)
+    command -= 0.006 * np.clip((time - 0.35) / 0.1, 0.0, 1.0)
+    parameters = another_actuator.parameters_of(actuator)
+    record = another_actuator.simulate(
+        parameters, time, command, None, faults, structure, noise=0.02, bits=None
+    )
+    lacks = record.changed(motor_position=None)
+    assert Motion(lacks, actuator).masses.begins(actuator, {}) == faults
+    masses = Motion(lacks, actuator, faults).masses
+    moved = masses.moved(actuator, faults)
+    assert masses.unexplained(actuator, faults) < 0.2  # of a gap so wide, by one impact
+    known = Motion(record, actuator).motor.values
+    assert np.sqrt(np.mean((moved.motor - known) ** 2)) < 0.01  # rad
+    # each is about as far off as the filter says
+    assert 0.7 < np.sqrt(np.mean(moved.left**2)) < 1.5
+
+
+def test_command_and_output_may_be_counted_from_elsewhere():
+    structure, actuator = as_built()
+    record = recorded(structure, actuator, faults=FAULTS, noise=0.02).changed(motor_position=None)
+    away, ratio, lefts = 0.02, actuator.transmission.ratio, []
+    for zero in (0.0, away):
+        moved = {one: getattr(record, one) + zero / ratio for one in ("command", "output_position")}
+        given = {**FAULTS, "output_zero": zero}
+        motion = Motion(record.changed(**moved), actuator, given)
+        lefts.append(along_motion.Controller(motion, LowPass()).left(actuator, given))
+    np.testing.assert_allclose(lefts[1], lefts[0], atol=1e-6)
+
+
+def test_errors_of_a_speed_grow_where_friction_falls_with_speed():
+    _, actuator = as_built()
+    c, truer, step = kernel_constants(actuator), truer_constants(actuator), 1e-4
+    fault = plain(fault_state)(Faults.of({"friction": 0.3}).vector, c.half_gap)
+
+    def torque(speed, dynamic):
+        fade = plain(fading)(speed, truer.presliding_stribeck_speed)
+        return plain(sliding_torque)(fault.friction * dynamic, c.static_ratio, fade)
+
+    for speed in (0.0, 2.0, 7.0, 30.0):
+        of_motor, of_output = (
+            (torque(speed, dynamic) - torque(speed + step, dynamic)) / step
+            for dynamic in (c.t_m, c.t_o)
+        )
+        rates = plain(growth_rates)(speed, fault, c, truer)
+        expected = (
+            (of_motor - c.viscous) / actuator.motor.inertia,
+            of_output / actuator.transmission.output_inertia,
+            (of_motor + of_output - c.viscous) * c.mobility_both,
+        )
+        np.testing.assert_allclose(rates, expected, rtol=1e-3, atol=0.1)
+
+
+def test_commutations_are_told_to_a_share_of_a_sample():
+    structure, actuator = as_built()
+    time = np.arange(0.0, 0.5, 5e-5)
+    command = 0.005 * np.sin(2.0 * np.pi * (5.0 + 12.0 * time) * time)
+    for rate in (20e3, 10e3, 5e3):
+        record = another_actuator.simulate(
+            another_actuator.parameters_of(actuator), time, command, None, FAULTS, structure,
+            sample_rate=rate,
+        )  # fmt: skip
+        seen = commutations(phase_currents(record), rate, actuator)
+        samples, motor = np.arange(len(record)), record.motor_position
+        angle, speed = (
+            np.interp(seen.when, samples, x) for x in (motor, np.gradient(motor, 1.0 / rate))
+        )
+        away = np.array([math.remainder(x, seen.turn) for x in seen.angle - angle])
+        late = away[np.abs(speed) > 20.0] / speed[np.abs(speed) > 20.0]
+        assert 0.3 * seen.jitter < np.sqrt(np.mean(late**2)) < 1.5 * seen.jitter
 
 
 def test_motor_and_output_keep_their_momentum_where_counts_are_coarse():
