@@ -11,11 +11,13 @@ from functools import partial
 from itertools import product
 from typing import Any
 
+import numpy as np
+
 from ematwin.models.bldc.along_currents import LEAST, Masses
 from ematwin.models.bldc.along_motion import Controller
 from ematwin.models.bldc.balance import Contact, Crossing, TorqueBalance
 from ematwin.models.bldc.counts import comparable_cutoff
-from ematwin.models.bldc.faults import HELD, LOAD, ZERO
+from ematwin.models.bldc.faults import HELD, LOAD, ZERO, backlash_factor
 from ematwin.models.bldc.motion import Motion, has_motion
 from ematwin.models.optional import FIRST_SAMPLE, Equation, Form, Values, with_values
 from ematwin.models.servo import possible_coggings
@@ -362,6 +364,11 @@ def _mechanics(balance: TorqueBalance) -> Equation:
 def _contact(balance: TorqueBalance, actuator: Any, values: Values) -> Equation:
     """The twist of the gear, on the faces that push at these values."""
     contact = Contact(balance, actuator, values)
+    # a gap that is wider than the twist would leave no face to push
+    low, high = np.quantile(balance.motion.twist(), (0.01, 0.99))
+    factors = backlash_factor(0.0), backlash_factor(1.0)
+    wider = float(high - low) / actuator.transmission.backlash
+    begins = {"backlash": float(np.interp(wider, factors, (0.0, 1.0)))}
     return Equation(
         "contact", contact.left, contact.size, contact.least,
         ("transmission.backlash", "transmission.output_inertia", *_FRICTION), (COMPLIANT,),
@@ -369,6 +376,7 @@ def _contact(balance: TorqueBalance, actuator: Any, values: Values) -> Equation:
         rests="mechanics", judged=False,
         at=lambda values, *_: _contact(balance, actuator, values),
         alike=lambda actuator: LEAST,
+        begins=lambda: begins,
     )  # fmt: skip
 
 

@@ -24,6 +24,7 @@ from ematwin.models.bldc.constants import (
 )
 from ematwin.models.bldc.faults import Faults
 from ematwin.models.bldc.masses_filter import Sensed, evened, growth_rates, masses_along
+from ematwin.models.bldc.model import MODEL
 from ematwin.models.bldc.motion import Motion, has_motion, output_along
 from ematwin.models.bldc.motor import SIXTH_TURN
 from ematwin.models.bldc.parameters import BldcActuator
@@ -398,6 +399,14 @@ def test_command_and_output_may_be_counted_from_elsewhere():
         motion = Motion(record.changed(**moved), actuator, given)
         lefts.append(along_motion.Controller(motion, LowPass()).left(actuator, given))
     np.testing.assert_allclose(lefts[1], lefts[0], atol=1e-6)
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.3])
+def test_the_recorded_twist_tells_from_which_gap_to_set_out(gap):
+    structure, actuator = as_built(10_000)
+    record = recorded(structure, actuator, faults={"backlash": gap}, noise=0.02)
+    each = {one.name: one for one in MODEL.equations(record, actuator, {})}
+    assert each["contact"].begins()["backlash"] == pytest.approx(gap, abs=0.01)
 
 
 def test_errors_of_a_speed_grow_where_friction_falls_with_speed():
