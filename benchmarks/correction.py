@@ -14,8 +14,6 @@ converter of 12 bits. Seeds are of this benchmark alone. Prints a Markdown table
 measure), how many have a verdict, answers of the reference, and of all magnitudes errors over
 standard errors (root mean square) and the share that intervals hold.
 
-With ``--motions`` judged recordings are of other commands and sample rates, half of them healthy.
-
 With ``--unstated`` recordings are of a simulator that shares no code with the twin
 (tests/naive/another_actuator.py), the file states no form, and calibration has to find them:
 position gains of 40 to 80 1/s, stated to 1 %, loops of 50 to 125 us, encoders of 2,000 to 20,000
@@ -24,6 +22,8 @@ eight parameters off. Prints how many forms were found, missed and not there, ho
 were refused, verdicts, how many of all recordings have every fault of 0.1 and more named,
 verdicts that are silently wrong (a fault off by 0.01, and outside its
 interval by half of its half width), and Err%. With ``--mixtures 0`` forms alone are looked for.
+With ``--motions`` judged recordings are of other commands and sample rates, in turn, and every
+second round of them is of the healthy drive.
 """
 
 import argparse

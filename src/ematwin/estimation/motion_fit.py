@@ -66,7 +66,7 @@ def nearer(
 
 
 class MotionFit:
-    """Some equations with their priors, about coordinates ``z`` (1, d)."""
+    """Some equations with their priors; a fit begins at coordinates ``z`` (1, d)."""
 
     def __init__(
         self,

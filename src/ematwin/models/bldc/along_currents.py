@@ -3,11 +3,12 @@
 Nothing is fed back by the controller: the torque of the recorded currents moves both masses, and
 each of the `commutations`, and the output's angle where that was recorded, corrects angle and speed
 by a Kalman filter (Kalman 1960, J. Basic Eng. 82, 35-45), so that a torque that is a little wrong
-does not add up. The angle that was seen less the one expected, in standard deviations, is white if
-the actuator is right. These innovations are the residual of the mechanics (prediction-error method;
-Ljung 1999, System Identification, section 3.2). How noisy the acceleration is follows from them by
-maximum likelihood (Mehra 1970, IEEE Trans. Autom. Control 15(2), 175-184): where the actuator is
-known badly, the filter trusts it less.
+does not add up. It is an extended one: errors of a speed grow where friction falls with speed. The
+angle that was seen less the one expected, in standard deviations, is white if the actuator is
+right. These innovations are the residual of the mechanics (prediction-error method; Ljung 1999,
+System Identification, section 3.2). How noisy the acceleration is follows from them by maximum
+likelihood (Mehra 1970, IEEE Trans. Autom. Control 15(2), 175-184): where the actuator is known
+badly, the filter trusts it less.
 """
 
 import copy

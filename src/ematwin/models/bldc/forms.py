@@ -364,11 +364,14 @@ def _mechanics(balance: TorqueBalance) -> Equation:
 def _contact(balance: TorqueBalance, actuator: Any, values: Values) -> Equation:
     """The twist of the gear, on the faces that push at these values."""
     contact = Contact(balance, actuator, values)
-    # a gap that is wider than the twist would leave no face to push
-    low, high = np.quantile(balance.motion.twist(), (0.01, 0.99))
-    factors = backlash_factor(0.0), backlash_factor(1.0)
-    wider = float(high - low) / actuator.transmission.backlash
-    begins = {"backlash": float(np.interp(wider, factors, (0.0, 1.0)))}
+
+    def begins() -> Values:
+        # a gap that is wider than the twist would leave no face to push
+        low, high = np.quantile(balance.motion.twist(), (0.01, 0.99))
+        wider = float(high - low) / actuator.transmission.backlash
+        factors = backlash_factor(0.0), backlash_factor(1.0)
+        return {"backlash": float(np.interp(wider, factors, (0.0, 1.0)))}
+
     return Equation(
         "contact", contact.left, contact.size, contact.least,
         ("transmission.backlash", "transmission.output_inertia", *_FRICTION), (COMPLIANT,),
@@ -376,7 +379,7 @@ def _contact(balance: TorqueBalance, actuator: Any, values: Values) -> Equation:
         rests="mechanics", judged=False,
         at=lambda values, *_: _contact(balance, actuator, values),
         alike=lambda actuator: LEAST,
-        begins=lambda: begins,
+        begins=begins,
     )  # fmt: skip
 
 

@@ -155,14 +155,14 @@ def test_motions_are_even_between_corrections():
     assert not found[0, 2:].any()
 
 
-def recorded(structure, actuator, duration=0.4, faults=None, noise=0.0):
+def recorded(structure, actuator, duration=0.4, faults=None, noise=0.0, rate=20e3):
     """A recording of the simulator of other make, without rounding."""
     time = np.arange(0.0, duration, 5e-5)
     command = 0.005 * np.sin(2.0 * np.pi * (5.0 + 12.0 * time) * time)
     load = np.where(time > 0.25, 10.0, 0.0)
     parameters = another_actuator.parameters_of(actuator)
     return another_actuator.simulate(
-        parameters, time, command, load, faults, structure, noise=noise, bits=None
+        parameters, time, command, load, faults, structure, noise=noise, bits=None, sample_rate=rate
     )
 
 
@@ -434,13 +434,8 @@ def test_errors_of_a_speed_grow_where_friction_falls_with_speed():
 
 def test_commutations_are_told_to_a_share_of_a_sample():
     structure, actuator = as_built()
-    time = np.arange(0.0, 0.5, 5e-5)
-    command = 0.005 * np.sin(2.0 * np.pi * (5.0 + 12.0 * time) * time)
     for rate in (20e3, 10e3, 5e3):
-        record = another_actuator.simulate(
-            another_actuator.parameters_of(actuator), time, command, None, FAULTS, structure,
-            sample_rate=rate,
-        )  # fmt: skip
+        record = recorded(structure, actuator, 0.5, FAULTS, noise=0.02, rate=rate)
         seen = commutations(phase_currents(record), rate, actuator)
         samples, motor = np.arange(len(record)), record.motor_position
         angle, speed = (
