@@ -316,8 +316,9 @@ def with_model_error(found: Corrected, threads: int | None = None) -> Corrected:
     error = moved.T @ moved / len(moved)
     scatter = float(np.median([problem.data_cost(change) for change in changes]))
     nearer = replace(peak, problem=with_discrepancy(problem, peak.cost, scatter))
-    closed = problem.lacks_forms and not problem.is_told  # the closed loop decides
-    ripple = reference_scatter(problem, peak.point) if closed else 0.0
+    ripple = problem.relative_misfit(scatter) if problem.is_told else 0.0
+    if problem.lacks_forms and not problem.is_told:  # the closed loop decides
+        ripple = reference_scatter(problem, peak.point)
     costs = [problem.data_cost(peak.residuals + change) for change in changes]
     return replace(
         found, peak=nearer, model_error=error, scatter=ripple,

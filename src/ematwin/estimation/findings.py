@@ -112,9 +112,9 @@ def obstacles_to(
         misfit = found.problem.relative_misfit(assessed.cost)
     known = None if assessed.joint is None else assessed.joint.peaks[0].problem.information
     if known is not None and known.whole and baseline.recordings:
-        # errors of the equations count in the intervals; loops near instability leave much of
-        # healthy recordings too
-        limit = max(WORST, WORSE * baseline.misfit)
+        # errors of the equations count in the intervals; behind encoders and near instability
+        # answers of the reference within these differ by as much as a recording from any of them
+        limit = max(WORST, min(HOPELESS, WORSE * max(baseline.misfit, assessed.scatter)))
         if known.unexplained > WORST:
             beside = f" along its motion (in closed loop {100.0 * misfit:.2g} %)"
             misfit, limit = known.unexplained, WORST
@@ -127,11 +127,9 @@ def obstacles_to(
             "the load and all currents and positions, here and for calibrate."
         )
     if misfit > max(limit, WORSE * problem.expected_misfit):
-        usual = (
-            f"healthy recordings left {100.0 * baseline.misfit:.2f} %"
-            if baseline.recordings and limit != WORST
-            else f"a good fit leaves less than {100.0 * limit:.2g} %"
-        )
+        usual = f"a good fit leaves less than {100.0 * limit:.2g} %"
+        if baseline.recordings and limit == WORSE * baseline.misfit:
+            usual = f"healthy recordings left {100.0 * baseline.misfit:.2f} %"
         told += [unexplained(misfit, usual, beside), *late_channel(problem, assessed.values)]
     else:
         told += _unexplained_channel(problem, assessed, baseline, limit)

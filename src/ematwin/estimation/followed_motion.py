@@ -24,7 +24,8 @@ from ematwin.models.parameter_set import ParameterSet
 from ematwin.numerics.lanes import LANES
 from ematwin.numerics.side_by_side import in_blocks
 
-_REGRESSIONS = 15  # at most; mostly seven
+_REGRESSIONS = 30  # at most; mostly seven
+_IN_VAIN = 3  # of them, in succession, that lead nowhere
 _FIRST = 0.3  # of what is known beforehand: as far as the first one looks
 _SHARES = (0.0, 1.0, 0.5, 0.25, 0.1)  # of a step to what a regression promises
 _TELLS = 0.7  # of an equation, mean square weight: where jumps leave less, no fit ends
@@ -159,27 +160,30 @@ def followed(
     def fit_with(width: np.ndarray) -> Regression:
         return Regression(actuator, problem, z, every, remainders, aliases, (), width)
 
-    before, last = math.inf, None
+    before, last, ahead, settled, stayed = math.inf, None, like is None, False, 0
     for _ in range(_REGRESSIONS):
-        every = nearer(every, problem, z, remainders, like is None)
+        every = every if settled else nearer(every, problem, z, remainders, ahead)
         fit = fit_with(width)
         if not np.isfinite(fit.residuals(z)).all():
             return None
-        z, moved = fit.regressed(z, most, last)
+        here = z
+        z, moved = fit.regressed(here, most, last)
+        stayed = stayed + 1 if np.array_equal(z, here) else 0
         assert fit.information is not None
         width, gained, last = fit.information, before - fit.cost, fit.promise
         # beside another problem noise is the same each time
-        if moved < _STAYS**2 * len(fit.free) or (like is not None and gained < WORTH):
+        settled = moved < _STAYS**2 * len(fit.free) or (like is not None and gained < WORTH)
+        settled |= stayed == _IN_VAIN
+        if settled and not ahead:
             break
         before = fit.cost
-    if like is None:
-        noise = [along.equation.noise for along in every]
-        every, found = nearer(every, problem, z, remainders), fit.finds_first_samples(z)
-        if found:
-            problem = problem.sampled_first(fit.first_samples)
-        if found or noise != [along.equation.noise for along in every]:
-            fit = fit_with(width)
-            z, _ = fit.regressed(z, most)
+        if settled:  # no estimate will be nearer: what this one is wrong by counts as noise
+            noise, ahead = [along.equation.noise for along in every], False
+            every, found = nearer(every, problem, z, remainders), fit.finds_first_samples(z)
+            if found:
+                problem = problem.sampled_first(fit.first_samples)
+            elif noise == [along.equation.noise for along in every]:
+                break
     if like is not None and fit.counts_more():
         z, _ = fit.regressed(z, most)
     return problem, fit, z

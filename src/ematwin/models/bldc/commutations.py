@@ -64,15 +64,20 @@ def commutations(currents: np.ndarray, rate: float, actuator: BldcActuator) -> C
     before, after = clear[:-1], clear[1:]
     some = (idle[before] != idle[after]) & (after - before <= _LONGEST)
     before, after = before[some], after[some]
-    # the current of a phase that ends, by the mean of two samples
-    ends = idle[after]
-    carried = 0.5 * (currents[before, ends] + currents[np.maximum(before - 1, 0), ends])
-    between = before[:, None] + np.arange(1, _LONGEST + 1)
-    shares = currents[np.minimum(between, len(currents) - 1), ends[:, None]] / carried[:, None]
-    shares = np.where(between <= after[:, None], np.clip(shares, 0.0, 1.0), 0.0)
-    falls = 0.5 * _falling_time(np.abs(carried), actuator) * rate
     # c and b change at 90 degrees, and so on; in the middle of two boundaries b is open
-    third = 3 - idle[before] - idle[after]  # the phase that carries on
+    ends, third = idle[after], 3 - idle[before] - idle[after]  # which carries on
+    between = before[:, None] + np.arange(1, _LONGEST + 1)
+    inside, between = between <= after[:, None], np.minimum(between, len(currents) - 1)
+    # where it carries nothing meanwhile, the current had ended before the phase
+    some = np.all(np.abs(currents[between, third[:, None]]) > _CLEAR * noise, axis=1, where=inside)
+    before, ends, third, between, inside = (
+        one[some] for one in (before, ends, third, between, inside)
+    )
+    # the current of a phase that ends, by the mean of two samples
+    carried = 0.5 * (currents[before, ends] + currents[np.maximum(before - 1, 0), ends])
+    shares = currents[between, ends[:, None]] / carried[:, None]
+    shares = np.where(inside, np.clip(shares, 0.0, 1.0), 0.0)
+    falls = 0.5 * _falling_time(np.abs(carried), actuator) * rate
     sector = SIXTH_TURN / actuator.motor.pole_pairs  # on the shaft
     near = np.full(len(currents), math.nan)
     near[clear] = sector * (2.0 * idle[clear])

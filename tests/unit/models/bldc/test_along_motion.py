@@ -446,6 +446,17 @@ def test_commutations_are_told_to_a_share_of_a_sample():
         assert 0.3 * seen.jitter < np.sqrt(np.mean(late**2)) < 1.5 * seen.jitter
 
 
+@pytest.mark.parametrize("ends", [False, True], ids=["carried on", "ended before"])
+def test_a_phase_that_carries_nothing_when_it_changes_tells_no_commutation(ends):
+    sizes = np.ones(40)
+    if ends:  # the current passes zero as b hands over to c
+        sizes[16:24] = np.r_[0.6, 0.3, 0.1, 0.0, 0.0, 0.1, 0.3, 0.6]
+    first = np.arange(40) < 20
+    currents = np.column_stack([sizes, -sizes * first, -sizes * ~first])
+    currents += 0.01 * np.random.default_rng(0).standard_normal(currents.shape)
+    assert commutations(currents, 20e3, as_built()[1]).when.size == (not ends)
+
+
 def test_motor_and_output_keep_their_momentum_where_counts_are_coarse():
     """Aided by the load, the output leaves its face in each turn; its own counts are fine."""
     structure, actuator = as_built(2_000)
