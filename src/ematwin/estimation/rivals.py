@@ -24,6 +24,7 @@ from ematwin.estimation.constants import (
     HOPELESS,
     SIGMAS,
     SMALLEST,
+    WORST,
 )
 from ematwin.estimation.correction import corrected
 from ematwin.estimation.descent import Descent, TooFarError
@@ -187,18 +188,21 @@ class _First:
         start = starts[best]
         as_found = _start(given, given.names, {**self.values, **form.starts[best]})
         # equations along the motion may exclude a form, however well it fits the closed loop
-        most = math.inf
-        if peak.problem.is_informed and not self.unexplained:
+        own, most = peak.problem.information, math.inf
+        if own is not None and not self.unexplained:
             noise = peak.problem.comparisons[0].model_error * peak.problem.noise
-            most = DECIDES + height(peak, noise)
+            most = own.wider**2 * (DECIDES + height(peak, noise))
         try:
             along = informed(self.model, form.actuator, given, as_found, most, like=peak.problem)
         except TooFarError:
             return None
+        known = along and along[0].information
+        if own and own.whole and not (known and known.unexplained <= max(WORST, own.unexplained)):
+            return None  # where equations tell all, the closed loop alone excludes no answer
         full, start = along or (given, start)
         smooth = peak.problem.smoothed()
         left = smooth.relative_misfit(smooth.data_cost(smooth.residuals(peak.point[None])[0]))
-        known = {
+        limits = {
             "within": (1.0 if self.unexplained else _FAR) * left,
             "settled": AS_GOOD * peak.problem.relative_misfit(peak.cost),
             "least": NOTHING,
@@ -206,7 +210,9 @@ class _First:
 
         def descended_from(start: np.ndarray) -> list[_End]:
             try:
-                end = self._descended(form.actuator, full, start, _information(peak, full), **known)
+                end = self._descended(
+                    form.actuator, full, start, _information(peak, full), **limits
+                )
             except TooFarError:
                 return []
             return [_End(end, risen(peak, end))]
@@ -243,7 +249,10 @@ class _First:
         beside = {name: x for name, x in found.items() if name not in own}
         for names in (self.problem.names, full.names):
             point = _start(full, names, {**self.values, **beside})
-            rise = max(rise, risen(self._descended(self.actuator, full, point), end.peak))
+            # as many regressions as the other form has had
+            along = full.is_told and informed(self.model, self.actuator, full, point, like=full)
+            again, point = along or (full, point)
+            rise = max(rise, risen(self._descended(self.actuator, again, point), end.peak))
             if rise >= -DECIDES:
                 break
         return end._replace(rise=rise)

@@ -137,7 +137,8 @@ class Masses:
             # beside a wrong gap it hides how the motor turns; in rests it alone tells
             shown = self._with(noise=self._likeliest(actuator, [values])[1])
             turns = [one.moved(actuator, values).of_turns for one in (best, shown)]
-            if best.noise.density <= near or turns[1] > turns[0] + _CLEARLY:
+            agrees = shown.noise.density <= max(best.noise.density, near)
+            if agrees or turns[1] > turns[0] + _CLEARLY:
                 best = shown
         if self._currents.shape[1] == 1 and best.noise.density <= near:
             # such a motion tells turns better than that near which it was
@@ -165,11 +166,12 @@ class Masses:
         return tried[int(np.argmax(in_blocks(log_densities, tried, LANES)))]
 
     def begins(self, actuator: Any, values: Values) -> Values:
-        """Faults that are likelier than those of values, where these explain little.
+        """Faults that are likelier than those of values, where these explain little, or no output.
 
         Between commutations a motor is lost whose friction is far off, and an output whose gap is.
         """
-        if self.noise.density <= _LOST * self._usual.density:
+        known = self._output is None or math.isfinite(self.noise.output)
+        if known and self.noise.density <= _LOST * self._usual.density:
             return {}
         some = [{**values, "friction": one} for one in _FRICTIONS]
         if self._output is not None:
