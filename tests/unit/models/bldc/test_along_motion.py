@@ -380,7 +380,11 @@ def test_the_output_tells_a_gap_that_is_far_off_and_where_the_motor_is_after_a_r
     )
     lacks = record.changed(motor_position=None)
     assert Motion(lacks, actuator).masses.begins(actuator, {}) == faults
+    for gap in (0.36, 0.44):  # the output counts beside a gap that is a little wrong
+        given = {**faults, "backlash": gap}
+        assert math.isfinite(Motion(lacks, actuator, given).masses.noise.output)
     masses = Motion(lacks, actuator, faults).masses
+    assert masses.begins(actuator, faults) == {}
     moved = masses.moved(actuator, faults)
     assert masses.unexplained(actuator, faults) < 0.2  # of a gap so wide, by one impact
     known = Motion(record, actuator).motor.values
