@@ -68,13 +68,14 @@ def commutations(currents: np.ndarray, rate: float, actuator: BldcActuator) -> C
     ends, third = idle[after], 3 - idle[before] - idle[after]  # which carries on
     between = before[:, None] + np.arange(1, _LONGEST + 1)
     inside, between = between <= after[:, None], np.minimum(between, len(currents) - 1)
-    # where it carries nothing meanwhile, the current had ended before the phase
-    some = np.all(np.abs(currents[between, third[:, None]]) > _CLEAR * noise, axis=1, where=inside)
-    before, ends, third, between, inside = (
-        one[some] for one in (before, ends, third, between, inside)
-    )
     # the current of a phase that ends, by the mean of two samples
     carried = 0.5 * (currents[before, ends] + currents[np.maximum(before - 1, 0), ends])
+    # where the other one carries nothing meanwhile, the current had ended before the phase
+    some = np.all(np.abs(currents[between, third[:, None]]) > _CLEAR * noise, axis=1, where=inside)
+    some &= carried != 0.0
+    before, ends, third, between, inside, carried = (
+        one[some] for one in (before, ends, third, between, inside, carried)
+    )
     shares = currents[between, ends[:, None]] / carried[:, None]
     shares = np.where(inside, np.clip(shares, 0.0, 1.0), 0.0)
     falls = 0.5 * _falling_time(np.abs(carried), actuator) * rate
