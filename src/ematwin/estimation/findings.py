@@ -130,6 +130,8 @@ def obstacles_to(
         usual = f"a good fit leaves less than {100.0 * limit:.2g} %"
         if baseline.recordings and limit == WORSE * baseline.misfit:
             usual = f"healthy recordings left {100.0 * baseline.misfit:.2f} %"
+        elif limit == WORSE * assessed.scatter:
+            usual = f"its answers within the intervals differ by {100.0 * assessed.scatter:.2g} %"
         told += [unexplained(misfit, usual, beside), *late_channel(problem, assessed.values)]
     else:
         told += _unexplained_channel(problem, assessed, baseline, limit)

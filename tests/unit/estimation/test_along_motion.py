@@ -276,6 +276,8 @@ def test_equations_that_show_every_fault_check_beside_the_closed_loop(
     assert len(only) == (not whole)  # a closed loop that leaves half of healthy ones judges nothing
     told = [text for text in told if text not in only]
     assert [text[: text.index(" unexplained")].removeprefix("The twin ") for text in told] == said
+    by_scatter = [text for text in told if "within the intervals differ by 20 %" in text]
+    assert len(by_scatter) == (scatter == 0.2)
     for text in told:  # whose share it is, where the table states another one
         assert ("along its motion (in closed loop" in text) == (left == 0.4)
 
