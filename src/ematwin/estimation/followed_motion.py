@@ -173,7 +173,7 @@ def followed(
         width, gained, last = fit.information, before - fit.cost, fit.promise
         # beside another problem noise is the same each time
         settled = moved < _STAYS**2 * len(fit.free) or (like is not None and gained < WORTH)
-        settled |= stayed == _IN_VAIN
+        settled |= stayed >= _IN_VAIN
         if settled and not ahead:
             break
         before = fit.cost
@@ -184,6 +184,10 @@ def followed(
                 problem = problem.sampled_first(fit.first_samples)
             elif noise == [along.equation.noise for along in every]:
                 break
+    if ahead:  # they came to no end
+        every = nearer(every, problem, z, remainders)
+        fit = fit_with(width)
+        z, _ = fit.regressed(z, most)
     if like is not None and fit.counts_more():
         z, _ = fit.regressed(z, most)
     return problem, fit, z
