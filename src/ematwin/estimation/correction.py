@@ -316,8 +316,10 @@ def with_model_error(found: Corrected, threads: int | None = None) -> Corrected:
     error = moved.T @ moved / len(moved)
     scatter = float(np.median([problem.data_cost(change) for change in changes]))
     nearer = replace(peak, problem=with_discrepancy(problem, peak.cost, scatter))
-    ripple = problem.relative_misfit(scatter) if problem.is_told else 0.0
-    if problem.lacks_forms and not problem.is_told:  # the closed loop decides
+    ripple = 0.0
+    if problem.is_told:
+        ripple = problem.relative_misfit(scatter)
+    elif problem.lacks_forms:  # the closed loop decides
         ripple = reference_scatter(problem, peak.point)
     costs = [problem.data_cost(peak.residuals + change) for change in changes]
     return replace(
