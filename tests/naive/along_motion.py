@@ -99,8 +99,8 @@ def masses(actuator, faults, currents, load, dt, every, seen, known, begin, show
     """Angles (2, S) of motor and output, and what was seen beside them (K, 2).
 
     ``currents`` are means of ``every`` steps ``dt``, of the phases (S, 3) or of the two that
-    conduct (S, 1); ``seen`` rows of time (s) and angle, ``known`` their jitter (s), the turn up to
-    which angles are known, the density of the acceleration's noise, and the share of what is no
+    conduct (S, 1); ``seen`` rows of time (s), angle and jitter (s), ``known`` the turn up to which
+    angles are known, the density of the acceleration's noise, and the share of what is no
     commutation in a sector; ``begin`` the angle at first and its standard deviation; ``shown``
     angles of the output by sample, of a standard deviation ``of_output``. A Kalman filter in
     matrices: state [angle, speed], white noise of the acceleration between what is seen, and speeds
@@ -108,7 +108,7 @@ def masses(actuator, faults, currents, load, dt, every, seen, known, begin, show
     """
     gear, windings = actuator.transmission, truer.Windings(actuator, faults)
     worn, half_gap = 1 + 2 * faults.friction, gear.backlash / 2 * (1 + 99 * faults.backlash)
-    jitter, turn, density, others = known
+    turn, density, others = known
     pairs = [(1, -1, 0), (1, 0, -1), (0, 1, -1), (-1, 1, 0), (-1, 0, 1), (0, -1, 1)]
     sector = math.radians(60.0) / actuator.motor.pole_pairs
     x_m, w_m, x_o, w_o = begin[0], 0.0, begin[0], 0.0
@@ -165,7 +165,7 @@ def masses(actuator, faults, currents, load, dt, every, seen, known, begin, show
         x_m, x_o = x_m + dt * w_m, x_o + dt * w_o
         rested = (step + 1) * dt if w_m == 0 else rested
         while waiting and waiting[0][0] <= (step + 1) * dt:
-            time, angle = waiting.pop(0)
+            time, angle, jitter = waiting.pop(0)
             touch = abs(x_m - x_o) >= half_gap
             moved = actuator.motor.inertia + (gear.output_inertia if touch else 0.0)
             covariance = grown(covariance, time - last, moved)

@@ -281,9 +281,9 @@ class Masses:
             *(np.array(every, dtype=float) for every in rows),
             self._sheet.transmission.backlash,  # they stand somewhere in the gap
             self._currents, self._load, 1.0 / self._rate,
-            math.ceil(1.0 / (self._rate * self._step) - 1e-9), np.array(seen[:2]), seen.near,
-            self._shown_by(keys[0][2]),
-            np.array([seen.jitter, seen.turn, seen.within, seen.other]),
+            math.ceil(1.0 / (self._rate * self._step) - 1e-9),
+            np.array([seen.when, seen.angle, seen.jitter]), seen.near,
+            self._shown_by(keys[0][2]), np.array([seen.turn, seen.within, seen.other]),
         )  # fmt: skip
         evened(found, fixed, when, self._rate)
         each, spreads = left[:, 0] / left[:, 1], left[:, 1]
@@ -328,11 +328,14 @@ class Masses:
     def seen_anew(self, seed: int) -> "Masses":
         """The same with other noise of commutations, and of the acceleration by its density."""
         rng, seen = np.random.default_rng(seed), self._seen
-        late = self._seen.jitter * self._rate * rng.standard_normal(seen.when.size)
+        when = seen.when + seen.jitter * self._rate * rng.standard_normal(seen.when.size)
+        order = np.argsort(when)
         noise = np.array([white_noise(x) for x in self._currents.T])
         noise *= math.sqrt(self.noise.density / self._usual.density)
         return self._with(
-            _seen=seen._replace(when=np.sort(seen.when + late)),
+            _seen=seen._replace(
+                when=when[order], angle=seen.angle[order], jitter=seen.jitter[order]
+            ),
             _output=None
             if self._output is None
             else self._output + self._usual.output * rng.standard_normal(len(self._load)),

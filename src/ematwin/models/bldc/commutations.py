@@ -20,6 +20,7 @@ from ematwin.numerics.scalar import THIRD_TURN
 from ematwin.numerics.signals import spread_of, white_noise
 
 _CLEAR = 8.0  # standard deviations of the noise, of the current in both phases that carry one
+_BEGUN = 4.0  # of these, of the current in the phase that follows
 _OPEN = 0.35  # of it, at most, in the phase that is open
 _LONGEST = 4  # samples, of a commutation
 _DIP = 0.35  # of the current, by which it falls at least: by half or more behind a current loop
@@ -40,7 +41,7 @@ class Commutations(NamedTuple):
     near: np.ndarray  # (S,), rad, near which it stood up to such; NaN where that is unknown
     turn: float  # rad
     within: float  # rad, the furthest that it is from ``near``: a sector
-    jitter: float  # s, standard deviation of ``when``
+    jitter: np.ndarray  # (K,), s, standard deviations of ``when``
     other: float = 0.0  # 1/rad, density of what is none
 
     def placed(self, motor: np.ndarray, near: np.ndarray) -> "Commutations":
@@ -50,7 +51,10 @@ class Commutations(NamedTuple):
         """
         turns = (np.interp(self.when, np.arange(motor.size), motor) - self.angle) / self.turn
         angle, known = self.angle + np.round(turns) * self.turn, np.isfinite(turns)
-        return self._replace(when=self.when[known], angle=angle[known], near=near, turn=_NEVER)
+        return self._replace(
+            when=self.when[known], angle=angle[known], near=near, turn=_NEVER,
+            jitter=self.jitter[known],
+        )  # fmt: skip
 
 
 def commutations(currents: np.ndarray, rate: float, actuator: BldcActuator) -> Commutations:
@@ -70,22 +74,24 @@ def commutations(currents: np.ndarray, rate: float, actuator: BldcActuator) -> C
     inside, between = between <= after[:, None], np.minimum(between, len(currents) - 1)
     # the current of a phase that ends, by the mean of two samples
     carried = 0.5 * (currents[before, ends] + currents[np.maximum(before - 1, 0), ends])
-    # where the other one carries nothing meanwhile, the current had ended before the phase
-    some = np.all(np.abs(currents[between, third[:, None]]) > _CLEAR * noise, axis=1, where=inside)
-    some &= carried != 0.0
+    some = carried != 0.0
     before, ends, third, between, inside, carried = (
         one[some] for one in (before, ends, third, between, inside, carried)
     )
     shares = currents[between, ends[:, None]] / carried[:, None]
     shares = np.where(inside, np.clip(shares, 0.0, 1.0), 0.0)
     falls = 0.5 * _falling_time(np.abs(carried), actuator) * rate
+    when = before + shares.sum(axis=1) - falls
+    # where the current had ended before the phase, at some time until the next phase carries one
+    begun = np.abs(currents[between, 3 - ends[:, None] - third[:, None]]) > _BEGUN * noise
+    left = np.maximum(before + begun.argmax(axis=1) - when, 0.0)
+    jitter = np.hypot(_JITTER, left / math.sqrt(12.0)) / rate
+    when += 0.5 * left
     sector = SIXTH_TURN / actuator.motor.pole_pairs  # on the shaft
     near = np.full(len(currents), math.nan)
     near[clear] = sector * (2.0 * idle[clear])
-    when = before + shares.sum(axis=1) - falls
-    order = np.argsort(when, kind="stable")
-    angle = sector * (1.5 + 2.0 * third)
-    return Commutations(when[order], angle[order], near, 3.0 * sector, sector, _JITTER / rate)
+    angle, order = sector * (1.5 + 2.0 * third), np.argsort(when, kind="stable")
+    return Commutations(when[order], angle[order], near, 3.0 * sector, sector, jitter[order])
 
 
 def _dips(current: np.ndarray, rate: float, actuator: BldcActuator) -> Commutations:
@@ -114,7 +120,8 @@ def _dips(current: np.ndarray, rate: float, actuator: BldcActuator) -> Commutati
     sector = SIXTH_TURN / actuator.motor.pole_pairs  # on the shaft
     return Commutations(
         n[sharpest] - shares - late, np.full(sharpest.size, 0.5 * sector),
-        np.full(current.size, math.nan), sector, sector, _OF_DIPS / rate, _OTHERS / sector,
+        np.full(current.size, math.nan), sector, sector,
+        np.full(sharpest.size, _OF_DIPS / rate), _OTHERS / sector,
     )  # fmt: skip
 
 

@@ -173,23 +173,24 @@ def shown_at(angle, now, trust, fault, sensed, fixed):  # type: ignore[no-untype
 
 
 @part
-def commutated(when, angle, end, now, trust, fault, c, known, spacing, fixed):  # type: ignore[no-untyped-def]
-    """As `shown_at` after a commutation ``when`` (samples) the motor stood at an ``angle``, rad.
+def commutated(seen, end, now, trust, fault, c, known, spacing, fixed):  # type: ignore[no-untyped-def]
+    """As `shown_at` after a commutation: (3,), of those that `masses_along` has ``seen``.
 
     ``end`` of the step is a little later.
     """
+    when, angle, jitter = seen
     a, b, s = trust.angle, trust.both, trust.speed
     if (c.half_band > 0.0) & (trust.rested >= trust.corrected):
         # peaks of the comparator's ripple end a rest by chance, sooner or later
         a += (_CHANCE * (when - trust.rested) * spacing * now.w_m) ** 2
         s += (_CHANCE * now.w_m) ** 2
     away = angle - now.theta_m + (end - when) * spacing * now.w_m
-    away -= known[1] * np.floor(away / known[1] + 0.5)
-    noise = SWITCHED**2 + (known[0] * now.w_m) ** 2
+    away -= known[0] * np.floor(away / known[0] + 0.5)
+    noise = SWITCHED**2 + (jitter * now.w_m) ** 2
     variance = a + noise
     # what was seen may be something else, which is as likely anywhere
     deviation, likely = math.sqrt(variance), math.exp(-0.5 * away**2 / variance)
-    other = known[3] * _ROOT_TWO_PI * deviation
+    other = known[2] * _ROOT_TWO_PI * deviation
     true = 1.0 if other == 0.0 else likely / (likely + other)
     shown, spread = away, deviation / (1.0 + other)
     if other > 0.0:
@@ -233,11 +234,12 @@ def masses_along(  # type: ignore[no-untyped-def]
         through the two that conduct
     load : (S,) array, N m on the motor shaft
     spacing, substeps : s, of samples, and steps between them
-    seen : (2, K) array, of commutations: when, in samples, and at which angle of the motor, rad
+    seen : (3, K) array, of commutations: when, in samples, at which angle of the motor, rad, and
+        the standard deviation of when, s
     near : (S,) array, rad, near which the motor is; NaN where that is unknown
     shown : (S,) array, rad, angle of the output; NaN where that is unknown
-    known : (4,) array: s, standard deviation of when they came; rad, multiples of which angles
-        lack; rad, how far from ``near`` it is; 1/rad, density of what is no commutation
+    known : (3,) array: rad, multiples of which angles lack; rad, how far from ``near`` it is;
+        1/rad, density of what is no commutation
 
     Returns
     -------
@@ -327,7 +329,7 @@ def masses_along(  # type: ignore[no-untyped-def]
                             constants_of(c, n), truer_of(truer, n), sensed_of(sensed, n), spacing,
                         )  # fmt: skip
                         now, of_both, away, deviation = commutated(
-                            seen[0, j], seen[1, j], end, at, grew, fault_of(fault, n),
+                            (seen[0, j], seen[1, j], seen[2, j]), end, at, grew, fault_of(fault, n),
                             constants_of(c, n), known, spacing, fixed[first + n, :, e],
                         )  # fmt: skip
                         write_masses(masses, n, now)
@@ -338,9 +340,9 @@ def masses_along(  # type: ignore[no-untyped-def]
                 for n in range(inside):
                     now = masses_of(masses, n)
                     away = near[g + 1] - now.theta_m
-                    away -= known[1] * np.floor(away / known[1] + 0.5)
+                    away -= known[0] * np.floor(away / known[0] + 0.5)
                     # further off it is lost
-                    beyond = min(away + known[2], 0.0) + max(away - known[2], 0.0)
+                    beyond = min(away + known[1], 0.0) + max(away - known[1], 0.0)
                     masses[1, n], masses[3, n] = now.theta_m + beyond, now.theta_o + beyond
     return found, left[..., :e], fixed[..., :e], when[:e]
 

@@ -94,8 +94,10 @@ def test_masses_along_currents_are_the_naive_ones(phases, others, output):
     load = np.where(time > 0.01, 0.02, 0.0)
     every_faults = [Faults.of({"friction": x, "backlash": 0.5 * x}) for x in (0.1, 0.12)]
     faults = every_faults[0]
-    seen = [(0.0041, 0.2), (0.0078, 0.31), (0.0123, 0.11), (0.0161, -0.4)]
-    known, begin = (8e-6, 0.5, 40.0), (0.3, 0.005)
+    seen = [
+        (0.0041, 0.2, 8e-6), (0.0078, 0.31, 8e-6), (0.0123, 0.11, 6e-5), (0.0161, -0.4, 8e-6)
+    ]  # fmt: skip
+    known, begin = (0.5, 40.0), (0.3, 0.005)
     angles, noise = {}, 2e-3
 
     def by_hand(faults=faults):
@@ -110,16 +112,16 @@ def test_masses_along_currents_are_the_naive_ones(phases, others, output):
     shown = np.full(count, np.nan)
     shown[list(angles)] = list(angles.values())
     other = others / (SIXTH_TURN / PLAIN.motor.pole_pairs)
-    when, angle = np.array(seen).T
-    sensed = Sensed(begin[0], 0.0, 1.0, 0.0, 1.0, 0.0, known[2], noise)
+    when, angle, jitter = np.array(seen).T
+    sensed = Sensed(begin[0], 0.0, 1.0, 0.0, 1.0, 0.0, known[1], noise)
     constants = kernel_constants(PLAIN), truer_constants(PLAIN), sensed
     for many in (1, 6, 19):  # alone, in some lanes, in more than there are
         rows = (np.tile(np.array(one, dtype=float), (many, 1)) for one in constants)
         own = [every_faults[n % 2].vector for n in range(many)]
         fast, left, fixed, at = masses_along(
             np.array(own), *rows, begin[1], currents, load, every * dt, every,
-            np.array([when / (every * dt), angle]), np.full(count, np.nan), shown,
-            np.array([*known[:2], math.inf, other]),
+            np.array([when / (every * dt), angle, jitter]), np.full(count, np.nan), shown,
+            np.array([known[0], math.inf, other]),
         )  # fmt: skip
         assert fixed.shape == (many, 4, at.size) == (many, 4, len(seen) + len(angles))
         assert (np.diff(at) > 0.0).all()
@@ -446,19 +448,23 @@ def test_commutations_are_told_to_a_share_of_a_sample():
             np.interp(seen.when, samples, x) for x in (motor, np.gradient(motor, 1.0 / rate))
         )
         away = np.array([math.remainder(x, seen.turn) for x in seen.angle - angle])
-        late = away[np.abs(speed) > 20.0] / speed[np.abs(speed) > 20.0]
-        assert 0.3 * seen.jitter < np.sqrt(np.mean(late**2)) < 1.5 * seen.jitter
+        late = (away / speed / seen.jitter)[np.abs(speed) > 20.0]
+        assert 0.3 < np.sqrt(np.mean(late**2)) < 1.5
 
 
 @pytest.mark.parametrize("ends", [False, True], ids=["carried on", "ended before"])
-def test_a_phase_that_carries_nothing_when_it_changes_tells_no_commutation(ends):
+def test_a_phase_that_carries_nothing_when_it_changes_tells_a_commutation_less_exactly(ends):
     sizes = np.ones(40)
     if ends:  # the current passes zero as b hands over to c
-        sizes[16:24] = np.r_[0.6, 0.3, 0.1, 0.0, 0.0, 0.1, 0.3, 0.6]
+        sizes[16:24] = np.r_[0.6, 0.3, 0.15, 0.0, 0.0, 0.15, 0.3, 0.6]
     first = np.arange(40) < 20
     currents = np.column_stack([sizes, -sizes * first, -sizes * ~first])
     currents += 0.01 * np.random.default_rng(0).standard_normal(currents.shape)
-    assert commutations(currents, 20e3, as_built()[1]).when.size == (not ends)
+    seen = commutations(currents, 20e3, as_built()[1])
+    assert seen.when.size == 1
+    away, jitter = float(seen.when[0]) - 19.0, float(seen.jitter[0]) * 20e3  # samples
+    assert abs(away) < 2.0 * jitter
+    assert 0.1 < jitter < 0.2 if not ends else 0.5 < jitter < 1.0
 
 
 def test_motor_and_output_keep_their_momentum_where_counts_are_coarse():
