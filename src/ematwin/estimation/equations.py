@@ -93,9 +93,13 @@ class EquationFit:
             found += [float(left @ left) for left in lefts]
         return np.array(found)
 
-    def beats(self, other: "EquationFit") -> bool:
-        """Whether held-out data are explained better, by more than the scatter of the gain."""
-        gain = np.log(other.held_back() / self.held_back())
+    def beats(self, other: "EquationFit", noise: float) -> bool:
+        """Whether held-out data are explained better, by more than the scatter of the gain.
+
+        Of the energy ``noise`` leaves so much: stretches with less tell nothing.
+        """
+        own, others = self.held_back(), other.held_back()
+        gain = np.log((others + noise / own.size) / (own + noise / own.size))
         return bool(gain.mean() > TWO_SIGMA * gain.std(ddof=1) / math.sqrt(gain.size))
 
 

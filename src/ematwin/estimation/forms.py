@@ -157,7 +157,7 @@ def _selected(known: FoundForms, equations: Equations) -> tuple[FoundForms, Equa
         fit, absent = more, [form for form in absent if form not in new]
         found.extend(new)
 
-    while rest and fit.cost > _least(fit):
+    while rest:
         more, new = _with_more(fit, found, rest, len(rest))
         if len(new) > 1:  # each has to explain something, and not another's part
             alone, one = _with_more(fit, found, rest, 1)
@@ -182,8 +182,6 @@ def _selected(known: FoundForms, equations: Equations) -> tuple[FoundForms, Equa
         else:
             absent += new
     for choices in first.together if found else ():
-        if fit.cost <= _least(fit):
-            break
         together = _together(fit, choices)
         if together.cost < fit.cost - DECIDES * fit.weight:
             if new := [form for form in absent if form.is_stated(together.actuator)]:
@@ -239,7 +237,7 @@ def _matters(more: EquationFit, fit: EquationFit) -> bool:
     And more than the equation's own error, which may resemble a form.
     """
     noise = min(_least(more), more.cost)
-    if more.cost - noise >= 0.9 * (fit.cost - noise) or not more.beats(fit):
+    if more.cost - noise >= 0.9 * (fit.cost - noise) or not more.beats(fit, noise):
         return False
     own = more.equations.alike(more.actuator)
     return fit.cost - more.cost > DECIDES * (more.weight + own)
