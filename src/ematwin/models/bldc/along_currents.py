@@ -39,7 +39,6 @@ _TRUST = tuple(10.0**n for n in range(-1, 8))  # times the density of what noise
 _DOUBT = tuple(10.0 ** (0.5 * n) for n in range(5))  # times the noise of the output's angle
 _NEAR = 10.0  # times that density: the torques are known
 _AHEAD = 10.0  # by which the noise of a nearer estimate may be less
-_CLEARLY = 3.0  # logarithm of a ratio of densities
 _LOST = 1e3  # times that density: something is far off
 _ASTRAY = 0.15  # rad: outputs by currents and as recorded are a fiftieth of it apart
 _FRICTIONS = (0.0, 0.1, 0.2, 0.3, 0.45, 0.6)  # faults
@@ -79,7 +78,6 @@ class Moved(NamedTuple):
     output: np.ndarray  # rad
     left: np.ndarray  # (K,), innovations in standard deviations
     log_density: float  # of all that was seen
-    of_turns: float  # of commutations alone
 
 
 class Masses:
@@ -136,9 +134,7 @@ class Masses:
         if self._output is not None:
             # beside a wrong gap it hides how the motor turns; in rests it alone tells
             shown = self._with(noise=self._likeliest(actuator, [values])[1])
-            turns = [one.moved(actuator, values).of_turns for one in (best, shown)]
-            agrees = shown.noise.density <= max(best.noise.density, near)
-            if agrees or turns[1] > turns[0] + _CLEARLY:
+            if shown.noise.density <= max(best.noise.density, near):
                 best = shown
         if self._currents.shape[1] == 1 and best.noise.density <= near:
             # such a motion tells turns better than that near which it was
@@ -289,9 +285,7 @@ class Masses:
         each, spreads = left[:, 0] / left[:, 1], left[:, 1]
         log_densities = -0.5 * each**2 - np.log(spreads)
         every = log_densities.sum(axis=1).tolist()
-        turns = log_densities[:, np.isin(when, seen.when)].sum(axis=1).tolist()
-        moved = zip(found, each, every, turns, strict=True)
-        return [Moved(*motion[:3], *more) for motion, *more in moved]
+        return [Moved(*x[:3], *more) for x, *more in zip(found, each, every, strict=True)]
 
     def left(self, actuator: Any, values: Values | None = None) -> np.ndarray:
         """Innovations (K,), in standard deviations."""

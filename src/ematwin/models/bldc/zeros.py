@@ -131,6 +131,14 @@ class Turned:
         # a twin moves nearly as recorded; commutation takes a while, as seen from one side
         if abs(self.angle) < math.radians(6.0 if self.one_way else 2.0):
             return None
+        if self.one_way:  # half of a wide gap looks alike
+            degrees = math.degrees(self.angle)
+            return Placed(
+                None,
+                f"The rotor stands {degrees:.0f} deg electrical behind command and output, and "
+                "turned one way alone: it may be counted from elsewhere, or the gap may be wide. "
+                "Record motor_position, or a motion both ways.",
+            )
         return Placed(
             Zeros(0.0, self.angle / actuator.motor.pole_pairs).corrected(recording, actuator),
             "No motor_position was recorded: where the rotor stands, and so which phase a fault is "

@@ -168,6 +168,18 @@ def test_shorted_turns_are_put_to_their_phase_wherever_the_rotor_stands():
     assert any("told from the phases that conduct" in one for one in found.warnings)
 
 
+@pytest.mark.parametrize(("scenario", "backlash"), [("ramp", 0.5), ("ramp", 0.0), ("sine", 0.5)])
+def test_a_wide_gap_is_not_taken_for_a_zero(scenario, backlash):
+    """A motor that turns one way stands half of the gap beside the output, or is counted so."""
+    record = recorded(scenario, {"backlash": backlash}).changed(motor_position=None)
+    placed = BldcComparison(record, ACTUATOR).placed({})
+    if scenario == "ramp" and backlash:
+        assert placed.recording is None
+        assert "turned one way alone" in placed.said
+    else:
+        assert placed is None
+
+
 def test_phases_in_another_order_get_no_verdict():
     record = recorded_at(0.0, {"short_b": 0.3})
     swapped = record.changed(current_b=record.current_c, current_c=record.current_b)
