@@ -96,7 +96,7 @@ class EquationFit:
     def beats(self, other: "EquationFit", noise: float) -> bool:
         """Whether held-out data are explained better, by more than the scatter of the gain.
 
-        Of the energy ``noise`` leaves so much: stretches with less tell nothing.
+        Noise leaves a ``noise`` of the energy: stretches with less tell nothing.
         """
         own, others = self.held_back(), other.held_back()
         gain = np.log((others + noise / own.size) / (own + noise / own.size))

@@ -74,16 +74,12 @@ def commutations(currents: np.ndarray, rate: float, actuator: BldcActuator) -> C
     inside, between = between <= after[:, None], np.minimum(between, len(currents) - 1)
     # the current of a phase that ends, by the mean of two samples
     carried = 0.5 * (currents[before, ends] + currents[np.maximum(before - 1, 0), ends])
-    some = carried != 0.0
-    before, ends, third, between, inside, carried = (
-        one[some] for one in (before, ends, third, between, inside, carried)
-    )
-    shares = currents[between, ends[:, None]] / carried[:, None]
+    shares = currents[between, ends[:, None]] / np.where(carried, carried, math.inf)[:, None]
     shares = np.where(inside, np.clip(shares, 0.0, 1.0), 0.0)
     falls = 0.5 * _falling_time(np.abs(carried), actuator) * rate
     when = before + shares.sum(axis=1) - falls
     # where the current had ended before the phase, at some time until the next phase carries one
-    begun = np.abs(currents[between, 3 - ends[:, None] - third[:, None]]) > _BEGUN * noise
+    begun = np.abs(currents[between, idle[before, None]]) > _BEGUN * noise
     left = np.maximum(before + begun.argmax(axis=1) - when, 0.0)
     jitter = np.hypot(_JITTER, left / math.sqrt(12.0)) / rate
     when += 0.5 * left

@@ -174,7 +174,7 @@ def shown_at(angle, now, trust, fault, sensed, fixed):  # type: ignore[no-untype
 
 @part
 def commutated(seen, end, now, trust, fault, c, known, spacing, fixed):  # type: ignore[no-untyped-def]
-    """As `shown_at` after a commutation: (3,), of those that `masses_along` has ``seen``.
+    """As `shown_at` after a commutation ``seen``: when, in samples, angle, rad, and jitter, s.
 
     ``end`` of the step is a little later.
     """
