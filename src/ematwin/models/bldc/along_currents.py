@@ -323,13 +323,10 @@ class Masses:
         """The same with other noise of commutations, and of the acceleration by its density."""
         rng, seen = np.random.default_rng(seed), self._seen
         when = seen.when + seen.jitter * self._rate * rng.standard_normal(seen.when.size)
-        order = np.argsort(when)
         noise = np.array([white_noise(x) for x in self._currents.T])
         noise *= math.sqrt(self.noise.density / self._usual.density)
         return self._with(
-            _seen=seen._replace(
-                when=when[order], angle=seen.angle[order], jitter=seen.jitter[order]
-            ),
+            _seen=seen._replace(when=when).rows(np.argsort(when)),
             _output=None
             if self._output is None
             else self._output + self._usual.output * rng.standard_normal(len(self._load)),

@@ -51,10 +51,11 @@ class Commutations(NamedTuple):
         """
         turns = (np.interp(self.when, np.arange(motor.size), motor) - self.angle) / self.turn
         angle, known = self.angle + np.round(turns) * self.turn, np.isfinite(turns)
-        return self._replace(
-            when=self.when[known], angle=angle[known], near=near, turn=_NEVER,
-            jitter=self.jitter[known],
-        )  # fmt: skip
+        return self._replace(angle=angle, near=near, turn=_NEVER).rows(known)
+
+    def rows(self, some: np.ndarray) -> "Commutations":
+        """Some of them, by a mask or their numbers, in that order."""
+        return self._replace(when=self.when[some], angle=self.angle[some], jitter=self.jitter[some])
 
 
 def commutations(currents: np.ndarray, rate: float, actuator: BldcActuator) -> Commutations:
@@ -86,8 +87,8 @@ def commutations(currents: np.ndarray, rate: float, actuator: BldcActuator) -> C
     sector = SIXTH_TURN / actuator.motor.pole_pairs  # on the shaft
     near = np.full(len(currents), math.nan)
     near[clear] = sector * (2.0 * idle[clear])
-    angle, order = sector * (1.5 + 2.0 * third), np.argsort(when, kind="stable")
-    return Commutations(when[order], angle[order], near, 3.0 * sector, sector, jitter[order])
+    seen = Commutations(when, sector * (1.5 + 2.0 * third), near, 3.0 * sector, sector, jitter)
+    return seen.rows(np.argsort(when, kind="stable"))
 
 
 def _dips(current: np.ndarray, rate: float, actuator: BldcActuator) -> Commutations:

@@ -132,10 +132,10 @@ class Turned:
         if abs(self.angle) < math.radians(6.0 if self.one_way else 2.0):
             return None
         if self.one_way:  # half of a wide gap looks alike
-            degrees = math.degrees(self.angle)
+            degrees = math.degrees(abs(self.angle))
             return Placed(
                 None,
-                f"The rotor stands {degrees:.0f} deg electrical behind command and output, and "
+                f"The rotor stands {degrees:.0f} deg electrical beside command and output, and "
                 "turned one way alone: it may be counted from elsewhere, or the gap may be wide. "
                 "Record motor_position, or a motion both ways.",
             )
