@@ -115,7 +115,8 @@ def informed(
     if not every:
         return None
     fitted = followed if _follows(every) else _recorded
-    z = _begun(problem, z, every)
+    if like is None:  # else they start at the values of another answer
+        z = _begun(problem, z, every)
     if (found := fitted(model, actuator, problem, z, every, most, like)) is None:
         return None
     problem, fit, z = found

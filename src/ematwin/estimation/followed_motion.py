@@ -111,7 +111,7 @@ class Regression(MotionFit):
             each: dict[Any, list[Candidate | None]] = {}
             found = []
             for n, along in enumerate(self.every):
-                alike = along.recording, *self._given[n]
+                alike = along.recording, frozenset(self._given[n])
                 if alike not in each:
                     each[alike] = [self.candidate(n, point) for point in some]
                 found.append(self.scaled(n, each[alike]))
