@@ -40,9 +40,7 @@ def currents(actuator, faults, command, motion, dt):
             asked, theta, speed, output = (
                 (1 - share) * x[n] + share * x[n + 1] for x in (command, *motion)
             )
-            middle = share + wait / dt / 2
-            emf = (1 - middle) * kappas[n] + middle * kappas[n + 1]
-            emf *= (1 - middle) * motion[1, n] + middle * motion[1, n + 1]
+            emf = ((1 - share) * kappas[n] + share * kappas[n + 1]) * speed
             pair = motor.gates(motor.sector(pole_pairs * theta), 1)
             limit = drive.current_limit
             if done == 0.0 or not speed_loop.sampled:
@@ -63,7 +61,7 @@ def currents(actuator, faults, command, motion, dt):
                     sign = 1
                 volts = sign * drive.supply_voltage
             for part, before, after, *_ in reference.parts_of_step(
-                pair, volts, now, emf, windings.resistance, windings.inductance, drive, wait, True
+                pair, volts, now, emf, windings.resistance, windings.inductance, drive, wait
             ):
                 charge += part * (before + after) / 2
                 now = after

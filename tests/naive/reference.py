@@ -49,15 +49,12 @@ def slopes(voltages, currents, emf, resistances, inductances):
     return solution[:3], solution[3]
 
 
-def parts_of_step(gates, across, currents, emf, resistances, inductances, drive, dt, middle=False):
+def parts_of_step(gates, across, currents, emf, resistances, inductances, drive, dt):
     """Parts of a step: each goes to its end, or until the diode of an off leg blocks.
 
     Yields the length of each (s), currents before and after it, voltages of legs and star point.
-    In the ``middle`` of the step, resistances take its mean current.
     """
     left = dt
-    if middle:
-        inductances = [l + dt / 2 * r for l, r in zip(inductances, resistances, strict=True)]
     while left > 0:
         voltages = leg_voltages(gates, across, currents, emf, resistances, inductances, drive)
         slope, star = slopes(voltages, currents, emf, resistances, inductances)

@@ -44,7 +44,7 @@ def run_bridge(k, actuator):
     """Currents of phases and loops (STEPS + 1, 6) and gates (STEPS, 3) at an imposed speed."""
     c, truer = kernel_constants(actuator), truer_constants(actuator)
     fault = plain(fault_state)(k, c.half_gap)
-    phases = phase_constants((fault.h_a, fault.h_b, fault.h_c), c, 0.0)
+    phases = phase_constants((fault.h_a, fault.h_b, fault.h_c), c)
     whole, mu = (1.0, 1.0, 1.0), tuple(k[2:5].tolist())
     currents, gates = np.zeros((STEPS + 1, 6)), np.empty((STEPS, 3))
     i, loops, sign = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1.0

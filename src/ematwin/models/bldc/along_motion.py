@@ -40,7 +40,8 @@ from ematwin.numerics.side_by_side import side_by_side
 from ematwin.numerics.signals import LowPass, white_noise
 
 _INSTANT = 1e-10  # s: what is so near is now
-_STEP = 5e-5  # s, at most, behind a current loop: leaves less than `LEAST`
+_STEP = 1.25e-5  # s, at most, behind a current loop: sample times show
+_COARSER = 2.0  # times that where currents drive the motor: still leaves less than `LEAST`
 _, read_more, _ = columns(TruerState)
 
 
@@ -116,17 +117,11 @@ def currents_along(ks, commands, motions, spacing, interval, cs, longest, sample
                 i_a, i_b, i_c, w_m, theta_m, 0.0, between(motion[2], g, s), pair_sign,
                 0.0, 0.0, 0.0, 0.0, 0.0,
             )  # fmt: skip
-            asked = between(command, g, s)
-            # the EMF in the middle of the step
-            at += 0.5 * dt / spacing
-            g = min(int(at), last)
-            s = at - g
             kappas = (
                 c.k_e * between(motion[3], g, s), c.k_e * between(motion[4], g, s),
                 c.k_e * between(motion[5], g, s),
             )  # fmt: skip
-            speed = between(motion[1], g, s)
-            done = drive(now, now_more, asked, kappas, speed, fault, c, truer, dt, dt)
+            done = drive(now, now_more, between(command, g, s), kappas, fault, c, truer, dt)
             i_a, i_b, i_c = done.i
             pair_sign, now_more = done.pair_sign, done.more
             for m in range(3):
@@ -226,13 +221,14 @@ class Controller:
         grid, motion, shape = self._grid, self.motion, (len(some), self._grid.time.size)
         commands, motions = np.empty(shape), np.empty((shape[0], 6, shape[1]))
         rows: tuple[list[Any], ...] = [], [], [], [], [], []
+        longest = _STEP if motion.masses is None else _COARSER * _STEP
         for n, one in enumerate(some):
             actuator = one.actuator
             commands[n] = np.interp(grid.time + one.skew, motion.time, motion.command)
             if actuator.current_loop is None:  # a comparator overshoots by the change in a step
                 dt = grid.step / max(1, round(one.faster * grid.step / actuator.steps.reference))
             else:
-                dt = 1.0 / motion.rate / math.ceil(one.faster / motion.rate / _STEP - 1e-9)
+                dt = 1.0 / motion.rate / math.ceil(one.faster / motion.rate / longest)
             c, truer = kernel_constants(actuator), truer_constants(actuator)
             if truer.motor_step > 0.0 and not one.counts:
                 # rad: counts of such an encoder do not show

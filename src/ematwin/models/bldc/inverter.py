@@ -134,18 +134,13 @@ def _phase_after(i, v, v_n, e, r, y, on, g, dt):
 
 
 @part
-def phase_constants(h, c, long):
-    """Resistances and inverse inductances (3) of phases with shares ``h`` (3) of their turns.
-
-    Over a ``long`` step (s) by the implicit midpoint rule, with the mean current in a resistance:
-    L (i' - i) = dt (v - e - R (i + i')/2) is (L + dt R/2) (i' - i) = dt (v - e - R i). Explicit
-    Euler where that is 0.
-    """
+def phase_constants(h, c):
+    """Resistances and inverse inductances (3) of phases with shares ``h`` (3) of their turns."""
     r = h[0] * c.resistance, h[1] * c.resistance, h[2] * c.resistance
     return r, (
-        1.0 / (phase_inductance(h[0], c.inductance, c.leakage) + 0.5 * long * r[0]),
-        1.0 / (phase_inductance(h[1], c.inductance, c.leakage) + 0.5 * long * r[1]),
-        1.0 / (phase_inductance(h[2], c.inductance, c.leakage) + 0.5 * long * r[2]),
+        1.0 / phase_inductance(h[0], c.inductance, c.leakage),
+        1.0 / phase_inductance(h[1], c.inductance, c.leakage),
+        1.0 / phase_inductance(h[2], c.inductance, c.leakage),
     )
 
 

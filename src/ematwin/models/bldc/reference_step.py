@@ -187,11 +187,8 @@ def all_emf_constants(theta_m, fault, c, truer):
 
 
 @part
-def drive(state, more, command, kappas, speed, fault, c, truer, dt, long):
-    """Controller, bridge and windings over ``dt``; the loops see the rotor as in ``state``.
-
-    ``kappas`` (3), V s/rad, and ``speed``, rad/s, make the EMF; ``long`` is of `phase_constants`.
-    """
+def drive(state, more, command, kappas, fault, c, truer, dt):
+    """Controller, bridge and windings over ``dt``; the rotor moves as ``state`` says."""
     h, mu = split_shorts(fault, truer.loops)
     i = state.i_a, state.i_b, state.i_c
     sector = hall_sector(c.pole_pairs * state.theta_m)
@@ -218,11 +215,9 @@ def drive(state, more, command, kappas, speed, fault, c, truer, dt, long):
     share = 1e-12 if share == 0.0 else share  # 0 would mean that a leg is off
     g = pair[0] * share, pair[1] * share, pair[2] * share
 
-    e = kappas[0] * speed, kappas[1] * speed, kappas[2] * speed
+    e = kappas[0] * state.w_m, kappas[1] * state.w_m, kappas[2] * state.w_m
     if truer.loops == 0.0:
-        after, m, taken, lost, supply = advance_bridge(
-            i, e, g, phase_constants(h, now, long), now, dt
-        )
+        after, m, taken, lost, supply = advance_bridge(i, e, g, phase_constants(h, now), now, dt)
         loops = mean = 0.0, 0.0, 0.0
     else:
         before = more.loop_a, more.loop_b, more.loop_c
@@ -294,7 +289,7 @@ def _pushed(state, torque, load, fault, c):
 def reference_step(state, more, command, load, fault, c, truer, dt):
     """Advance by ``dt``: state, state of the forms, mean phase currents, and `Supply`."""
     kappas = all_emf_constants(state.theta_m, fault, c, truer)
-    driven = drive(state, more, command, kappas, state.w_m, fault, c, truer, dt, 0.0)
+    driven = drive(state, more, command, kappas, fault, c, truer, dt)
     torque = driven.torque + torque_of_cogging(state.theta_m, truer)
     w_m, theta_m, w_o, theta_o, bent_m, bent_o = move_masses(
         state, torque, load, fault, c, truer, dt
